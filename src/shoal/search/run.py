@@ -1,4 +1,4 @@
-"""run(): plan a search, let the robots do it, and return the episode."""
+"""Run a search problem: plan the search, simulate the robots or run them live, and return the episode."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 
 SIMULATED = 1_000_000
-"""Cells times robots, or half the cube of the robots, as each tells each of a share of all; more is simulated if asked for only."""
+"""Maximum size of a search that is simulated by default: cells times robots, or half the cube of the number of robots.
+"""
 
 
 def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None) -> SearchEpisode:
@@ -26,14 +27,14 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     ----------
     problem : SearchProblem
     seed : int
-        Of random starts, targets, obstacles and crashes, and of the simulation.
+        Seed for random starts, targets, obstacles and crashes, and for the simulation.
     plan : SearchPlan, optional
-        That of the problem and the seed, where it is known already.
+        The plan for this problem and seed, if it already exists.
 
     Raises
     ------
     InvalidInputError
-        For what no robots could do at the place, and for faults, loss or a network without a simulation.
+        If the robots cannot do the task in this region, or faults, message loss or a network are given without a simulation.
     UnknownNameError
 
     Examples
@@ -77,7 +78,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
 
 
 def _simulated_only(scenario: Scenario) -> list[str]:
-    """Return what of a scenario only a simulation has."""
+    """Return the settings of a scenario that only a simulation can apply."""
     brief = scenario.brief
     there = {
         "faults": bool(scenario.faults),

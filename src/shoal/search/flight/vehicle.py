@@ -1,4 +1,4 @@
-"""Vehicle: speeds, turns, battery, camera and wind of what searches, in its own units."""
+"""Vehicle: speeds, turns, battery, camera and wind of a searching robot, in physical units."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ PRESETS: dict[str, dict[str, float]] = {
         "cruise_speed": 1.0, "acceleration": 0.5, "altitude": 0.0, "endurance": 120.0, "reserve": 0.2, "acceptance_radius": 0.5,
     },
 }  # fmt: skip
-"""What each preset sets; all else is 0 or without limit."""
+"""Values that each preset sets. All other fields are 0 or unlimited."""
 
 GRAVITY = 9.80665
-STEEPEST_BANK = 60.0  # degrees: what fixed wings may bank in a turn
+STEEPEST_BANK = 60.0  # degrees: maximum bank angle of fixed wings in a turn
 LARGEST_VEHICLE = 100_000  # bytes of a vehicle file
 _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """What searches, in its own units. A field that is not given has the value of the preset, or no limit.
+    """A vehicle in physical units. A field that is not given has the preset's value, or no limit.
 
     Raises
     ------
     InvalidInputError
-        For a value out of its range, and for fields that do not go together.
+        If a value is out of range, or fields contradict each other.
 
     Notes
     -----
@@ -62,7 +62,7 @@ class Vehicle(Problem):
 
     part: ClassVar[str] = "vehicle"
 
-    preset: str = option("multirotor", help="Kind of vehicle; it gives all values that are not set.", choices=tuple(PRESETS))
+    preset: str = option("multirotor", help="Kind of vehicle. It sets the default of every other field.", choices=tuple(PRESETS))
     cruise_speed: float | None = option(
         None, help="Speed through the air; for a rover, over ground.", unit="m/s", above=0, most=100
     )
@@ -79,20 +79,20 @@ class Vehicle(Problem):
     endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)
     reserve: float | None = option(None, help="Share of the endurance that no mission uses.", least=0, below=1)
     recharge: float | None = option(None, help="Time on the ground between two sorties.", unit="min", least=0, most=100_000)
-    wind_speed: float | None = option(None, help="Wind speed; below cruise_speed.", unit="m/s", least=0, most=100)
+    wind_speed: float | None = option(None, help="Wind speed; must be below cruise_speed.", unit="m/s", least=0, most=100)
     wind_from: float | None = option(
         None, help="Direction from which the wind blows, clockwise from north.", unit="degrees", least=-360, most=360
     )
     detector_width: float | None = option(
-        None, help="Width that a sonar or another detector sees; it sets the distance of the rows.", unit="m", above=0, most=100_000
+        None, help="Width that a sonar or another detector sees. It sets the row distance.", unit="m", above=0, most=100_000
     )
-    sensor_width: float | None = option(None, help="Width of the camera's sensor, across the way.", unit="mm", above=0, most=1000)
-    sensor_height: float | None = option(None, help="Height of the camera's sensor, along the way.", unit="mm", above=0, most=1000)
+    sensor_width: float | None = option(None, help="Width of the camera's sensor, across the path.", unit="mm", above=0, most=1000)
+    sensor_height: float | None = option(None, help="Height of the camera's sensor, along the path.", unit="mm", above=0, most=1000)
     focal_length: float | None = option(None, help="Focal length of the camera.", unit="mm", above=0, most=10_000)
-    image_width: float | None = option(None, help="Width of an image, across the way.", unit="pixels", least=1, most=1_000_000)
-    image_height: float | None = option(None, help="Height of an image, along the way.", unit="pixels", least=1, most=1_000_000)
-    side_overlap: float | None = option(None, help="Share of an image that the next row's image repeats.", least=0, most=0.95)
-    front_overlap: float | None = option(None, help="Share of an image that the next image of the row repeats.", least=0, most=0.95)
+    image_width: float | None = option(None, help="Width of an image, across the path.", unit="pixels", least=1, most=1_000_000)
+    image_height: float | None = option(None, help="Height of an image, along the path.", unit="pixels", least=1, most=1_000_000)
+    side_overlap: float | None = option(None, help="Overlap of images in neighbouring rows, as a fraction.", least=0, most=0.95)
+    front_overlap: float | None = option(None, help="Overlap of consecutive images in a row, as a fraction.", least=0, most=0.95)
     gimbal_pitch: float | None = option(None, help="Pitch of the camera; -90 looks down.", unit="degrees", least=-90, most=90)
     yaw: float | None = option(
         None, help="Heading that a multirotor keeps, clockwise from north. By default it faces its direction of flight.",
@@ -110,7 +110,7 @@ class Vehicle(Problem):
         super().__post_init__()
 
     def check_together(self) -> None:
-        """Refuse fields that do not go together."""
+        """Refuse fields that contradict each other."""
         given = [name for name in _LENS if getattr(self, name) is not None]
         if given and len(given) < len(_LENS):
             missing = next(name for name in _LENS if name not in given)
@@ -149,12 +149,12 @@ class Vehicle(Problem):
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], *, where: str = "vehicle") -> Self:
-        """Return the vehicle that fields describe.
+        """Return the vehicle that a mapping of fields describes.
 
         Raises
         ------
         InvalidInputError
-            In one sentence that names the field.
+            If a field is unknown or invalid. The message names the field.
         """
         if "kind" in data:
             raise InvalidInputError(
@@ -163,7 +163,7 @@ class Vehicle(Problem):
         return super().from_dict(data, where=where)
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
-        """Return the preset and what differs from it; all fields if asked for."""
+        """Return the preset and the fields that differ from it, or all fields if ``defaults`` is true."""
         preset = PRESETS[self.preset]
         values = {name: getattr(self, name) for name in self.declarations()}
         kept = {name: value for name, value in values.items() if defaults or value != preset.get(name)}
@@ -171,71 +171,71 @@ class Vehicle(Problem):
 
     @property
     def kind(self) -> str:
-        """What moves: multirotor, fixed-wing or rover. The ideal one flies as a multirotor does."""
+        """Kind of vehicle: multirotor, fixed-wing or rover. The ideal vehicle counts as a multirotor."""
         return "multirotor" if self.preset == "ideal" else self.preset
 
     @property
     def cruise(self) -> float:
-        """The cruise speed, m/s."""
+        """The cruise speed in m/s."""
         return float(self.cruise_speed or 0.0)
 
     @property
     def height(self) -> float:
-        """The altitude, metres."""
+        """The altitude in metres."""
         return float(self.altitude or 0.0)
 
     @property
     def radius(self) -> float:
-        """The narrowest turn without wind, metres; 0 where it turns on the spot."""
+        """The minimum turning radius without wind in metres; 0 if the vehicle turns on the spot."""
         return float(self.turn_radius or 0.0)
 
     @property
     def ground_radius(self) -> float:
-        """The narrowest turn over ground that it can hold in its wind, metres: as wide as at the speed of the tail wind."""
+        """The minimum turning radius over ground in metres that the vehicle can hold in its wind, at the speed of a tailwind."""
         return self.radius * (1.0 + self.wind / self.cruise) ** 2
 
     @property
     def bank(self) -> float:
-        """By how much it banks in its narrowest turn, degrees."""
+        """Bank angle in the narrowest turn, in degrees."""
         return degrees(atan(self.cruise**2 / (GRAVITY * self.radius))) if self.radius else 0.0
 
     @property
     def turn_seconds(self) -> float:
-        """Time that a turn adds: stopping and starting, or what was given; 0 for fixed wings, whose turns are ways."""
+        """Extra time of a turn in seconds. It is 0 for fixed wings, whose turns are part of the path."""
         if self.turn_time is not None:
             return float(self.turn_time)
         return self.cruise / self.acceleration if self.acceleration and not self.radius else 0.0
 
     @property
     def wind(self) -> float:
-        """Speed of the wind, m/s."""
+        """Wind speed in m/s."""
         return float(self.wind_speed or 0.0)
 
     @property
     def wind_vector(self) -> NDArray[np.float64]:
-        """Where the wind blows to, metres a second east and north, float64, shape (2,)."""
+        """Velocity of the wind, east and north in m/s; float64, shape (2,)."""
         heading = radians(float(self.wind_from or 0.0))
         return -self.wind * np.array([sin(heading), cos(heading)])
 
     @property
     def usable_seconds(self) -> float:
-        """The endurance without the reserve; infinite if there is no end."""
+        """The endurance without the reserve in seconds; infinite without a limit."""
         return inf if self.endurance is None else float(self.endurance) * 60.0 * (1.0 - float(self.reserve or 0.0))
 
     @property
     def recharge_seconds(self) -> float:
-        """Time on the ground between two sorties."""
+        """Time on the ground between two sorties in seconds."""
         return float(self.recharge or 0.0) * 60.0
 
     def vertical_seconds(self, change: ArrayLike) -> NDArray[np.float64]:
-        """Return how long it takes to climb by so many metres, or to sink by them where they are negative."""
+        """Return the time in seconds to climb by ``change`` metres, or to descend if it is negative."""
         up = np.asarray(change, dtype=np.float64)
         return np.maximum(up, 0.0) / (self.climb_speed or inf) + np.maximum(-up, 0.0) / (self.sink_speed or inf)
 
     def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
-        """Return the speed over ground along ways, m/s, from the wind triangle: the part of the wind across is steered against.
+        """Return the ground speed along some directions in m/s, from the wind triangle. The vehicle compensates crosswind.
 
-        ``ways`` are east and north, any length above 0; float64, shape (k, 2). At cruise speed through the air.
+        ``ways`` are vectors east and north of any positive length; float64, shape (k, 2). The airspeed is the cruise speed.
         """
         along = np.asarray(ways, dtype=np.float64)
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
@@ -244,22 +244,23 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the speed over ground there and back along rows, m/s; ``angle`` in degrees counter-clockwise from east."""
+        """Return the mean ground speed along rows in both directions, m/s; ``angle`` in degrees counter-clockwise from east."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 
     @property
     def image_size(self) -> tuple[float, float] | None:
-        """What the camera sees on the ground from its altitude, across and along the way, metres; None without one."""
+        """Area on the ground that the camera sees from its altitude, across and along the path in metres; None without a camera."""
         if not (self.sensor_width and self.sensor_height and self.focal_length):
             return None
         return self.height * self.sensor_width / self.focal_length, self.height * self.sensor_height / self.focal_length
 
     @property
     def row_spacing(self) -> float | None:
-        """The distance of rows, and so the footprint, metres; None without camera and detector.
+        """The distance between rows, which is also the footprint, in metres; None without camera and detector.
 
-        That of images less their overlap, but not above their length: at the end of a row half an image is all that is seen.
+        For a camera, it is the width of an image minus the overlap, but at most the image's length, because at the end of a row
+        only half an image is seen.
         """
         if self.image_size is None:
             return self.detector_width
@@ -268,12 +269,12 @@ class Vehicle(Problem):
 
     @property
     def trigger_distance(self) -> float | None:
-        """Metres between two images, to a millimetre; None without a camera."""
+        """Distance between two images in metres, rounded to a millimetre; None without a camera."""
         return None if self.image_size is None else round(self.image_size[1] * (1.0 - (self.front_overlap or 0.0)), 3)
 
     @property
     def ground_sample(self) -> float | None:
-        """Side of what a pixel sees on the ground, metres, the longer one; None if camera or pixels are not known."""
+        """Ground sample distance: longer side in metres of a pixel's area on the ground; None if camera or pixels are unknown."""
         sides = [
             side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
         ]
@@ -281,18 +282,18 @@ class Vehicle(Problem):
 
 
 def vehicle_of(value: Any) -> Vehicle:
-    """Return the vehicle that a text, fields or a `Vehicle` describe.
+    """Return the vehicle that a text, a mapping of fields or a `Vehicle` describes.
 
     Parameters
     ----------
     value : str, path, mapping or Vehicle
-        A preset or a TOML or JSON file, and what differs from it: ``"rover"``, ``"drone.toml"``,
+        A preset or a TOML or JSON file, with optional changes: ``"rover"``, ``"drone.toml"``,
         ``"multirotor,cruise_speed=8,wind_speed=4"``.
 
     Raises
     ------
     InvalidInputError
-        In one sentence that names file and field.
+        If the description is invalid. The message names the file and the field.
 
     Examples
     --------
@@ -323,7 +324,7 @@ def vehicle_of(value: Any) -> Vehicle:
 
 
 def _fields_of(path: Path) -> dict[str, Any]:
-    """Return the fields that a file holds."""
+    """Return the fields in a vehicle file."""
     text = read_text(path, what="vehicle file", most=LARGEST_VEHICLE)
     if path.suffix.lower() == ".json":
         data = parse_json(text, where=str(path))
@@ -339,7 +340,7 @@ def _fields_of(path: Path) -> dict[str, Any]:
 
 
 def _change(text: str) -> tuple[str, Any]:
-    """Return a field and its value as "field=value" says them."""
+    """Return the field and the value of a text "field=value"."""
     name, equals, said = text.partition("=")
     if not equals:
         raise InvalidInputError(f"vehicle: expected field=value after the preset or file, got {shortened(text)}")

@@ -1,4 +1,4 @@
-"""Missions for real vehicles: made from routes, written in six formats, read back, looked over, and flown on paper."""
+"""Missions for real vehicles: creation from routes, writing and reading in six formats, linting, and coverage checks."""
 
 from __future__ import annotations
 

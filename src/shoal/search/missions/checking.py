@@ -1,4 +1,4 @@
-"""What the missions in a folder would see of a region, from the files alone."""
+"""Coverage check of mission files: the part of a region that the missions in a folder would see."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from shoal.search.regions.coverage import AreaCoverage, coverage_check, together
 from shoal.search.regions.margin import visible_region
 from shoal.search.regions.region import SearchRegion
 
-_RAISED = 0.1  # metres: who is so little below a band is in it
-_ROUNDED = 0.05  # tenths of a degree: what rounding of coordinates makes of legs
+_RAISED = 0.1  # metres: tolerance for being below a band
+_ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded coordinates
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,24 +39,24 @@ class MissionCheck:
     ----------
     region : SearchRegion
     format : str
-        The format whose files were flown.
+        The format of the checked files.
     files : tuple of str
-        Those that were flown: all of the format that can be read.
+        The checked files: all readable files of the format.
     diagnostics : tuple of Diagnostic
-        Of all mission files in the folder.
+        The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        One, or one a band; none if no footprint was given.
+        One coverage, or one per band; empty if no footprint was given.
     n_waypoints : int
     footprint : float, tuple of float or None
-        Metres; of all, or of each robot.
+        Footprint in metres, for all robots or for each.
     missions : tuple of Mission
-        Those that were flown and that hold heights.
+        The checked missions that contain heights.
     separation : Separation or None
-        What vehicles in flight are to keep.
+        The required separation of vehicles in flight.
     approach : MissionApproach or None
-        The nearest approach; None if no two are ever nearer in height than the separation, or none was asked for.
+        The nearest approach of two vehicles. None if all vehicles always keep the vertical separation, or no check was requested.
     bands : tuple of float
-        Altitudes at each of which all is to be seen, metres.
+        Altitudes in metres, from each of which the whole region must be seen.
     """
 
     region: SearchRegion
@@ -73,16 +73,16 @@ class MissionCheck:
 
     @property
     def coverage(self) -> AreaCoverage | None:
-        """What vehicles see, in all bands together; None without a footprint."""
+        """The coverage of all bands together, or None without a footprint."""
         return together(self.coverages) if self.coverages else None
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
-        """The diagnostics that are no warnings."""
+        """The diagnostics that are errors rather than warnings."""
         return tuple(diagnostic for diagnostic in self.diagnostics if diagnostic.severity == "error")
 
     def report(self) -> dict[str, Any]:
-        """Return all of it for JSON, without shapes."""
+        """Return the whole result for JSON, without shapes."""
         seen = self.coverage
         return {
             "region": self.region.name,
@@ -111,14 +111,14 @@ class MissionCheck:
         }
 
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
-        """Write what nobody sees as GeoJSON, a polygon a feature with its ``area_m2``, largest first.
+        """Write the uncovered areas as GeoJSON, one polygon per feature with its ``area_m2``, largest first.
 
-        In degrees; in metres, and so no GeoJSON that a map could place, if the region is.
+        Coordinates are in degrees. For a region in metres they are in metres, which is not valid GeoJSON for maps.
 
         Raises
         ------
         InvalidInputError
-            If no footprint was given.
+            If the check had no footprint.
         OutputError
         """
         import shapely
@@ -147,37 +147,38 @@ def check_missions(
     vehicle: Vehicle | None = None,
     bands: Sequence[float] | None = None,
 ) -> MissionCheck:
-    """Read mission files back and measure how much of a region the vehicles see.
+    """Read mission files and measure how much of a region the vehicles see.
 
-    Nothing of the planner is asked: waypoints come from the files, the area from Shapely. What counts is seen between the first
-    waypoint and the last of each mission, not on the way from home and back.
+    The check is independent of the planner: it uses only the waypoints in the files and Shapely's areas. It counts what is seen
+    between the first and the last waypoint of each mission, but not on the paths from and to home.
 
     Parameters
     ----------
     folder : path
     region : SearchRegion
     footprint : float, sequence of float or None
-        Metres: the side of the square that a vehicle sees; of several, one a robot in the order of their numbers. None looks for
-        mistakes only.
+        Side in metres of the square that a vehicle sees, or one side per robot in the order of their numbers. With None, the files
+        are only linted.
     angle : float, optional
-        By how much the squares are turned, degrees counter-clockwise from east; if not given, as most of the legs are (`angle_of`).
+        Rotation of the squares in degrees counter-clockwise from east. The default is the direction of most legs (`angle_of`).
     format : str, optional
-        Whose files are flown; the first of ``FORMATS`` that is in the folder if not given.
+        Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
     cap, autopilot : optional
         As for `lint`.
     separation : Separation, optional
-        What vehicles in flight are to keep: if given, the nearest approach is found.
+        Required separation of vehicles in flight. If given, the nearest approach is computed.
     vehicle : Vehicle, optional
-        How fast vehicles climb and turn for that; all is done at the speed in the file if not given.
+        Vehicle whose climbing and turning times are used for the approach. By default all motion has the speed in the file.
     bands : sequence of float, optional
-        Altitudes at each of which all must be seen, rising, metres: what is flown counts for the highest one that is not above it.
-        With a camera of the vehicle the footprint is that of the lowest and grows as what the camera sees. Of a volume, its layers.
+        Increasing altitudes in metres, from each of which the whole region must be seen. A flight counts for the highest band that
+        is not above it. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's view. For
+        a volume, the default is its layers.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If there are no mission files (of the format), region and missions are not both in degrees or both in metres, or there is a
-        mission of a robot without a footprint.
+        If the folder has no mission files (of the format), only one of region and missions is in degrees, or a robot has no
+        footprint.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(
@@ -194,7 +195,7 @@ def check_missions(
     coverages: tuple[AreaCoverage, ...] = ()
     if footprint is not None:
         ways = [_searching_way(sheet, region) for sheet in flown]
-        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region, and among the diagnostics
+        ways = [way[np.isfinite(way).all(axis=1)] for way in ways]  # the rest is far from the region and listed in the diagnostics
         turned_by = angle_of([way[:, :2] for way in ways]) if angle is None else angle
         sides = np.broadcast_to(_footprints(flown, footprint), (len(flown),))
         least = float(np.min(sides if flown else footprint))
@@ -228,7 +229,10 @@ def _by_band(
     spread: NDArray[np.float64],
     least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield what is flown in each band and its footprints, the least where nothing is; without bands all that is flown."""
+    """Yield the paths in each band and their footprints, or the smallest footprint for an empty band.
+
+    Without bands, yield all paths.
+    """
     if not bands:
         yield [way[:, :2] for way in ways], sides.tolist()
         return
@@ -245,7 +249,7 @@ def _by_band(
 
 
 def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Return how many times as wide as from the lowest band a camera sees from each."""
+    """Return the width of the camera's view from each band, relative to the lowest band."""
     if vehicle is None or vehicle.image_size is None:
         return np.ones(len(bands or ()))
     seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
@@ -253,9 +257,9 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
 
 
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
-    """Return the waypoints of a mission in metres and their altitudes, shape (k, 3).
+    """Return the waypoints of a mission in metres with their altitudes, shape (k, 3).
 
-    Of ways from a home outside and to an end outside it is only the stretch inside.
+    For a path from or to a home outside the region, only the section inside is returned.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -272,7 +276,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 
 
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return how far a leg from inside goes until it first leaves the region, at the altitude where it begins; shape (1, 3)."""
+    """Return the point where a leg that starts inside first leaves the region, at the altitude of its start; shape (1, 3)."""
     import shapely
 
     pieces = shapely.get_parts(
@@ -285,9 +289,9 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
 
 
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
-    """Return the direction in which ways lead the farthest, taken for that of the rows, degrees from 0 to below 90.
+    """Return the direction with the largest total length of legs, as the angle of the rows; degrees from 0 to below 90.
 
-    One that is a tenth of a degree but for the rounding of files is that tenth.
+    An angle that differs from a multiple of 0.1 degrees only by the rounding of files is set to this multiple.
 
     Examples
     --------
@@ -306,7 +310,7 @@ def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
 
 
 def _footprints(flown: list[Sheet], footprint: float | Sequence[float]) -> float | list[float]:
-    """Return the footprint of the vehicle that follows each mission."""
+    """Return the footprint of each mission's vehicle."""
     if not isinstance(footprint, Sequence):
         return footprint
     for sheet in flown:

@@ -1,4 +1,4 @@
-"""Deconfliction: missions of all robots of a plan, kept apart by altitude layers and staggered starts; fence and rally points."""
+"""Deconfliction: missions of all robots of a plan, separated by altitude layers and staggered starts; fence and rally points."""
 
 from __future__ import annotations
 
@@ -28,20 +28,21 @@ Sorties = tuple[Mission, ...]
 def plan_missions(
     plan: SearchPlan, *, separation: Separation | None = None, rally: Points | None = None, **options: Any
 ) -> tuple[Mission, ...]:
-    """Return the missions of all robots of a plan: what each does if nothing goes wrong.
+    """Return the missions of all robots of a plan, assuming that no fault occurs.
 
-    The first sorties of all robots begin at one time, but for their delays, which are those of the plan or longer; the second ones
-    when all have landed, and so on.
+    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least those of the plan. The
+    second sorties begin when all robots have landed, and so on.
 
     Parameters
     ----------
     plan : SearchPlan
     separation : Separation, optional
-        What vehicles in flight keep, also if each is late; not looked at if not given. Rovers have no layers, only delays.
+        Separation that vehicles in flight keep, even if each is late. The default is no separation. Rovers have no layers, only
+        delays.
     rally : ndarray of float64, shape (k, 2), optional
-        Rally points, metres.
+        Rally points in metres.
     options
-        As `missions_of` takes them, but for what the plan says.
+        Options of `missions_of` that the plan does not determine.
 
     Raises
     ------
@@ -63,9 +64,10 @@ def plan_missions(
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot; none for one in reserve.
+    """Return the missions of one robot; empty for a robot in reserve.
 
-    With ``explicit`` a multirotor's missions end by a landing at a place: a return is flown at a height of the autopilot's own.
+    With ``explicit``, the missions of a multirotor end with a landing command, because an autopilot chooses its own altitude for a
+    return command.
     """
     stops = plan.stops(robot)
     if not len(stops):
@@ -73,7 +75,7 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, 
     landing = plan.places[robot] if explicit and vehicle.kind == "multirotor" else None
     way = plan.route(robot, stops).points
     if way.shape[1] == 3:
-        way = way[int(len(way) > 1 and np.array_equal(way[0, :2], way[1, :2])) :]  # over home it rises to its first cell anyway
+        way = way[int(len(way) > 1 and np.array_equal(way[0, :2], way[1, :2])) :]  # above home it climbs to its first cell anyway
         way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
     return missions_of(
         way,
@@ -93,7 +95,7 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, 
 def _separated(
     made: list[Sorties], sorties: Callable[[int, int], Sorties], plan: SearchPlan, separation: Separation
 ) -> list[Sorties]:
-    """Return the missions of all robots in layers and with delays."""
+    """Return the missions of all robots with layers and delays."""
     frame, robots = plan.grid.region.frame, range(len(made))
 
     def flights(robot: int, sortie: int, found: Sequence[Sorties], raised: bool) -> Callable[[int], Sequence[Trajectory]]:
@@ -106,7 +108,7 @@ def _separated(
         return flown
 
     layers: Sequence[int] = [0] * len(made)
-    if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # nothing of a volume is seen from between its layers
+    if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # from between the layers of a volume, no part of it is seen
         first = [flights(robot, 0, made, True) for robot in robots]
         layers = staggered(first, separation, earliest=plan.delays)[0].tolist()
     made = [sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
@@ -120,21 +122,21 @@ def _separated(
 
 
 def _reckoned(mission: Mission, frame: LocalFrame | None, vehicle: Vehicle, rate: float, up: float) -> Sequence[Trajectory]:
-    """Return when a vehicle is where: as it flies, and at constant speed, as one is simulated that has only the file."""
+    """Return two trajectories of a mission: with the vehicle's own dynamics, and at the constant speed in its file."""
     way = _common_way(mission, frame)
     way[1:-1, 2] += up
     return trajectory(way, vehicle, rate=rate), trajectory(way, constant_speed(mission))
 
 
 def _common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
-    """Return the way of a mission with heights that all vehicles have in common, as far as the heights of homes are known."""
+    """Return the path of a mission with heights above a common reference, as far as the heights of the homes are known."""
     way = mission.way_in(frame)
     way[:, 2] += mission.elevation or 0.0
     return way
 
 
 def constant_speed(mission: Mission) -> Vehicle:
-    """Return the vehicle that does all at the speed in a mission: climbs, too, and turns that take no time."""
+    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and turns in no time."""
     return Vehicle(
         preset="ideal", cruise_speed=mission.speed, climb_speed=min(mission.speed, 50), sink_speed=min(mission.speed, 50)
     )
@@ -167,11 +169,11 @@ class MissionApproach:
         Their numbers.
     sortie : int
     horizontal, vertical : float
-        Metres between them, seen from above, and between their heights.
+        Horizontal and vertical distance of the vehicles in metres.
     time : float
-        Seconds after the start of these sorties, if the first of the two is not late.
+        Time in seconds after the start of these sorties, if the first vehicle has no delay.
     place : ndarray of float64, shape (3,)
-        Where the first of the two is then: metres east, north and up.
+        Position of the first vehicle at that time: metres east, north and up.
     """
 
     robots: tuple[int, int]
@@ -182,7 +184,7 @@ class MissionApproach:
     place: Floats
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return it for JSON, the place also in degrees if there is a frame."""
+        """Return the approach for JSON. With a frame, the position is also given in degrees."""
         told = {
             "robots": list(self.robots), "sortie": self.sortie, "horizontal_m": self.horizontal, "vertical_m": self.vertical,
             "time_s": self.time, "x": float(self.place[0]), "y": float(self.place[1]), "up_m": float(self.place[2]),
@@ -195,23 +197,23 @@ class MissionApproach:
 def missions_approach(
     missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
 ) -> MissionApproach | None:
-    """Return the nearest approach of two vehicles in flight that follow missions, each late by up to the delay of the separation.
+    """Return the nearest approach of two vehicles that follow missions, each late by up to the separation's delay.
 
     Parameters
     ----------
     missions : sequence of Mission
-        Those of one sortie begin at one time, but for their delays.
+        The missions. Missions of the same sortie begin at the same time, apart from their delays.
     separation : Separation
-        Moments at which two differ more in height than its vertical part do not count.
+        The separation. Moments with a larger difference in height than its vertical part do not count.
     frame : LocalFrame or None
-        Of the metres in which distances are measured.
+        Local frame in whose metres distances are measured.
     vehicle : Vehicle, optional
-        How fast it climbs and turns; all is done at the speed in the file if not given.
+        Vehicle whose climbing and turning times are used. By default all motion has the speed in the file.
 
     Returns
     -------
     MissionApproach or None
-        None if no two are ever so near in height.
+        None if all vehicles always keep the vertical separation.
     """
     flown: dict[tuple[int, int], tuple[Mission, Trajectory]] = {}
     for mission in missions:

@@ -1,4 +1,4 @@
-"""What can be wrong with a mission file."""
+"""The mistakes that the linter can find in a mission file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Rule:
     severity : "error" or "warning"
     meaning : str
     fatal : bool
-        Whether a file with it has no mission that could be read.
+        Whether this mistake makes the mission unreadable.
     """
 
     severity: Severity
@@ -86,11 +86,11 @@ class Diagnostic:
     ----------
     file : str
     place : str
-        Line or item in the file; empty if it is the whole file.
+        Line or item in the file; empty if the mistake concerns the whole file.
     rule : str
         A key of `RULES`.
     sentence : str
-        What was expected and what came.
+        The expected and the actual content.
     """
 
     file: str
@@ -100,7 +100,7 @@ class Diagnostic:
 
     @property
     def severity(self) -> Severity:
-        """Whether it is an error or a warning."""
+        """Whether the mistake is an error or a warning."""
         return RULES[self.rule].severity
 
     def __str__(self) -> str:
@@ -108,7 +108,7 @@ class Diagnostic:
         return f"{self.file}{place}: {self.severity}: {self.sentence} [{self.rule}]"
 
     def report(self) -> dict[str, str]:
-        """Return it for JSON."""
+        """Return the diagnostic for JSON."""
         return {
             "severity": self.severity,
             "file": self.file,
@@ -120,10 +120,10 @@ class Diagnostic:
 
 @dataclass
 class Sheet:
-    """What a mission file says, before any of it is believed. Readers fill it; rules add diagnostics.
+    """The raw content of a mission file before it is checked. Readers fill the sheet, and rules add diagnostics.
 
-    ``points`` are (longitude, latitude), or (x, y) if not ``geographic``, whatever order the file has; ``places`` say where each
-    stands. What a file does not say is None.
+    ``points`` are (longitude, latitude), or (x, y) if not ``geographic``, whatever the order in the file. ``places`` are their
+    locations in the file. Missing content is None.
     """
 
     file: str
@@ -152,18 +152,18 @@ class Sheet:
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:
-        """Note a mistake."""
+        """Add a diagnostic."""
         assert rule in RULES
         self.diagnostics.append(Diagnostic(self.file, place, rule, sentence))
 
     @property
     def readable(self) -> bool:
-        """Whether nothing found so far keeps the mission from being read."""
+        """Whether the mission can be read despite the mistakes found so far."""
         return not any(RULES[diagnostic.rule].fatal for diagnostic in self.diagnostics)
 
 
 def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
-    """Return the root of an XML text; note what is wrong and return None if it is not what was expected."""
+    """Return the root of an XML text, or add a diagnostic and return None if the text or its root is not as expected."""
     try:
         return parse_xml(text, root=root)
     except XmlError as error:
@@ -172,7 +172,7 @@ def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
 
 
 def decimals_of(text: str) -> int:
-    """Return how many decimals a number in a text has.
+    """Return the number of decimals of a number in a text.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Fences: the outline that an autopilot does not let vehicles leave, and the zones that it does not let them enter."""
+"""Geofences for autopilots: an outline that vehicles must not leave, and zones that they must not enter."""
 
 from __future__ import annotations
 
@@ -11,23 +11,26 @@ from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
-ROOM = 15.0  # metres that the fence leaves around ways outside of the region
+ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
-"""Corners that an autopilot stores, of all rings together: ArduPilot as a Cube was tested, PX4 by its number of items."""
+"""Maximum number of corners that an autopilot stores, over all rings.
 
-_FINEST, _STEPS = 0.1, 22  # metres by which rings are made simpler at first, and how often by more: to 145 m
+The value for ArduPilot was tested on a Cube; for PX4 it is the number of items.
+"""
+
+_FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
 
 
 @dataclass(frozen=True, eq=False)
 class Fence:
-    """Polygons in the units of a mission: degrees, longitude first, or metres.
+    """A geofence in the units of a mission: degrees with longitude first, or metres.
 
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        The ring that vehicles stay in; its first corner is not repeated.
+        The ring that vehicles must not leave. Its first corner is not repeated.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
-        Rings that they stay out of.
+        Rings that vehicles must not enter.
     """
 
     inclusion: Points
@@ -35,11 +38,11 @@ class Fence:
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """All rings, that which vehicles stay in first."""
+        """All rings, with the inclusion ring first."""
         return (self.inclusion, *self.exclusions)
 
     def area(self, frame: LocalFrame | None) -> Any:
-        """Return where vehicles may be, a Shapely geometry in the metres of a frame."""
+        """Return the area where vehicles may be, as a Shapely geometry in the metres of a frame."""
         import shapely
 
         placed = [ring if frame is None else frame.to_metres(ring) for ring in self.rings]
@@ -48,19 +51,20 @@ class Fence:
 
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
-    """Return the fence of a region and of the ways of all vehicles, metres; in degrees if the region is.
+    """Return the fence of a region and of all vehicles' paths in metres; in degrees if the region is.
 
-    Around the whole region and, outside of it, `ROOM` around each way; no-go zones and holes without ways are taken out. Autopilots
-    differ in what several outlines mean together: there is one, if need be the hull of all. Where there are too many corners, the
-    outer ring is made simpler outwards, and zones, too, as far as no way enters them; if that is not enough, it is told.
+    The fence contains the whole region and a margin `ROOM` around each path outside it. No-go zones, and holes without paths,
+    become exclusion zones. Autopilots interpret several outlines differently; therefore the fence has a single outline, if
+    necessary a convex hull. If there are too many corners, the outer ring is simplified outwards. Zones are also enlarged where no
+    path enters them. If that is not enough, an error is raised.
 
     Parameters
     ----------
     region : SearchRegion
     ways : sequence of ndarray of float64, each of shape (k, 2)
-        Metres, with launch and landing points.
+        Paths in metres, including launch and landing points.
     most : int, optional
-        How many corners the autopilot stores, of all rings together.
+        Maximum number of corners that the autopilot stores, over all rings.
     """
     import shapely
 
@@ -77,9 +81,9 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 
 
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Return polygons, each holding the one that it was, with so many corners together at the most, if that can be.
+    """Return simplified polygons that contain the original ones and have at most ``most`` corners in total, if possible.
 
-    A ring that is grown by a distance and then simplified by it holds what it held.
+    A ring that is grown by a distance and then simplified by this distance still contains the original ring.
     """
     import shapely
 
@@ -107,7 +111,7 @@ def _corners(shapes: list[Any]) -> int:
 
 
 def _empty_holes(region: SearchRegion, lines: list[Any]) -> list[Any]:
-    """Return the holes of a region through which no way leads."""
+    """Return the holes of a region that no path crosses."""
     import shapely
 
     return [hole for part in shapely.get_parts(region.outline) for hole in _empty_holes_of(part, lines)]

@@ -1,4 +1,4 @@
-"""Mission files: their formats, their names, how they are written and read."""
+"""Mission files: formats, file names, writing and reading."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from shoal.search.missions.mission import KINDS, Mission
 from shoal.search.missions.rules import check_coordinates
 from shoal.search.regions.limits import LARGEST_FILE
 
-UNCOVERED = "uncovered.geojson"  # no mission: what the check leaves
-MANIFEST = "missions.json"  # the names of the files that were written
+UNCOVERED = "uncovered.geojson"  # not a mission: the areas that the check found uncovered
+MANIFEST = "missions.json"  # the manifest: the names of the written files
 
 _NAME = re.compile(r"robot-(\d+)(?:-(\d+))?")
 
@@ -37,11 +37,11 @@ class MissionFormat:
     ----------
     suffix : str
     write : callable
-        Takes a `Mission`, returns the text of a file.
+        Function from a `Mission` to the text of a file.
     scan : callable
-        Takes the text of a file and a `shoal.search.missions.diagnostics.Sheet`, which it fills.
+        Function that reads the text of a file into a `shoal.search.missions.diagnostics.Sheet`.
     metres : bool
-        Whether it can hold missions in metres.
+        Whether the format supports missions in metres.
     """
 
     suffix: str
@@ -62,19 +62,19 @@ FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=T
 def write_missions(
     missions: Sequence[Mission], folder: str | os.PathLike[str], *, formats: Sequence[str] | None = None
 ) -> list[Path]:
-    """Write missions, one file for each and each format: ``robot-01.plan``, ``robot-01-2.plan`` for its second sortie, and so on.
+    """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for its second sortie, and so on.
 
-    ``missions.json`` lists them. Files that an earlier call listed there are removed: who checks or loads a folder gets one search.
-    Other files stay.
+    The file ``missions.json`` lists all written files. Files listed there by an earlier call are removed, so that the folder
+    contains a single search. Other files are kept.
 
     Parameters
     ----------
     missions : sequence of Mission
     folder : path
-        Made if it is not there.
+        The output folder. A missing folder is created.
     formats : sequence of str, optional
-        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a `MissionFormat` of your own. All
-        of them if not given; for missions in metres "csv", for the others say places on Earth.
+        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`. The
+        default is all of them; for missions in metres it is "csv", because the other formats need places on Earth.
 
     Returns
     -------
@@ -83,9 +83,9 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        Before anything is written.
+        If an argument is invalid. No file has been written then.
     OutputError
-        Nothing is left half-written then.
+        If a file cannot be written. No partial file remains.
     """
     in_metres = any(not mission.geographic for mission in missions)
     if formats is None:
@@ -119,14 +119,14 @@ def write_missions(
 
 
 def _beside(missions: Sequence[Mission]) -> dict[str, str]:
-    """Return the files of fence and rally points, which are those of all missions, by name."""
+    """Return the files of the fence and the rally points, which all missions share, by name."""
     first = missions[0]
     found = {} if first.fence is None else {FENCE: fence_text(first.fence)}
     return found | ({RALLY: rally_text(first.rally, min(one.altitude for one in missions))} if first.rally else {})
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Give to the sheets of WPL files the fence and the rally points in the files beside them; note what is wrong with those."""
+    """Add the fence and the rally points from the neighbouring files to the sheets of WPL files, with diagnostics."""
     for name, reader, field in ((FENCE, read_fence, "fence"), (RALLY, read_rally, "rally")):
         path = Path(folder) / name
         ours = [sheet for sheet in sheets if Path(sheet.file).suffix.lower() == wpl.SUFFIX]
@@ -143,7 +143,7 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
 
 
 def _listed(folder: str | os.PathLike[str]) -> set[str]:
-    """Return the names of mission files that the manifest in a folder lists; none for one that is not ours."""
+    """Return the mission files listed in a folder's manifest, or an empty list if the manifest is not from Shoal."""
     try:
         listed = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)["files"]
         names = {name for name in listed if isinstance(name, str)}
@@ -156,7 +156,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the mission files in a folder, by format and name. ``uncovered.geojson`` is none."""
+    """Return the mission files in a folder, sorted by format and name, without ``uncovered.geojson``."""
     suffixes = [FORMATS.get(name).suffix for name in FORMATS]
     order = {suffix: number for number, suffix in enumerate(suffixes)}
     try:
@@ -182,12 +182,12 @@ def format_of(path: Path) -> str:
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
-    """Return what a mission file says, with what is wrong with its form and its coordinates.
+    """Return the sheet of a mission file, with diagnostics of its form and its coordinates.
 
     Raises
     ------
     InvalidInputError
-        If there is no such file, or none of a known format.
+        If the file does not exist or has an unknown format.
     """
     source = Path(path)
     form = FORMATS.get(format_of(source))
@@ -217,18 +217,19 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
 def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read a mission from a file in any format.
 
-    ``.plan`` and WPL files do not say which robot and sortie they are for: their name does, else they are the first of robot 1. WPL
-    files do not say the autopilot, which is taken to be PX4, nor the kind of vehicle: it flies if a waypoint is above ground.
+    ``.plan`` and WPL files do not contain the robot and the sortie. Both are taken from the file name; otherwise the mission is the
+    first sortie of robot 1. WPL files contain neither the autopilot, which is assumed to be PX4, nor the kind of vehicle. The
+    vehicle flies if a waypoint is above ground.
 
     Parameters
     ----------
     path : path
-        The suffix says the format.
+        The file. Its suffix determines the format.
 
     Raises
     ------
     InvalidInputError
-        In one sentence, with the place in the file.
+        If the file cannot be read. The message gives the location in the file.
     """
     return mission_of(open_sheet(path), path)
 

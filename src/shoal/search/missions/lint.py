@@ -1,4 +1,4 @@
-"""The mission linter: reads files back and says what is wrong with them."""
+"""The mission linter: reads mission files and reports mistakes."""
 
 from __future__ import annotations
 
@@ -28,28 +28,28 @@ def lint(
     cap: int | None = None,
     autopilot: str | None = None,
 ) -> list[Diagnostic]:
-    """Return the mistakes in a mission file, or in the files of a folder, one by one and together.
+    """Return the mistakes in a mission file, or in all mission files of a folder, individually and in combination.
 
     Parameters
     ----------
     source : path
         A file or a folder.
     region : SearchRegion, optional
-        Where the missions should be.
+        The region of the missions.
     cap : int, optional
-        Most items that the autopilot stores, home included; what the autopilot stores if not given.
+        Maximum number of items, home included. The default is the autopilot's limit.
     autopilot : "px4" or "ardupilot", optional
-        For which autopilot the missions should be.
+        Expected autopilot of the missions.
 
     Returns
     -------
     list of Diagnostic
-        Empty if all is well. `shoal.search.missions.RULES` lists what is looked for.
+        The mistakes found. `shoal.search.missions.RULES` lists all rules.
 
     Raises
     ------
     InvalidInputError
-        If there is no mission file, or region and mission are not both in degrees or both in metres.
+        If no mission file exists, or only one of region and mission is in degrees.
     """
     return [diagnostic for sheet in examine(source, region, cap=cap, autopilot=autopilot) for diagnostic in sheet.diagnostics]
 
@@ -57,7 +57,7 @@ def lint(
 def examine(
     source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, autopilot: str | None = None
 ) -> list[Sheet]:
-    """Return what each mission file says, with all diagnostics; as `lint`."""
+    """Return the sheet of each mission file, with all diagnostics; see `lint`."""
     if autopilot is not None:
         check_choice(autopilot, what="autopilot", choices=CAPS)
     if cap is not None:
@@ -83,7 +83,7 @@ def examine(
 
 
 def _check_homes(sheets: list[Sheet]) -> None:
-    """Note a file whose axes are swapped against most others."""
+    """Add diagnostics for files whose coordinate order differs from most others."""
     readable = [sheet for sheet in sheets if sheet.readable and sheet.geographic]
     if len(readable) < 3:
         return
@@ -94,7 +94,7 @@ def _check_homes(sheets: list[Sheet]) -> None:
 
 
 def _check_autopilots(sheets: list[Sheet]) -> None:
-    """Note the rarer autopilot of two."""
+    """Add diagnostics for the less frequent of two autopilots."""
     by_autopilot: dict[str, list[Sheet]] = defaultdict(list)
     for sheet in sheets:
         if sheet.autopilot is not None:
@@ -106,7 +106,7 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
-    """Note robots whose sorties have gaps, format by format."""
+    """Add diagnostics for robots whose sorties have gaps, for each format."""
     numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:
@@ -119,7 +119,7 @@ def _check_sorties(sheets: list[Sheet]) -> None:
 
 
 def _check_formats(sheets: list[Sheet]) -> None:
-    """Note files that say other things than the first of the same sortie."""
+    """Add diagnostics for files that contradict the first file of the same sortie."""
     first: dict[tuple[int, int], Sheet] = {}
     for sheet in sheets:
         if not sheet.readable or sheet.robot is None or sheet.sortie is None:
@@ -131,7 +131,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
 
 
 def _difference(one: Sheet, other: Sheet) -> str:
-    """Return in words how two sheets of one sortie differ; nothing if they agree."""
+    """Return the difference between two sheets of one sortie in words, or an empty text if they agree."""
     same = _SAME_PLACE if one.geographic else _SAME_METRES
     if one.geographic != other.geographic:
         return "metres beside degrees"

@@ -1,4 +1,4 @@
-"""Fewer waypoints on the same way."""
+"""Removal of unnecessary waypoints from a path."""
 
 from __future__ import annotations
 
@@ -11,23 +11,24 @@ from shoal.search.regions.outline_checks import Points
 
 
 def merged(points: Points, tolerance: float) -> Points:
-    """Return a way without the points that lie on its straight legs, in one pass.
+    """Return a path without the points on its straight legs, computed in one pass.
 
-    From each waypoint kept, a cone holds the directions whose lines pass all points since within the tolerance; a point farther
-    than all before it and inside the cone can be the leg's end (R. Reumann, A. Witkam, 1974; the cone's exact form: C. M. Williams,
-    An efficient algorithm for the piecewise linear approximation of planar curves, 1978). Turns back are kept.
+    The algorithm starts a cone at each waypoint that is kept. The cone contains the directions of lines that pass all later points
+    within the tolerance. A point can end the leg if it lies inside the cone and farther away than all points before it. Sources: R.
+    Reumann, A. Witkam, 1974; for the exact form of the cone C. M. Williams, An efficient algorithm for the piecewise linear
+    approximation of planar curves, 1978. Reversals are kept.
 
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Metres; where altitudes change, points are kept.
+        Path in metres. Points at which the altitude changes are kept.
     tolerance : float
-        Metres by which a point left out may lie beside the leg that passes it.
+        Maximum distance in metres of an omitted point from the leg.
 
     Returns
     -------
     ndarray of float64, shape (m, 2) or (m, 3)
-        Some of the points, both ends included.
+        A subset of the points that includes both ends.
 
     Examples
     --------
@@ -53,7 +54,7 @@ def merged(points: Points, tolerance: float) -> Points:
 
 
 class _Cone:
-    """The directions from an apex in which a leg passes all points taken so far."""
+    """The directions from an apex for which a leg passes all points added so far."""
 
     def __init__(self, apex: Points, tolerance: float) -> None:
         self.x, self.y = apex.tolist()
@@ -63,7 +64,7 @@ class _Cone:
         self.low, self.high = -math.pi, math.pi
 
     def takes(self, x: float, y: float) -> bool:
-        """Take a point if the leg may end there; tell whether it was taken."""
+        """Add a point if the leg may end there. Return whether it was added."""
         east, north = x - self.x, y - self.y
         distance = math.hypot(east, north)
         if distance < self.far:

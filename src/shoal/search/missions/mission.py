@@ -1,4 +1,4 @@
-"""What one vehicle is to drive or fly in one go, and how a route becomes such missions."""
+"""Missions: the waypoints of one vehicle for one sortie, and their creation from a route."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ from shoal.search.regions.projection import LocalFrame
 Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
 
-SAME_LEVEL = 1e-3  # metres: altitudes that differ less are one
+SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
 KINDS = ("multirotor", "fixed-wing", "rover")
-OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items beside waypoints: home, take-off, speed, return
-_EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
+OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items besides waypoints: home, take-off, speed, return
+_EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # additional items for a camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,42 +38,42 @@ class Mission:
     waypoints : ndarray of float64, shape (k, 2), k >= 1
         (longitude, latitude) in degrees, WGS84; (x, y) in metres if not ``geographic``.
     home : tuple of float
-        Where the vehicle starts and ends, in the same units.
+        Start and landing point of the vehicle in the same units.
     robot : int
-        Its number, from 1.
+        Number of the robot, from 1.
     sortie : int
-        Which of its sorties this is, from 1.
+        Number of the sortie of this robot, from 1.
     kind : "multirotor", "fixed-wing" or "rover"
     autopilot : "px4" or "ardupilot"
     altitude : float
-        Metres above what ``altitude_frame`` says; 0 for a rover.
+        Altitude in metres above the reference ``altitude_frame``; 0 for a rover.
     speed : float
-        Metres a second: through the air for a fixed wing, else over ground.
+        Speed in m/s: airspeed for a fixed wing, otherwise ground speed.
     geographic : bool
-        Whether coordinates are degrees.
+        Whether coordinates are in degrees.
     altitude_frame : "home", "sea" or "ground"
-        What the altitude counts from.
+        Reference of the altitude.
     heights : ndarray of float64, shape (k,), optional
-        Of the waypoints above home, metres; the altitude if not given. Needed where the altitude counts from the ground.
+        Heights of the waypoints above home in metres. The default is the altitude. Required for altitudes above ground.
     altitudes : ndarray of float64, shape (k,), optional
-        Of the waypoints where they differ and count from the ground, metres above it.
+        Altitudes of the waypoints in metres above ground, if they differ.
     elevation : float, optional
-        Of home above sea level, metres, where it is known.
+        Height of home above sea level in metres, if known.
     trigger_distance : float, optional
-        Metres from one image to the next.
+        Distance between images in metres.
     gimbal_pitch : float, optional
-        Degrees; -90 is down.
+        Pitch of the gimbal in degrees; -90 points down.
     yaw : float, optional
-        Degrees clockwise from north; where the vehicle goes if not given.
+        Heading in degrees clockwise from north. By default the vehicle faces its direction of motion.
     acceptance_radius : float, optional
-        Metres; as the autopilot is set if not given.
+        Acceptance radius in metres. The default is the autopilot's setting.
     landing : tuple of float, optional
-        Where the vehicle ends, in the same units; if not given the autopilot returns home in its own way.
+        Landing point in the same units. By default the autopilot's own return procedure is used.
     delay : float
-        Seconds that the vehicle waits before it sets out.
+        Waiting time before the start in seconds.
     fence : Fence, optional
     rally : tuple of tuple of float
-        Where the vehicle may come down if it cannot go on, in the same units.
+        Rally points for emergency landings in the same units.
 
     Raises
     ------
@@ -138,23 +138,23 @@ class Mission:
 
     @property
     def name(self) -> str:
-        """What its files are called, without their suffix: ``robot-01``; from the second sortie on ``robot-01-2``."""
+        """File name without suffix: ``robot-01``, or ``robot-01-2`` for the second sortie and so on."""
         return f"robot-{self.robot:02d}" + (f"-{self.sortie}" if self.sortie > 1 else "")
 
     @property
     def n_items(self) -> int:
-        """Mission items in an autopilot: home, take-off (if it flies), speed, what the camera needs, waypoints, return."""
+        """Number of mission items in an autopilot: home, take-off (if it flies), speed, camera items, waypoints, return."""
         extra = sum(n for name, n in _EXTRA.items() if getattr(self, name) is not None)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
 
     @property
     def end(self) -> tuple[float, float]:
-        """Where the vehicle ends, in the units of its waypoints."""
+        """End point of the mission in the units of its waypoints."""
         return self.home if self.landing is None else self.landing
 
     @property
     def length(self) -> float:
-        """Metres along the ground from home through all waypoints to its end; on the ellipsoid if geographic."""
+        """Length in metres along the ground from home through all waypoints to the end, on the ellipsoid if geographic."""
         way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
             return float(np.hypot(*np.diff(way, axis=0).T).sum())
@@ -164,12 +164,12 @@ class Mission:
 
     @property
     def heights_above_home(self) -> NDArray[np.float64]:
-        """The heights of the waypoints above home, metres; float64, shape (k,).
+        """Heights of the waypoints above home in metres; float64, shape (k,).
 
         Raises
         ------
         InvalidInputError
-            Where they are not known: of altitudes above ground that were read from a file that holds no others.
+            If the heights are unknown: the mission came from a file with altitudes above ground only.
         """
         if self.heights is not None:
             return self.heights
@@ -182,7 +182,7 @@ class Mission:
 
     @property
     def levels(self) -> NDArray[np.float64]:
-        """The altitudes of the waypoints, from what ``altitude_frame`` says, metres; float64, shape (k,)."""
+        """Altitudes of the waypoints in metres above the reference ``altitude_frame``; float64, shape (k,)."""
         if self.altitudes is not None:
             return self.altitudes
         if self.heights is None or self.altitude_frame == "ground":
@@ -191,12 +191,12 @@ class Mission:
 
     @property
     def way(self) -> NDArray[np.float64]:
-        """Metres east, north and up from home: from the ground up, along all waypoints and down again; float64, shape (n, 3)."""
+        """Path in metres east, north and up from home: from the ground along all waypoints to the ground; float64, shape (n, 3)."""
         way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
         return np.asarray(way - [*way[0, :2], 0.0])
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
-        """Return `way` in the metres of a frame, or in its own metres; heights are above home."""
+        """Return `way` in the metres of a frame, or in its own metres. Heights are above home."""
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
         return whole_way(points[0], np.column_stack([points[2:], self.heights_above_home]), points[1])
@@ -223,41 +223,41 @@ def missions_of(
 ) -> tuple[Mission, ...]:
     """Return the missions of a robot's route, one for each sortie.
 
-    Each begins at home, goes on where the one before ended, and returns home before the battery's reserve is touched: climb, ways
-    out and home, turns, wind and descent counted. A leg may be cut anywhere.
+    Each sortie begins at home and continues where the previous one ended. It returns home before the battery falls below the
+    reserve. The estimate includes climb, paths from and to home, turns, wind and descent. A leg may be cut anywhere.
 
     Parameters
     ----------
     route : array_like of float, shape (k, 2) or (k, 3)
-        Metres; the third column are altitudes, the vehicle's if not given. A route of no points gives no missions.
+        Route in metres. The third column holds altitudes; the default is the vehicle's altitude. An empty route gives no missions.
     frame : LocalFrame or None
-        Where on Earth the metres are; None leaves metres.
+        Local frame of the metres. With None, missions are in metres.
     robot : int
-        Its number, from 1.
+        Number of the robot, from 1.
     home : array_like of float, shape (2,), optional
-        Metres; the first point of the route if not given.
+        Home in metres. The default is the first point of the route.
     vehicle : Vehicle or str
-        As `vehicle_of` takes it.
+        A vehicle or its description for `vehicle_of`.
     autopilot : "px4" or "ardupilot"
     rate : float
-        The robot's speed as a multiple of the vehicle's.
+        Speed of the robot relative to the vehicle's speed.
     altitude_frame, terrain, terrain_error, link, blocked
-        As `Flight` takes them. Over terrain waypoints are added, so that the height above ground is as asked all along.
+        Options of `Flight`. Over terrain, waypoints are added to keep the height above ground within the error.
     cap : int, optional
-        Mission items that the autopilot stores, home, take-off, speed and return included; 2000 for PX4, 700 for ArduPilot if not
-        given.
+        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
+        for PX4 and 700 for ArduPilot.
     tolerance : float
-        Metres: points no farther than this from a straight leg are left out of it. 0 leaves out only what lies exactly on it.
+        Distance in metres from a straight leg up to which points are omitted. 0 omits only points exactly on the leg.
     ways : callable, optional
-        ``ways(start, end)`` returns the way between home and a point of the route, shape (n, 2), both included, such as
-        `shoal.search.RegionPaths.leg`; its bends become waypoints. Straight if not given.
+        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`. It
+        returns shape (n, 2) with both ends, and its bends become waypoints. The default is a straight path.
     landing : array_like of float, shape (2,), optional
-        Where the last sortie ends, metres; if not given the autopilot returns home in its own way.
+        Landing point of the last sortie in metres. By default the autopilot's own return procedure is used.
 
     Raises
     ------
     InvalidInputError
-        If an option is out of range, or a point of the route is too far from home for the battery.
+        If an option is out of range, or the battery does not suffice for a point of the route.
 
     Examples
     --------
@@ -299,7 +299,7 @@ def missions_of(
 
 
 def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
-    """Return the altitude of the first waypoint of a sortie and, where they count from the ground and differ, those of all."""
+    """Return the altitude of a sortie's first waypoint and, if altitudes above ground differ, the altitudes of all waypoints."""
     ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
     if flight.altitude_frame == "ground" and flight.terrain is not None:
         ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
@@ -308,7 +308,7 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
 
 
 def _told(vehicle: Vehicle) -> dict[str, Any]:
-    """Return what a mission tells of its vehicle beside its speed."""
+    """Return the vehicle's settings that a mission stores besides its speed."""
     flies = vehicle.kind != "rover"
     pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0
     return {

@@ -1,4 +1,4 @@
-"""What must hold for every mission, whatever file it came in."""
+"""Rules for missions in all file formats."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import REACH, LocalFrame
 from shoal.search.regions.region import SearchRegion
 
-ROUNDING = 0.005  # metres by which a waypoint may lie beside where it was planned: 8 decimals are 1.1 mm
+ROUNDING = 0.005  # metres: tolerance of a waypoint's position, because 8 decimals are 1.1 mm
 
-_RADIUS = 6_371_000.0  # metres, of the Earth
+_RADIUS = 6_371_000.0  # metres: radius of the Earth
 _FAR_HOME = 5_000.0
-_ELSEWHERE = 50_000.0  # metres: no search is that far from its home or its region
+_ELSEWHERE = 50_000.0  # metres: larger than the distance of any search from its home or its region
 _HIGHEST, _HIGH = 10_000.0, 120.0
 _FASTEST = 100.0
 _SAME_HEIGHT = 0.01  # metres
@@ -30,7 +30,7 @@ _SAME = 1e-8  # degrees
 
 
 def check_coordinates(sheet: Sheet) -> None:
-    """Note what keeps waypoints from being places on Earth, or on the plane."""
+    """Add diagnostics for coordinates that are no places on Earth, or in the plane."""
     if not sheet.readable:
         return
     if len(sheet.points) == 0:
@@ -53,7 +53,7 @@ def check_coordinates(sheet: Sheet) -> None:
 
 
 def _check_numbers(sheet: Sheet) -> None:
-    """Note NaN and infinity."""
+    """Add diagnostics for NaN and infinity."""
     for place, point in zip(sheet.places, sheet.points.tolist(), strict=True):
         if not all(map(math.isfinite, point)):
             sheet.add("not-a-number", place, f"expected finite coordinates, got {text_of(point)}")
@@ -67,7 +67,7 @@ def _check_numbers(sheet: Sheet) -> None:
 
 
 def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
-    """Note a point far from a known place that would be near it with its axes swapped."""
+    """Add a diagnostic for a point far from a known place if swapping its coordinates would bring it near that place."""
     distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
     if distance > _ELSEWHERE and other < _ELSEWHERE:
         sheet.add(
@@ -87,7 +87,7 @@ def _check_meridian(sheet: Sheet) -> None:
 
 
 def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None) -> None:
-    """Note what a vehicle should not be told: heights, speeds, lengths of missions; another autopilot than expected."""
+    """Add diagnostics for implausible heights, speeds and mission lengths, and for an unexpected autopilot."""
     if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
         sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got one for {sheet.autopilot!r}")
     _check_cap(sheet, cap, autopilot)
@@ -140,9 +140,9 @@ def _check_altitude(sheet: Sheet) -> None:
 
 
 def _check_acceptance(sheet: Sheet) -> None:
-    """Note an acceptance radius within which the next waypoint is, too."""
+    """Add a diagnostic for an acceptance radius that contains the next waypoint."""
     radius = sheet.acceptance_radius
-    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":  # whose turns have waypoints in short distances
+    if not radius or len(sheet.points) < 2 or sheet.kind == "fixed-wing":  # their turns have waypoints at short distances
         return
     metres = np.radians(np.diff(sheet.points, axis=0)) * _RADIUS if sheet.geographic else np.diff(sheet.points, axis=0)
     if sheet.geographic:
@@ -151,11 +151,13 @@ def _check_acceptance(sheet: Sheet) -> None:
     near = np.flatnonzero((lengths <= radius) & (lengths > 0))
     if len(near):
         place, length = sheet.places[int(near[0])], lengths[int(near[0])]
-        sheet.add("acceptance", place, f"expected a radius below {length:.3g} m, the way to the next waypoint, got {radius:g} m")
+        sheet.add(
+            "acceptance", place, f"expected a radius below {length:.3g} m, the distance to the next waypoint, got {radius:g} m"
+        )
 
 
 def _check_fence(sheet: Sheet) -> None:
-    """Note ways that leave the fence, home and landing included."""
+    """Add diagnostics for paths that leave the fence, including the paths from home and to the landing point."""
     if sheet.fence is None:
         return
     import shapely
@@ -166,7 +168,7 @@ def _check_fence(sheet: Sheet) -> None:
     try:
         way, area = way if frame is None else frame.to_metres(way), sheet.fence.area(frame).buffer(ROUNDING)
     except InvalidInputError:
-        return  # too far from one another: home-far
+        return  # points too far from each other, reported by the rule home-far
     shapely.prepare(area)
     lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
     names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "to its end"]
@@ -176,14 +178,14 @@ def _check_fence(sheet: Sheet) -> None:
 
 
 def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
-    """Return the metres from a place to each waypoint."""
+    """Return the distances in metres from a point to each waypoint."""
     if not sheet.geographic:
         return np.asarray(np.hypot(*(sheet.points - place).T))
     return np.array([_metres_between(point, place) for point in sheet.points.tolist()])
 
 
 def _metres_between(one: Any, other: Any) -> float:
-    """Return the metres between two places in degrees, on a sphere; infinity if one is no place."""
+    """Return the distance in metres between two points in degrees, on a sphere; infinity if a point is invalid."""
     if max(abs(one[1]), abs(other[1])) > 90:
         return math.inf
     low, high = math.radians(one[1]), math.radians(other[1])
@@ -193,12 +195,12 @@ def _metres_between(one: Any, other: Any) -> float:
 
 
 def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
-    """Return home, the waypoints and the end in the metres of a region; what is too far for its frame stands at infinity.
+    """Return home, waypoints and end point in the metres of a region. Points too far for its frame are infinite.
 
     Raises
     ------
     InvalidInputError
-        If one is in degrees and the other is not.
+        If only one of mission and region is in degrees.
     """
     way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
     if sheet.geographic != (region.frame is not None):
@@ -217,7 +219,7 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
 
 
 def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
-    """Tell which points of a way are where robots may be in a region, but for rounding; bool, shape (n,)."""
+    """Return which points lie where robots may be in a region, with a tolerance for rounding; bool, shape (n,)."""
     import shapely
 
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -227,9 +229,10 @@ def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
 
 
 def searching(inside: NDArray[np.bool_]) -> slice:
-    """Return which waypoints are those of the search, given which of home, waypoints and end are in the region.
+    """Return which waypoints belong to the search, given which of home, waypoints and end point are in the region.
 
-    From a home outside all up to the first one inside are on the way out; the same holds for the way to an end outside.
+    If home is outside, all waypoints before the first one inside belong to the path from home. The same holds for an end point
+    outside.
 
     Examples
     --------
@@ -243,7 +246,7 @@ def searching(inside: NDArray[np.bool_]) -> slice:
 
 
 def check_place(sheet: Sheet, region: SearchRegion) -> None:
-    """Note waypoints and legs outside of a region, but for ways from a home outside and to an end outside."""
+    """Add diagnostics for waypoints and legs outside a region, except on the paths from and to points outside."""
     way = metres_of(sheet, region)
     if region.frame is not None:
         check_elsewhere(sheet, sheet.points[0], (region.frame.longitude, region.frame.latitude), "the region", sheet.places[0])
@@ -266,7 +269,7 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
             sheet.add("no-go", place, f"expected a waypoint outside the no-go zones, got {point}")
         else:
             if sheet.kind == "fixed-wing":
-                continue  # it turns there: its legs are noted
+                continue  # the vehicle turns there: its legs are reported instead
             away = float(shapely.distance(region.free, shapely.points(way[index + 1]))) if near[index + 1] else math.inf
             sheet.add(
                 "outside-region",
@@ -277,7 +280,7 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> None:
-    """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all."""
+    """Add diagnostics for legs that leave the allowed area. For rovers, and for no-go zones, paths from and to home also count."""
     import shapely
 
     finite = np.asarray(np.isfinite(way).all(axis=1))

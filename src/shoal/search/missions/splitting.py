@@ -1,4 +1,4 @@
-"""A route in pieces that a vehicle's memory and battery hold."""
+"""Division of a route into sorties that fit the autopilot's memory and the battery."""
 
 from __future__ import annotations
 
@@ -15,39 +15,39 @@ from shoal.search.regions.outline_checks import Points, check_plane_points, text
 
 Ways = Callable[[Points, Points], ArrayLike]
 
-_FLAT = 2e-4  # of the time: what north on the plane is beside north on Earth
-_ROUNDING = 0.1  # seconds that are left for the rounding of coordinates in files
-_FINE = 0.01  # metres: how near to the battery's limit a leg is cut
-_SHORTEST = 0.1  # metres: where the battery brings the robot on by less, it brings it nowhere
+_FLAT = 2e-4  # relative to the time: difference between north in the plane and north on Earth
+_ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
+_FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
+_SHORTEST = 0.1  # metres: minimum progress of a sortie
 
 
 def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None, robot: int = 1) -> list[NDArray[np.float64]]:
-    """Return the waypoints of each sortie along a way, as `Flight.waypoints`.
+    """Return the waypoints of each sortie along a path, in the form of `Flight.waypoints`.
 
-    Each is flown as it will be written before it counts as one that memory and battery hold.
+    Each sortie is computed exactly as it will be written, to check that memory and battery suffice.
 
     Parameters
     ----------
     way : ndarray of float64, shape (k, 2) or (k, 3), k >= 1
-        Metres; the third column are altitudes.
+        Path in metres. The third column holds altitudes.
     flight : Flight
     room : int
-        Most waypoints of a sortie.
+        Maximum number of waypoints of a sortie.
     ways : callable, optional
-        Ways between home and points; straight if not given.
+        Paths between home and points. The default is straight.
     robot : int
         For messages.
 
     Raises
     ------
     InvalidInputError
-        If the battery or the room does not bring the robot on.
+        If battery or memory do not allow any progress.
     """
     return _Splitter(way, flight, room, ways, robot).parts()
 
 
 class _Splitter:
-    """Cuts at a distance along the way: as late as the battery and the room allow."""
+    """Cuts a path as late as battery and memory allow."""
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
@@ -66,14 +66,14 @@ class _Splitter:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return how far along the way a sortie from one place on can go."""
+        """Return how far along the path a sortie that starts at ``begin`` can go."""
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
         if not self._fits(begin, begin):
             self._refuse(begin)
         ahead = self.at[self.at > begin]
-        low, step = -1, 1  # the last vertex that is known to fit; none yet
+        low, step = -1, 1  # the last vertex known to be possible; none yet
         while low + step < len(ahead) and self._fits(begin, float(ahead[low + step])):
             low, step = low + step, 2 * step
         high = min(low + step, len(ahead))
@@ -82,7 +82,7 @@ class _Splitter:
             low, high = (middle, high) if self._fits(begin, float(ahead[middle])) else (low, middle)
         near, far = begin if low < 0 else float(ahead[low]), float(ahead[min(low + 1, len(ahead) - 1)])
         until = near
-        while far - until > _FINE:  # within a leg only the battery is finer than waypoints
+        while far - until > _FINE:  # inside a leg, only the battery is a finer limit than waypoints
             half = (until + far) / 2
             until, far = (half, far) if self._fits(begin, half) else (until, half)
         if until <= begin or (low < 0 and until - begin < _SHORTEST):
@@ -94,17 +94,17 @@ class _Splitter:
         return len(waypoints) <= self.room and self._flight(until).flown(waypoints).duration <= self.limit
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
-        """Return the waypoints that lead from home along a stretch of the way and home."""
+        """Return the waypoints from home along a section of the path and home."""
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
         return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
 
     def _flight(self, until: float) -> Flight:
-        """Return how a sortie goes: only the last one ends where the robot lands, the others end at home."""
+        """Return the flight of a sortie. Only the last sortie ends at the robot's landing point; the others end at home."""
         return self.flight if until >= float(self.at[-1]) else self.returning
 
     def _point(self, at: float) -> Points:
-        """Return the point of the way at a distance along it."""
+        """Return the point at a distance along the path."""
         leg = int(np.clip(np.searchsorted(self.at, at, side="right") - 1, 0, max(0, len(self.way) - 2)))
         if len(self.way) == 1 or at == self.at[leg]:
             return np.asarray(self.way[leg])
@@ -114,22 +114,22 @@ class _Splitter:
         return np.asarray(self.way[leg] + share * (self.way[leg + 1] - self.way[leg]))
 
     def _way_to(self, end: Points, at: float) -> Points:
-        """Return the way from a point of the route to home, or to where the robot lands, both included."""
+        """Return the path from a point of the route to home or to the landing point, including both ends."""
         point = self._point(at)
         way = np.array([point[:2], end])
         if self.ways is not None and not np.array_equal(*way):
             found = check_plane_points(self.ways(point[:2], end), what="way home")
             way = found if len(found) >= 2 else way
-        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])  # all the way at the altitude of the point
+        return np.column_stack([way, np.tile(point[2:], (len(way), 1))])  # the whole path has the altitude of the point
 
     def _between(self, begin: float, until: float) -> Points:
-        """Return the waypoints from one distance along the way to another."""
+        """Return the waypoints between two distances along the path."""
         inner = self.way[(self.at > begin) & (self.at < until)]
         ends = [self._point(begin)] if until == begin else [self._point(begin), self._point(until)]
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
 
     def _refuse(self, begin: float) -> None:
-        """Say why a sortie brings the robot no farther than to a place."""
+        """Raise an error that explains why a sortie makes no progress beyond a point."""
         shortest = self._sortie(begin, begin)
         if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
             raise InvalidInputError(
@@ -137,7 +137,7 @@ class _Splitter:
                 f"{text_of(self._point(begin))} and back have {len(shortest)}"
             )
         away = np.hypot(*(self.way[:, :2] - self.home).T)
-        farthest = self.way[int(np.argmax(away))]  # what will be the trouble next
+        farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
         needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
         raise InvalidInputError(
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, for {text_of(farthest)} is "

@@ -1,4 +1,4 @@
-"""SearchProblem: everything that defines a search but its seed: region, robots, what may go wrong, what there is to find."""
+"""SearchProblem: all settings of a search except its seed: region, robots, faults, targets and obstacles."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""What ``auto`` is where nothing is compared: the tour with the shortest way in every region."""
+"""The tour that ``auto`` means if nothing is compared: the tour with the shortest path in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""What ``auto`` chooses from where turns count, or the angle is chosen."""
+"""The tours that ``auto`` compares if turns take time or the angle is chosen."""
 
 FOOTPRINT = 10.0
-"""Metres: the side of what a robot sees of which nothing is said."""
+"""Default side of a robot's footprint in metres."""
 
 MOST_ROBOTS = 1000
-"""Robots of a search: sharing a tour takes memory for each pair of them."""
+"""Maximum number of robots, because the division of a tour needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
 
@@ -59,15 +59,15 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem(Problem):
-    """Robots without a coordinator search a region.
+    """A search of a region by robots without a coordinator.
 
-    The fields are the options of ``shoal search``, the fields of sweeps, and those of problem files. In Python a region may also be
-    a `SearchRegion`; starts, targets and obstacles may be arrays of points in metres.
+    The fields are the options of ``shoal search``, the fields of sweeps, and the fields of problem files. In Python, a region may
+    also be a `SearchRegion`. Starts, targets and obstacles may be arrays of points in metres.
 
     Raises
     ------
     InvalidInputError
-        For a value that is not of its field's kind, and for fields that do not go together.
+        If a value has the wrong type or range, or fields contradict each other.
 
     Notes
     -----
@@ -94,17 +94,17 @@ class SearchProblem(Problem):
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees: one number, or one for each robot such as 2,2,6. Default: what"
-        " the vehicle's camera or detector sees, or 10.",
+        None, help="Side of the square that a robot sees: one number, or one for each robot such as 2,2,6. Default: the view of "
+        "the vehicle's camera or detector, or 10.",
         unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
-        None, help="Altitudes at which the whole region is searched, along one tour. Default: the vehicle's altitude; "
-        "for a box, as many layers as footprints fill its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        None, help="Altitudes at which the whole region is searched, along one tour. Default: the vehicle's altitude; for a box, "
+        "as many layers as footprints fill its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
-        1, help="Number of searches of the whole region, by any robots. Every second one has its rows turned by 90 degrees.",
+        1, help="Number of searches of the whole region, by any robots. In every second one, the rows are rotated by 90 degrees.",
         least=1, most=100,
     )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
@@ -112,9 +112,9 @@ class SearchProblem(Problem):
         "metres; longitude and latitude for a region on Earth).", check=check_starts,
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Launch points anywhere, instead of --starts: one x,y for all robots, or one for each with semicolons"
-        " between (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, or "
-        "of a line such as a road, along which robots space themselves.",
+        None, help="Launch points anywhere, instead of --starts: one x,y for all robots, or one for each with semicolons "
+        "between (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, or of a line such as a "
+        "road, along which the robots are spaced evenly.",
         metavar="POINTS|FILE", check=check_places("launch"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
@@ -122,43 +122,43 @@ class SearchProblem(Problem):
         check=check_places("land"),
     )  # fmt: skip
     delays: tuple[float, ...] | None = option(
-        None, help="Delay of each robot's start. Default: if missions are written, the delays that keep them apart.", unit="s",
+        None, help="Delay of each robot's start. Default: if missions are written, the delays that keep robots apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers, check=check_delays,
     )  # fmt: skip
     tour: str = option(
-        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto is spanning-tree; where turns take time, or "
-        "the angle is chosen, it is the faster one of spanning-tree and boustrophedon.", names=TOURS,
+        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time, "
+        "or the angle is chosen, auto means the faster one of spanning-tree and boustrophedon.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
-        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto "
-        "plans all and takes the one that ends first; above 100,000 cells times robots it is hop.",
+        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto computes "
+        "all and uses the fastest; above 100,000 cells times robots auto means hop.",
         names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle, the shift of the rows and, if "
-        "--tour is auto, the tour that is fastest for one robot, turns included. Default: auto for a region on Earth, else 0.",
+        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle, the shift of the rows and, "
+        "if --tour is auto, the tour that is fastest for one robot, turns included. Default: auto for a region on Earth, else 0.",
         unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
-        (), help="Zones to keep out of, in the units of REGION. May be given again.", metavar="FILE", repeated=True, parse=list,
+        (), help="No-go zones, in the units of REGION. The option can be repeated.", metavar="FILE", repeated=True, parse=list,
         check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float = option(
-        0.0, help="Distance that all ways keep from the border of the region and from no-go zones.", unit="m", least=0
+        0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
     )
-    layer: str | None = option(None, help="Layer of a GeoPackage; needed if it has several.")
+    layer: str | None = option(None, help="Layer of a GeoPackage; required if the file has several.")
     inner: str | None = option(
         None, help="Meaning of an unmarked polygon inside another one: no-go or search. Without this option a file with "
         "such a polygon is refused.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
-        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery) or a file .toml or "
-        ".json, then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
+        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a file .toml "
+        "or .json, then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
-        None, help="Speed of each robot, as a multiple of the vehicle's.", metavar="R,R,...",
+        None, help="Speed of each robot, relative to the vehicle's speed.", metavar="R,R,...",
         parse=parse_numbers, check=lambda value: check_positive(value, "rates"),
     )  # fmt: skip
     multiplicity: int = option(1, help="Number of different robots that must search each cell.", least=1)
@@ -171,20 +171,21 @@ class SearchProblem(Problem):
         metavar="MODEL,...", check=check_network,
     )  # fmt: skip
     key: str | None = option(
-        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner only. Unsigned "
-        "and repeated messages are refused.", metavar="FILE",
+        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner only. "
+        "Unsigned and repeated messages are refused.", metavar="FILE",
         check=lambda value: check_path(value, "key", "the path of a file"),
     )  # fmt: skip
     packet: int | None = option(
-        None, help="Length limit of a message. Longer beacons go in several messages, each of use without the others.",
+        None, help="Maximum length of a message. A longer beacon is divided into several messages, each of which can be read "
+        "alone.",
         unit="bytes", least=64, most=65_507,
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
-        (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, "
-        "wrong-position:R:CELLS, liar:R. Robots R count from 1; times and energy count in cells. May be given again.",
+        (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
+        "liar:R. Robots R count from 1; times and energy count in cells. The option can be repeated.",
         metavar="FAULT,...", repeated=True, parse=list, check=check_faults, dump=dump_faults,
     )  # fmt: skip
-    crashes: int = option(0, help="Number of random robots that crash at random times, drawn with the seed.", least=0)
+    crashes: int = option(0, help="Number of random robots that crash at random times, drawn from the seed.", least=0)
     targets: Any = option(
         0, help="Targets to find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
         parse=parse_count_or_path, check=check_cells_at("targets"),
@@ -192,20 +193,20 @@ class SearchProblem(Problem):
     detection: float = option(1.0, help="Probability that a robot detects a target in a cell.", least=0, most=1)
     false_alarm: float = option(0.0, help="Probability that a robot reports a target in an empty cell.", least=0, most=1)
     obstacles: Any = option(
-        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover them"
-        " on the way and move from cell to cell.",
+        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover them during "
+        "the search and move from cell to cell.",
         metavar="N|FILE", parse=parse_count_or_path, check=check_cells_at("obstacles"),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages. Default: with at most 126 robots, and cells times robots at most a million."
+        None, help="Simulate robots and messages. Default: yes with at most 126 robots and at most a million cells times robots."
     )
     live: float | None = option(
-        None, help="Run one process for each robot, with real UDP, at this speed instead of a simulation. A crash kills "
-        "the process.", unit="cells/s", metavar="RATE", above=0,
+        None, help="Run one process for each robot, with real UDP, at this speed instead of a simulation. A crash kills the "
+        "process.", unit="cells/s", metavar="RATE", above=0,
     )  # fmt: skip
 
     def check_together(self) -> None:
-        """Refuse fields that do not go together; nothing is opened yet."""
+        """Refuse fields that contradict each other. No file is opened yet."""
         for name in ("footprint", "rates", "starts", "delays"):
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
@@ -238,13 +239,13 @@ class SearchProblem(Problem):
 
     @property
     def chosen_angle(self) -> float | None:
-        """The angle of the rows, degrees; None if it is to be chosen, as it is for a region on the earth unless one is given."""
+        """The angle of the rows in degrees, or None if it is to be chosen. A region on Earth without an angle chooses it."""
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the tours of which the soonest is taken, where a turn costs so many cells; of several passes one along rows."""
+        """Return the tours to compare if a turn costs ``turn_cost`` cells. For several passes, the tours follow rows."""
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:
@@ -253,12 +254,12 @@ class SearchProblem(Problem):
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
-        """The allocations of which the soonest is taken, the one first that is it most often."""
+        """The allocations to compare, with the one that is most often fastest first."""
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
     def has_layers(self) -> bool:
-        """Whether something may be searched in several layers."""
+        """Whether the search may have several layers."""
         return self.passes > 1 or len(self.bands or ()) > 1 or self._volume
 
     @property
@@ -268,7 +269,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """The altitudes at which all is searched, rising, metres: as asked for, the middles of a volume's layers, the vehicle's."""
+        """The altitudes of the search in metres, increasing: the given ones, the centres of a volume's layers, or the vehicle's."""
         if self.bands is not None:
             return self.bands
         if not self._volume:
@@ -282,7 +283,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle that was asked for, or the ideal one, at the lowest altitude; if it is ideal it climbs as it cruises."""
+        """The given vehicle, or the ideal one, at the lowest altitude. The ideal vehicle climbs at its cruise speed."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
@@ -290,19 +291,19 @@ class SearchProblem(Problem):
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
-        """Return the footprint that was asked for, or what the vehicle sees from an altitude; metres. In a volume it is all one."""
+        """Return the given footprint, or the vehicle's view from an altitude, in metres. In a volume it is the same everywhere."""
         vehicle = self._asked_vehicle
         seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)
         return self.footprint or seeing.row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
-        """The footprint that was asked for, or what the vehicle sees; of several altitudes from the lowest; metres."""
+        """The given footprint, or the vehicle's view from the lowest altitude, in metres."""
         return self.footprint_at(self.altitudes[0])
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots go from cell to cell, as they must where they may come upon obstacles."""
+        """Whether robots move from cell to neighbouring cell, which is necessary with unknown obstacles."""
         return self.obstacles not in (0, ())
 
     def open_place(self) -> SearchRegion:
@@ -315,22 +316,22 @@ class SearchProblem(Problem):
         return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
-        """Return the region's name with what is cut out of it; None for one that has been opened already."""
+        """Return the region's name with its no-go zones, or None for a region object."""
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in kept)))
 
     def place_is_file(self) -> bool:
-        """Tell whether the region, or a zone to keep out of, is a file."""
+        """Return whether the region or a no-go zone is a file."""
         return any(isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go))
 
     def place_digest(self) -> bytes:
-        """Return the outline."""
+        """Return the outline of the region."""
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:
-        """Refuse a region of several parts for robots that stay inside.
+        """Refuse a region of several parts for robots that must stay inside.
 
         Raises
         ------

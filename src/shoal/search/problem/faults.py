@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """The robot dies at a time and is never heard of again."""
+    """The robot stops at a time and is never heard of again."""
 
     robot: int
     time: float
@@ -23,7 +23,7 @@ class Crash:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """The robot neither moves, hears nor sends from one time to another, and then goes on where it was."""
+    """The robot does not move, receive or send between two times, and then continues where it stopped."""
 
     robot: int
     time: float
@@ -32,7 +32,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class Slow:
-    """The robot takes ``factor`` times as long as it says, from a time on."""
+    """From a time on, the robot needs ``factor`` times as long as it declares."""
 
     robot: int
     factor: float
@@ -41,7 +41,7 @@ class Slow:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The robot dies when it has moved for so long since it was last recharged, whatever it believes."""
+    """The robot stops when it has moved for this long since its last recharge, whatever its own estimate."""
 
     robot: int
     energy: float
@@ -49,7 +49,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class WrongPosition:
-    """The robot takes its start for another cell, ``off`` cells further along the tour; afterwards it knows where it is."""
+    """The robot believes that it starts in another cell, ``off`` cells further along the tour. Later it knows its position."""
 
     robot: int
     off: int
@@ -57,7 +57,7 @@ class WrongPosition:
 
 @dataclass(frozen=True, slots=True)
 class Liar:
-    """The robot does not search, but says it has, and reports what is not there (paper H, footnote 5)."""
+    """The robot does not search but reports cells as searched, and reports findings that do not exist (paper H, footnote 5)."""
 
     robot: int
 
@@ -70,7 +70,9 @@ _SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 
 
 def check_faults(value: Any) -> tuple[Fault, ...]:
-    """Return faults, each given as itself or as a text such as ``crash:2@30``; several may stand in one text, with commas.
+    """Return faults.
+
+    Each is given as an object or as a text such as ``crash:2@30``; a text may contain several, separated by commas.
 
     Raises
     ------
@@ -95,7 +97,7 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
 
 
 def fault_text(fault: Fault) -> str:
-    """Return the text that `check_faults` reads as the fault.
+    """Return the text that `check_faults` parses as the fault.
 
     Examples
     --------
@@ -143,7 +145,7 @@ def _checked(fault: Any) -> Fault:
 
 
 def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
-    """Return how fast a robot is that says it is as fast as ``rate``.
+    """Return the true speed of a robot that declares the speed ``rate``.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""How the fields of a search are read from the command line, checked, and written as JSON."""
+"""Parsing, checking and JSON output of the fields of a search."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ AUTO = "auto"
 
 
 def check_region(value: Any) -> str | SearchRegion:
-    """Return the name or path of a region, or the opened one; one that `dump_region` wrote is opened."""
+    """Return the name or path of a region, or a region object. A region written by `dump_region` is opened."""
     if isinstance(value, SearchRegion):
         return value
     if isinstance(value, dict):
@@ -30,7 +30,7 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path, or a name, as text."""
+    """Return a path or a name as text."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
@@ -56,7 +56,7 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
 
 
 def dump_region(value: str | SearchRegion) -> Any:
-    """Return a region as JSON holds it: by name, or as well-known text with its place on Earth."""
+    """Return a region for JSON: its name, or well-known text with its local frame."""
     if isinstance(value, str):
         return value
     import shapely
@@ -68,7 +68,7 @@ def dump_region(value: str | SearchRegion) -> Any:
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
-    """Return zones as files, Shapely polygons, and points as tuples."""
+    """Return no-go zones as files, Shapely polygons or tuples of points."""
     alone = isinstance(value, str | os.PathLike) or hasattr(value, "geom_type")
     if not alone and not isinstance(value, Sequence | np.ndarray):
         raise InvalidInputError(f"no_go: expected zones, got {shortened(value)}")
@@ -93,7 +93,7 @@ def _check_zone(zone: Any, number: int) -> Any:
 
 
 def dump_no_go(value: tuple[Any, ...]) -> list[Any]:
-    """Return zones as JSON holds them."""
+    """Return no-go zones for JSON."""
     import shapely
 
     return [{"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone for zone in value]
@@ -104,7 +104,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Return the number that a text of the command line says, or several with commas between."""
+    """Return one number, or several separated by commas, from a text of the command line."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -113,14 +113,14 @@ def parse_numbers(text: str) -> float | list[float]:
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Return the side of the square that all robots see, or one for each."""
+    """Return the footprint's side of all robots, or one for each robot."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_positive(value, "footprint")
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
-    """Return altitudes, rising."""
+    """Return altitudes in increasing order."""
     found = tuple(sorted(check_positive(value, "bands", "altitudes above 0")))
     if not found or len({*found}) < len(found):
         raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
@@ -128,12 +128,12 @@ def check_bands(value: Any) -> tuple[float, ...]:
 
 
 def check_vehicle(value: Any) -> Vehicle:
-    """Return the vehicle that a text, fields or a `Vehicle` describe."""
+    """Return the vehicle that a text, a mapping of fields or a `Vehicle` describes."""
     return vehicle_of(value)
 
 
 def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a robot") -> tuple[float, ...]:
-    """Return numbers above 0."""
+    """Return positive numbers."""
     if isinstance(value, int | float | np.number):
         value = (value,)  # of one robot
     if not isinstance(value, list | tuple | np.ndarray):
@@ -142,19 +142,19 @@ def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a ro
 
 
 def check_delays(value: Any) -> tuple[float, ...]:
-    """Return seconds, one a robot."""
+    """Return delays in seconds, one per robot."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise InvalidInputError(f"delays: expected numbers, 0 or more, one a robot, got {shortened(value)}")
     return tuple(check_number(one, what="delays", least=0) for one in value)
 
 
 def parse_angle(text: str) -> float | str:
-    """Return the angle that a text of the command line says, or "auto"."""
+    """Return the angle in a text of the command line, or "auto"."""
     return text if text == AUTO else float(text)
 
 
 def check_angle(value: Any) -> float | str | None:
-    """Return an angle in degrees, 0 to below 180, "auto", or None for what suits the region."""
+    """Return an angle in degrees from 0 to below 180, "auto", or None for the region's default."""
     if isinstance(value, str):
         if value != AUTO:
             raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")
@@ -168,7 +168,7 @@ def check_starts(value: Any) -> str | tuple[tuple[float, float], ...]:
 
 
 def check_places(what: str) -> Callable[[Any], Any]:
-    """Return the check of points as text, a file of them, or points in metres."""
+    """Return a function that checks points given as text, as a file, or as an array in metres."""
 
     def check(value: Any) -> Any:
         return check_path(value, what, "points or a file") if isinstance(value, str | os.PathLike) else _points(value, what)
@@ -177,12 +177,12 @@ def check_places(what: str) -> Callable[[Any], Any]:
 
 
 def parse_count_or_path(text: str) -> int | str:
-    """Return the number or the path that a text of the command line says."""
+    """Return the number or the path in a text of the command line."""
     return int(text) if text.lstrip("-").isdecimal() else text
 
 
 def check_cells_at(what: str) -> Callable[[Any], Any]:
-    """Return the check of a number of random cells, a CSV file of points, or the points themselves."""
+    """Return a function that checks a number of random cells, a CSV file of points, or an array of points."""
 
     def check(value: Any) -> Any:
         if isinstance(value, str | os.PathLike):
@@ -193,11 +193,11 @@ def check_cells_at(what: str) -> Callable[[Any], Any]:
 
 
 def check_network(value: Any) -> str:
-    """Return the description of a network; those of a perfect one are the same."""
+    """Return the description of a network. All descriptions of a perfect network give the same result."""
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"
 
 
 def dump_faults(value: tuple[Fault, ...]) -> list[str]:
-    """Return faults as JSON holds them."""
+    """Return faults for JSON."""
     return [fault_text(fault) for fault in value]

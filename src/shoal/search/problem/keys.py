@@ -1,4 +1,4 @@
-"""Key files: the secret that all robots of a search share, and by which they sign their messages."""
+"""Key files: the secret that all robots of a search share and sign their messages with."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _SHORTEST, _LONGEST = 16, 4096  # bytes
 
 
 def read_key(path: str) -> bytes:
-    """Return the key in a file, without the ends of lines around it.
+    """Return the key in a file, without surrounding line ends.
 
     Raises
     ------
     InvalidInputError
-        If it is no file that only its owner can read and write, of 16 to 4096 bytes.
+        If the path is not a file of 16 to 4096 bytes that only its owner can read and write.
     """
     try:
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:

@@ -1,4 +1,4 @@
-"""MissionOptions: how the missions of a plan are written and kept apart, declared once for commands and forms."""
+"""MissionOptions: settings for writing and separating the missions of a plan, declared once for commands and forms."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _check_names(value: Any) -> tuple[str, ...]:
 
 
 def parse_separation(text: str) -> tuple[float, ...]:
-    """Return the metres that a text of the command line says: HORIZONTAL or HORIZONTAL,VERTICAL.
+    """Return the metres in a text of the command line: HORIZONTAL or HORIZONTAL,VERTICAL.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def parse_separation(text: str) -> tuple[float, ...]:
 
 
 def check_separation(value: Any) -> tuple[float, ...]:
-    """Return a horizontal and a vertical separation in metres; (0,) for none.
+    """Return a horizontal and a vertical separation in metres, or (0,) for no separation.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def check_separation(value: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MissionOptions(Problem):
-    """How missions are written: the options of ``shoal search`` beside ``--missions``.
+    """How missions are written: the options of ``shoal search`` that belong to ``--missions``.
 
     Raises
     ------
@@ -81,19 +81,19 @@ class MissionOptions(Problem):
     )  # fmt: skip
     autopilot: str = option("px4", help="Autopilot of the missions.", choices=tuple(CAPS))
     altitude_frame: str = option("home", help="Reference of the vehicle's altitude in missions.", choices=FRAMES)
-    terrain: str | None = option(None, help="Heights of the ground: a GeoTIFF or an ESRI ASCII grid.", metavar="FILE")
+    terrain: str | None = option(None, help="Terrain heights: a GeoTIFF or an ESRI ASCII grid.", metavar="FILE")
     terrain_error: float = option(
         TERRAIN_ERROR, help="Largest error of the height above ground, also between waypoints.", unit="m", least=0.01,
         metavar="METRES",
     )  # fmt: skip
     separation: tuple[float, ...] = option(
-        (HORIZONTAL, VERTICAL), help="Distances seen from above and in height, in metres. Vehicles in flight keep at least "
-        "one of them; 0 for none.",
+        (HORIZONTAL, VERTICAL), help="Horizontal and vertical separation. Vehicles in flight keep at least one of the two; 0 "
+        "for none.",
         metavar="HORIZONTAL[,VERTICAL]", parse=parse_separation, check=check_separation,
     )  # fmt: skip
     delay_tolerance: float = option(
         DELAY,
-        help="Largest delay of each vehicle, independently of the others, for which the separation holds.",
+        help="Maximum unplanned delay of each vehicle, independent of the others. The separation holds despite it.",
         unit="s",
         least=0,
         metavar="SECONDS",
@@ -101,16 +101,16 @@ class MissionOptions(Problem):
     rally: str | None = option(
         None, help="File of rally points, where vehicles may land in an emergency: CSV or GeoJSON.", metavar="FILE"
     )  # fmt: skip
-    cap: int | None = option(None, help="Number of mission items that the autopilot stores.", least=1)
+    cap: int | None = option(None, help="Maximum number of mission items that the autopilot stores.", least=1)
 
     @property
     def kept_apart(self) -> Separation | None:
-        """What vehicles in flight keep; None for nothing."""
+        """The separation of vehicles in flight, or None."""
         horizontal, vertical = (*self.separation, VERTICAL)[:2]
         return Separation(horizontal, vertical, self.delay_tolerance) if horizontal else None
 
     def check_for(self, problem: SearchProblem) -> None:
-        """Refuse what no missions of a search could have; its region is opened.
+        """Refuse options that no missions of a search can satisfy. This opens the region.
 
         Raises
         ------

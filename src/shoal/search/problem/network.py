@@ -1,4 +1,4 @@
-"""How messages fare on the air: models that can be put one after another."""
+"""Network models of the robots' radio messages. Several models can be combined in sequence."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """One copy of a message on its way: how long it takes, whether it is damaged, and what another message comes in its place."""
+    """One copy of a message on its way: its delay, whether it is damaged, and a message that replaces it."""
 
     delay: float = 0.0
     damaged: bool = False
@@ -26,7 +26,7 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """From whom to whom a message goes, when, and how far that is, in cells."""
+    """Sender and receiver of a message, the time, and their distance in cells."""
 
     sender: int
     receiver: int
@@ -35,32 +35,32 @@ class Link:
 
 
 class Medium(Protocol):
-    """What becomes of the copies of a message."""
+    """A model of what happens to the copies of a message."""
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         ...
 
 
 @dataclass(frozen=True)
 class Loss:
-    """Each copy is lost with a probability: the paper's P_c is one minus it."""
+    """Each copy is lost with a probability. The paper's P_c is one minus this probability."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return [copy for copy in copies if rng.random() >= self.probability]
 
 
 @dataclass
 class Bursts:
-    """Gilbert and Elliott's model: each link is good or bad, and when it is bad nothing passes.
+    """Gilbert and Elliott's model: each link is good or bad, and a bad link loses every message.
 
     Parameters
     ----------
     worsen, mend : float
-        Probability, each time that a message is sent, that a good link turns bad, and a bad one good.
+        Probability per message that a good link becomes bad, and that a bad link becomes good.
     """
 
     worsen: float
@@ -68,7 +68,7 @@ class Bursts:
     bad: dict[tuple[int, int], bool] = field(default_factory=dict)
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         key = (link.sender, link.receiver)
         was = self.bad.get(key, False)
         self.bad[key] = rng.random() >= self.mend if was else rng.random() < self.worsen
@@ -77,87 +77,87 @@ class Bursts:
 
 @dataclass(frozen=True)
 class Range:
-    """Nothing passes farther than so many cells."""
+    """Messages are lost beyond a distance given in cells."""
 
     cells: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return copies if link.distance <= self.cells else []
 
 
 @dataclass(frozen=True)
 class Partition:
-    """From one time to another nothing passes between robots with even and with odd numbers."""
+    """Between two times, no messages pass between robots with even and robots with odd numbers."""
 
     since: float = 0.0
     until: float = inf
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         apart = (link.sender - link.receiver) % 2 and self.since <= link.time < self.until
         return [] if apart else copies
 
 
 @dataclass(frozen=True)
 class Delay:
-    """Each copy takes a random time up to twice the mean, so that later ones may overtake earlier ones."""
+    """Each copy takes a random time up to twice the mean, so later copies may overtake earlier ones."""
 
     mean: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return [replace(copy, delay=copy.delay + 2 * self.mean * float(rng.random())) for copy in copies]
 
 
 @dataclass(frozen=True)
 class Duplicates:
-    """Each copy comes a second time, a little later, with a probability."""
+    """With a probability, each copy arrives a second time, a little later."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < self.probability]
         return copies + again
 
 
 @dataclass(frozen=True)
 class Corruption:
-    """Each copy is damaged on the way with a probability."""
+    """With a probability, each copy is damaged on the way."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return [replace(copy, damaged=copy.damaged or rng.random() < self.probability) for copy in copies]
 
 
 @dataclass(frozen=True)
 class Replays:
-    """With a probability, somebody sends a message again that he has recorded before, of any robot."""
+    """With a probability, an attacker sends a recorded message of any robot again."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return [*copies, Copy(other="replay")] if rng.random() < self.probability else copies
 
 
 @dataclass(frozen=True)
 class Forgeries:
-    """With a probability, somebody without the key sends a message under a robot's number: that all is searched."""
+    """With a probability, an attacker without the key sends a message under a robot's number that declares all cells searched."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that go on."""
+        """Return the copies that the model passes on."""
         return [*copies, Copy(other="forgery")] if rng.random() < self.probability else copies
 
 
 @dataclass(frozen=True)
 class RadioNetwork:
-    """Media that each message passes one after another; none: all arrives at once."""
+    """A sequence of network models that each message passes. Without models, every message arrives at once."""
 
     media: tuple[Medium, ...] = ()
 
@@ -172,7 +172,7 @@ class RadioNetwork:
 
 
 def damage(data: bytes, rng: Generator) -> bytes:
-    """Return a message with some of its bytes changed."""
+    """Return a message with some bytes changed."""
     array: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8).copy()
     places = rng.integers(0, len(array), size=int(rng.integers(1, 4)))
     array[places] ^= rng.integers(1, 256, size=len(places)).astype(np.uint8)
@@ -193,15 +193,16 @@ _KINDS: dict[str, tuple[Callable[..., Medium], str, Sequence[tuple[float, float]
 
 
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
-    """Return the network that a text describes: models and their numbers, separated by commas.
+    """Return the network that a text describes: models with their numbers, separated by commas.
 
     Parameters
     ----------
     text : str
         ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P``,
-        ``corruption:P``, ``replays:P`` and ``forgeries:P``; times in those of a cell. "" or "perfect": all arrives at once.
+        ``corruption:P``, ``replays:P`` and ``forgeries:P``, with times in cell times. "" or "perfect": every message arrives at
+        once.
     loss : float
-        Probability that a message is lost, besides.
+        Additional probability that a message is lost.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""The envelope of a message: version, sender, stamp, and at its end a signature by a key, or else a checksum.
+"""The envelope of a message: version, sender and stamp, and at the end a signature (with a key) or a checksum.
 
-A stamp is the sender's clock in milliseconds, and more than that of its message before. Each is opened once; those before the last
-64 of a sender, and those too far from the receiver's own clock, are refused: so are messages that somebody has recorded and sends
-again, also to or from a robot that was switched off in between, as the clock goes on.
+A stamp is the sender's clock in milliseconds, increased if necessary so that it exceeds the previous stamp. A receiver opens each
+stamp only once. It refuses stamps older than the last 64 of a sender, and stamps too far from its own clock. This also refuses
+replayed messages, even for robots that were switched off in between, because their clocks continue.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ from shoal.search.protocol.messages import LONGEST, Beacon, decode_beacon, encod
 VERSION = 2
 _HEAD = 9  # bytes: version, sender (2), stamp (6)
 _SIGNATURE, _CHECKSUM = 8, 4  # bytes
-_REMEMBERED = 64  # stamps of each sender that messages may have overtaken one another by
+_REMEMBERED = 64  # number of stamps per sender by which messages may overtake each other
 
 
 def _seal(key: bytes, message: bytes) -> bytes:
-    """Return what ends a message: HMAC-SHA-256, shortened, by a key; without one CRC-32, which tells damage only."""
+    """Return the end of a message: a shortened HMAC-SHA-256 if there is a key, otherwise a CRC-32 against damage."""
     return hmac.digest(key, message, "sha256")[:_SIGNATURE] if key else crc32(message).to_bytes(_CHECKSUM, "little")
 
 
 class Sender:
-    """Makes the messages of one robot.
+    """Creates the messages of one robot.
 
     Parameters
     ----------
     number : int
-        Of the robot.
+        Number of the robot.
     key : bytes
-        By which messages are signed; b"" for messages with a checksum.
+        Key that signs the messages; b"" for messages with a checksum.
     most : int
-        How long messages are at the most, bytes.
+        Maximum length of a message in bytes.
     """
 
     def __init__(self, number: int, key: bytes = b"", most: int = LONGEST) -> None:
         self._number, self._key, self._most, self._stamp = number, key, most, -1
 
     def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
-        """Return the messages that tell a beacon at a time, milliseconds."""
+        """Return the messages that transmit a beacon at a time given in milliseconds."""
         room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
         return [self._message(body, clock) for body in encode_beacon(beacon, room)]
 
@@ -52,19 +52,19 @@ class Sender:
 
 
 class Receiver:
-    """Opens the messages that one robot gets, the cheapest refusals first.
+    """Opens the messages that one robot receives. The fastest checks come first.
 
     Parameters
     ----------
     key : bytes
     robots, cells : int
-        Numbers of robots are from 1 to the first, those of cells less than the second.
+        Number of robots (numbered from 1) and number of cells (numbered from 0).
     most : int
-        Longer messages are refused unread, bytes.
+        Maximum length of a message in bytes. Longer messages are refused unread.
     window : int
-        How far a stamp may be from the receiver's clock, milliseconds.
+        Maximum difference between a stamp and the receiver's clock in milliseconds.
     share : int
-        How many messages of one sender are opened in a second.
+        Maximum number of messages per sender and second.
     """
 
     def __init__(
@@ -77,12 +77,12 @@ class Receiver:
         self._counts: dict[int, tuple[int, int]] = {}
 
     def open(self, message: bytes, clock: int) -> Beacon:
-        """Return what a message tells that comes at a time, milliseconds.
+        """Return the content of a message received at a time given in milliseconds.
 
         Raises
         ------
         InvalidInputError
-            If it is not of this version and search, damaged, signed by nobody who has the key, or has been opened before.
+            If the message has another version or search, is damaged, has no valid signature, or was opened before.
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:
@@ -99,7 +99,7 @@ class Receiver:
         return decode_beacon(sender, message[_HEAD:end], cells=self._cells, robots=self._robots + 1)
 
     def _count(self, sender: int, clock: int) -> None:
-        """Refuse what is more than a sender's share of a second."""
+        """Refuse messages beyond a sender's limit per second."""
         second, count = self._counts.get(sender, (-1, 0))
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count

@@ -15,14 +15,14 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Wake:
-    """The time has come for which the robot has asked to be woken."""
+    """The time at which the robot asked to be woken has come."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A beacon has come."""
+    """A beacon was received."""
 
     time: float
     beacon: Beacon
@@ -30,9 +30,9 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """The robot has come to the cell that it wanted to search and has searched it; ``found`` if there is something.
+    """The robot has reached its target cell and searched it. ``found`` is true if it found something.
 
-    What it has found in cells around, which it sees with a wider footprint, is ``beside``.
+    With a wider footprint, ``beside`` lists the findings in the cells around.
     """
 
     time: float
@@ -43,7 +43,7 @@ class Sensed:
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
-    """Another robot is in the cell that it wanted to enter; the robot stands before it."""
+    """Another robot is in the cell that the robot wanted to enter. The robot stands in front of it."""
 
     time: float
     cell: int
@@ -51,7 +51,7 @@ class Blocked:
 
 @dataclass(frozen=True, slots=True)
 class Obstructed:
-    """A cell on the way cannot be entered by any robot; the robot stands in the cell before it, ``at``."""
+    """A cell on the way is blocked for every robot. The robot stands in the cell before it, ``at``."""
 
     time: float
     cell: int
@@ -60,7 +60,7 @@ class Obstructed:
 
 @dataclass(frozen=True, slots=True)
 class Recharged:
-    """The robot is at its start with all its energy."""
+    """The robot is at its start with full energy."""
 
     time: float
 
@@ -70,7 +70,7 @@ Event = Begin | Wake | Heard | Sensed | Blocked | Obstructed | Recharged
 
 @dataclass(frozen=True, slots=True)
 class Go:
-    """Go to a cell and search it, from cell to cell ``through`` some, itself the last, if there may be obstacles."""
+    """Go to a cell and search it. If there may be obstacles, ``through`` lists the cells of the path, including the target."""
 
     cell: int
     through: tuple[int, ...] = ()
@@ -78,7 +78,7 @@ class Go:
 
 @dataclass(frozen=True, slots=True)
 class GoHome:
-    """Go to the start and recharge, ``through`` cells that are known to be free, if there may be obstacles."""
+    """Go to the start and recharge. If there may be obstacles, ``through`` lists cells known to be free."""
 
     through: tuple[int, ...] = ()
 
@@ -92,14 +92,14 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class WakeAt:
-    """Be woken at a time; it takes the place of the time asked for before."""
+    """Request to be woken at a time. It replaces the previous request."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """All is searched."""
+    """Declare that all cells are searched."""
 
 
 Action = Go | GoHome | Send | WakeAt | Declare

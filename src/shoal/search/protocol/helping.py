@@ -1,8 +1,8 @@
-"""Help: robots with nothing else to do share what dead and late ones leave, each by itself.
+"""Help: idle robots divide the remaining cells of dead and late robots, each by its own decision.
 
-What is left of a part is stretches of cells that nobody is known to have searched. Somebody may be at the front of each, as
-heartbeats tell. A helper goes to where the two would be done at the same time, and on from there in the same direction. Helpers
-reckon in the same order who of them goes where, so that few go to one place.
+The rest of a part consists of runs of cells that nobody is known to have searched. According to the heartbeats, a robot may be at
+the front of each run. A helper enters a run where both would finish at the same time, and searches from there in the same
+direction. All helpers compute in the same order which helper goes where, so few choose the same place.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from shoal.search.allocation.arcs import Arc
 from shoal.search.protocol.inference import can_come, is_late, is_live, speed_of
 from shoal.search.protocol.state import Robot
 
-_WORTH = 1.0  # cells: what helping must gain
+_WORTH = 1.0  # cells: minimum gain of helping
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Cells in a row that are left, in the order of the search, and how fast it goes from the front: 0 if nobody is there.
+    """Consecutive remaining cells in search order, and the pace at which a robot searches them from the front; 0 without a robot.
 
-    ``late`` is how long who searches from the front is still on the way there.
+    ``late`` is the remaining travel time of the robot that will search from the front.
     """
 
     first: int
@@ -32,14 +32,14 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return what it becomes when a robot of a pace enters it so many cells after its front."""
+        """Return the two runs that result when a robot with a given pace enters ``ahead`` cells after the front."""
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return where to help, None if nowhere: a cell that it wants to search, of its own part or that of a dead or late robot."""
+    """Return the cell where the robot should help, or None: an unsearched cell of its own part, or of a dead or late robot."""
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
     offered = [
@@ -55,7 +55,7 @@ def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None
     ]
     for stretch in stretches:
         if not stretch.pace and stretch.first == (robot.cell + stretch.step) % n:
-            return stretch.first  # it goes on
+            return stretch.first  # the robot continues
     for back in range(1, len(parts) + 1):
         number = parts[offered[0] - back].robot
         if number == robot.number:
@@ -71,7 +71,7 @@ def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None
 
 
 def is_taken(robot: Robot, cell: int, time: float) -> bool:
-    """Tell whether another robot that lives is searching a cell, or on the way to it."""
+    """Return whether another live robot is searching a cell or moving to it."""
     return any(
         peer.heartbeat.place == cell and peer.heartbeat.status == "searching" and is_live(robot, number, time)
         for number, peer in robot.peers.items()
@@ -79,7 +79,7 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 
 
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
-    """Tell whether it is late itself, and another robot is free that is not: then it goes on where it is, but nowhere else."""
+    """Return whether the robot itself is late while another robot is idle and not late. Then it continues, but helps nowhere."""
     return is_late(robot, robot.number, time) and any(
         peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)
         for number, peer in robot.peers.items()
@@ -91,7 +91,7 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
-    """Yield the stretches of an arc in the order of its work, from robot to robot that searches there."""
+    """Yield the runs of an arc in work order, divided at the robots that search there."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
     fronts: dict[int, tuple[float, float]] = {}
@@ -103,7 +103,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
             cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
             rate, pace = speed_of(robot, number, time)
             late = max(peer.since + peer.way / rate - time, 0.0) if left >> cell & 1 else 0.0
-            while own >> cell & 1:  # what it has searched since it told of its place
+            while own >> cell & 1:  # cells searched since its last reported position
                 own, cell = own & ~(1 << cell), (cell + arc.step) % n
             if left >> cell & 1:
                 fronts[cell] = max(fronts.get(cell, (0.0, 0.0)), (pace, late))
@@ -118,7 +118,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the stretch at which a robot gains most, and how far from the front it enters; None if it gains nothing."""
+    """Return the run where a robot gains most, and the entry's distance from the front; None without a gain."""
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
@@ -129,14 +129,14 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
         ahead = _ahead(stretch, way, pace)
         gain = (
             alone - way - (stretch.count - ahead) / pace
-        )  # until then who comes from the front has done the cells ahead, or will lose them
+        )  # until then, the robot from the front has searched the cells ahead, or will lose them
         if ahead < stretch.count and gain > most:
             best, most = (stretch, ahead), gain
     return best
 
 
 def _ahead(stretch: Stretch, way: float, pace: float) -> int:
-    """Return how far from the front a helper that takes so long to come enters a stretch."""
-    if not stretch.pace or stretch.count == 1:  # one that takes very long for its last cell may not be in it yet
+    """Return how far from the front a helper with a given travel time enters a run."""
+    if not stretch.pace or stretch.count == 1:  # a robot that needs very long for its last cell may not have reached it yet
         return 0
     return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

@@ -1,4 +1,4 @@
-"""Inference of a robot from what it has sensed and heard: which robots live, what is searched, what can be reached."""
+"""Inference of a robot from its sensing and the received messages: live robots, searched cells, reachable cells."""
 
 from __future__ import annotations
 
@@ -11,28 +11,31 @@ from shoal.search.cells.distances import CellDistances
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import at_least
 
-_FALSE_POSITIVE_RATE = 0.01  # of the failure detector
-MARK = 8.0  # beats: for so long, at the least, is looked back to tell how fast a robot is
-_TOLERATED, _BEATS = 0.25, 4.0  # a robot may be behind by this share of the time gone by, and so many beats
-_RELUCTANCE = 1.4  # so many times that before it says so itself: others are to know it sooner
-_CRAWL = 1e-3  # share of its declared speed below which no robot is taken to fall
-_SILENCE = (3.0, 40.0)  # beats: the least and the greatest silence after which a robot is presumed dead
+_FALSE_POSITIVE_RATE = 0.01  # false-positive rate of the failure detector
+MARK = 8.0  # beats: minimum observation time for estimating a robot's speed
+_TOLERATED, _BEATS = 0.25, 4.0  # a robot may be behind by this fraction of the elapsed time plus this number of beats
+_RELUCTANCE = 1.4  # a robot reports itself late only at this multiple, so that others know it sooner
+_CRAWL = 1e-3  # fraction of its declared speed that is the lower bound of a robot's estimated speed
+_SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot is presumed dead
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
-    """Return what it costs to go from a cell to another and search it; ``fresh`` if the first one was not searched just now."""
+    """Return the cost of moving from one cell to another and searching it.
+
+    ``fresh`` means that the first one was not just searched.
+    """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
 
 def obstacles(robot: Robot) -> int:
-    """Return the cells, as bits, that it takes for obstructed: what it has found itself, and what enough others say."""
+    """Return a bitset of blocked cells: those that the robot found itself, and those that enough other robots report."""
     if not robot.closed:
         return 0
     return robot.closed.get(robot.number, 0) | at_least(list(robot.closed.values()), robot.brief.multiplicity)
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
-    """Return the cells, as bits, that it can reach, and those that it or another one that it takes for alive can."""
+    """Return bitsets of the cells that the robot can reach, and of the cells that it or another live robot can reach."""
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
@@ -47,7 +50,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return after how long a silence a robot is taken for dead: longer where many messages are lost."""
+    """Return the silence after which a robot is presumed dead. It is longer if many messages are lost."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -59,19 +62,19 @@ def _silent_beats(lost: int, got: int) -> float:
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:
-    """Tell whether a robot takes another one for alive."""
+    """Return whether a robot presumes another robot alive."""
     peer = robot.peers.get(number)
     return number == robot.number or (peer is not None and time - peer.heard <= silence_limit(robot))
 
 
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Tell whether another robot lives and can reach what this one can, ``own``."""
+    """Return whether another robot is alive and can reach the cells ``own`` that this robot can reach."""
     peer = robot.peers.get(number)
     return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return how fast a robot goes, and how many cells it searches at a time: as declared, less what it has been behind of late."""
+    """Return a robot's speed and its search rate in cells: as declared, reduced by its recent delay."""
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:
@@ -85,7 +88,7 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 
 
 def is_late(robot: Robot, number: int, time: float) -> bool:
-    """Tell whether a robot is behind what it has declared, by much more than a healthy one ever is; of itself it says so later."""
+    """Return whether a robot is behind its declared speed by more than a healthy one ever is. The limit for itself is higher."""
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
     peer = robot.peers.get(number)
@@ -97,12 +100,15 @@ def _tolerated(robot: Robot, time: float) -> float:
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:
-    """Tell whether it still hopes for what only others can do; with ``multiplicity`` two might hope for one another for ever."""
+    """Return whether the robot still waits for cells that only others can search.
+
+    With ``multiplicity``, robots could wait for each other.
+    """
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 
 
 def settled(robot: Robot, time: float) -> int:
-    """Return the cells that need no more searching, as bits."""
+    """Return a bitset of the cells that need no further search."""
     seen = robot.searched
     if robot.closed:
         seen = {number: seen.get(number, 0) | robot.closed.get(number, 0) for number in {*seen, *robot.closed}}
@@ -111,7 +117,7 @@ def settled(robot: Robot, time: float) -> int:
         return at_least(everyone, 1)
     mine = seen.get(robot.number, 0)
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
-    for number, peer in robot.peers.items():  # what all live ones have searched cannot be searched by more
+    for number, peer in robot.peers.items():  # cells that all live robots have searched cannot be searched by more
         if is_live(robot, number, time) and _waits_for_others(robot, time):
             theirs = seen.get(number, 0)
             if isinstance(distances, CellDistances):
@@ -121,7 +127,7 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return the cells, as bits, that it knows to be free of obstacles: it or another one that sees no farther has been there."""
+    """Return a bitset of cells known to be free: the robot, or another robot that sees no farther, has been there."""
     wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)

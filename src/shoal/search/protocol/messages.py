@@ -1,7 +1,7 @@
-"""What robots tell one another, and how it looks on the wire: numbers of variable length, sets of cells as intervals of the tour.
+"""Content and encoding of the robots' messages: numbers of variable length, and sets of cells as intervals of the tour.
 
-Every message holds whole facts, each of which is true for itself: a beacon that is too long for one message goes in several, of
-which any may be lost, doubled or overtaken.
+Every message contains complete facts, each of which is true by itself. A beacon that is too long is divided into several messages.
+Any of them may be lost, duplicated or reordered.
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from shoal.search.cells.footprint import WIDEST
 from shoal.search.tours.bitset import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]
-LONGEST = 1200  # bytes of a message unless another length is asked for: it passes every network in one piece
-SHORTEST = 64  # bytes that a message may have at the least
-MOST_CELLS = 1 << 26  # of a tour that messages speak of
+LONGEST = 1200  # default maximum of a message in bytes: it passes every network in one piece
+SHORTEST = 64  # smallest allowed maximum of a message in bytes
+MOST_CELLS = 1 << 26  # cells of a tour
 MOST_ROBOTS = 1 << 16
 LAG_UNIT = 1 / 16
 
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The latest heartbeat of a robot: its number, how many beacons it had sent, where it started, its speed and its status.
+    """The latest heartbeat of a robot: its number, the number of beacons it had sent, its start, speed and status.
 
-    Besides, how many cells wide its footprint is, the cell that it is in or on the way to, and how far it is behind: how
-    much longer it has taken for its ways than by its speed.
+    It also contains the footprint's width in cells, the robot's current or target cell, and its lag: the additional time that its
+    paths took compared with its speed.
     """
 
     robot: int
@@ -44,19 +44,19 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """What a robot tells, again and again, so that no single message matters.
+    """The regular broadcast of a robot. Its content is repeated, so that no single message is essential.
 
     Parameters
     ----------
     sender : int
     heartbeats : tuple of Heartbeat
-        Of the sender, first, and of others that it has heard of, from themselves or from others.
+        Heartbeat of the sender, followed by heartbeats of other robots that it knows directly or indirectly.
     searched : tuple of (int, int)
-        By robot, cells that it says it has searched, as bits.
+        For each robot, the cells that it reports as searched, as a bitset.
     found : tuple of (int, int)
-        By cell, robots that have found something there, as bits.
+        For each cell with findings, the robots that found something, as a bitset.
     closed : tuple of (int, int)
-        By robot, cells that it says cannot be entered, as bits.
+        For each robot, the cells that it reports as blocked, as a bitset.
     """
 
     sender: int
@@ -74,7 +74,7 @@ _RATED, _WIDE = 4, 8  # flags beside the status
 
 
 def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
-    r"""Return the bodies of the messages that tell a beacon, each of so many bytes at most.
+    r"""Return the bodies of the messages that transmit a beacon, each at most ``most`` bytes long.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
 
 
 def _facts(beacon: Beacon) -> Iterator[bytes]:
-    """Yield all that a beacon tells in pieces that stand for themselves."""
+    """Yield the content of a beacon in pieces that are facts by themselves."""
     for heartbeat in beacon.heartbeats:
         yield _told(heartbeat)
     for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):
@@ -117,11 +117,11 @@ def _told(heartbeat: Heartbeat) -> bytes:
     return told + _numbers(heartbeat.width) if heartbeat.width > 1 else told
 
 
-_PIECE = 32  # bytes of intervals: a piece with the numbers before it fits into the shortest message
+_PIECE = 32  # bytes of intervals: a piece with the preceding numbers fits into the shortest message
 
 
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield some intervals, each as its distance from the end of the one before and its length, in short pieces."""
+    """Yield intervals in short pieces, each interval as its distance from the end of the previous one and its length."""
     body, count, end = bytearray(), 0, 0
     for first, length in found:
         if len(body) > _PIECE - 10:
@@ -133,7 +133,10 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
 
 
 def _numbers(*numbers: int) -> bytes:
-    """Return whole numbers, 0 or more, in seven bits a byte, the lowest first; all but the last byte of each have the high bit."""
+    """Return whole numbers, at least 0, as base-128 bytes, lowest first.
+
+    All bytes of a number except the last have the high bit set.
+    """
     body = bytearray()
     for number in numbers:
         rest = number
@@ -144,23 +147,23 @@ def _numbers(*numbers: int) -> bytes:
     return bytes(body)
 
 
-@lru_cache(maxsize=256)  # in a simulation all robots open the same bytes
+@lru_cache(maxsize=256)  # in a simulation, all robots decode the same bytes
 def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
-    """Return the beacon, or the part of one, that the body of a message tells.
+    """Return the beacon, or its part, from the body of a message.
 
     Parameters
     ----------
     sender : int
     body : bytes
     cells : int
-        Of the tour: numbers of cells are less.
+        Number of cells of the tour. Cell numbers are smaller.
     robots : int
-        Numbers of robots are less.
+        Upper limit of robot numbers (exclusive).
 
     Raises
     ------
     InvalidInputError
-        If it tells what cannot be.
+        If the content is impossible.
     """
     reader, heartbeats = _Reader(body), []
     sets: dict[int, dict[int, int]] = {_SEARCHED: {}, _FOUND: {}, _CLOSED: {}}
@@ -210,7 +213,7 @@ class _Reader:
         return float(struct.unpack_from("<d", self.body, self.at - 8)[0])
 
     def intervals(self, most: int) -> list[tuple[int, int]]:
-        """Return intervals of numbers less than ``most``."""
+        """Return intervals of numbers smaller than ``most``."""
         found, end = [], 0
         for _ in range(self.number(len(self.body))):
             first = end + self.number(most - 1)

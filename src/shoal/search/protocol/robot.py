@@ -1,15 +1,15 @@
-"""The robot: a pure state machine, (state, event) -> (state, actions). It knows what it has sensed and heard, and nothing else.
+"""The robot: a pure state machine, (state, event) -> (state, actions). It uses only what it has sensed and received.
 
 The same machine runs in the simulation (`shoal.search.simulation`) and in processes with radios (`shoal.search.simulation.live`).
 
-It listens, allots the tour to all that it has heard of, searches its own part, and then what those ahead of it that have fallen
-silent leave, as far as the next live robot's part; that one comes to meet it if it has nothing else to do. While others are at
-work it waits, but never longer than would let it search all that it does not know to be searched before it would have gone once
-round alone. So whatever is lost or dies, one robot that lives searches everything in that time (paper H, p. 4 to 7: "As long as at
-least one robot remains alive, the search should complete").
+The robot first listens and divides the tour among all robots that it knows. It searches its own part. Then it searches the
+remaining cells of the silent robots ahead, up to the part of the next live robot, which does the same from its side if it is idle.
+While other robots work, the robot waits. It never waits so long that it could no longer search all unsearched cells alone within
+the time of one complete round. Therefore a single surviving robot searches everything in that time, whatever messages or robots are
+lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should complete").
 
-On a tour with ways from cell to cell it may come upon a cell that cannot be entered. It tells the others, all go round, and what
-no robot can reach then is left out.
+On a tour with paths from cell to cell, the robot may find a blocked cell. It reports the cell to the others, and all robots avoid
+it. Cells that no robot can reach any more are left out.
 """
 
 from __future__ import annotations
@@ -46,17 +46,17 @@ from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
 
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
-_HELLOS = 8  # beacons while robots listen
+_HELLOS = 8  # number of beacons while robots listen
 
 
 Decision = tuple[Robot, Action | None, float]
-"""The state, what to do next, and until when to wait if it is nothing."""
+"""The state, the next action or None, and the time until which to wait if there is no action."""
 
 
 def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
-    """Return the state after an event, and what the robot does.
+    """Return the state after an event, and the robot's actions.
 
-    ``decide(robot, time)`` chooses where a robot goes that has nothing to do, in place of `next_action`.
+    ``decide(robot, time)`` chooses the destination of an idle robot. The default is `next_action`.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
 
 
 def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
-    """Add the beacon that is due."""
+    """Add the beacon if it is due."""
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
@@ -120,7 +120,7 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
 
 
 def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
-    """Return the state with all that a beacon tells."""
+    """Return the state after receiving a beacon."""
     peers, lost, got = dict(robot.peers), robot.lost, robot.got
     searched = _told(robot, robot.searched, beacon.searched)
     number = robot.number
@@ -142,7 +142,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return since when a peer's pace is reckoned: two moments, each some beats after the one before."""
+    """Return the reference moments for a peer's pace: two moments, each some beats after the previous one."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -151,7 +151,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return since when a peer is on its way to the place that it tells, and how long that way is."""
+    """Return when a peer started to its reported destination, and how long its path is."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -159,18 +159,18 @@ def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) ->
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
-    """Return sets of cells by robot with what another one tells of them."""
+    """Return the known sets of cells by robot, merged with the sets that another robot reports."""
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:
-            more = told & robot.brief.everything & ~bits  # what is no cell would never be settled
+            more = told & robot.brief.everything & ~bits  # bits that are no cells would never be settled
             if more:
                 known = {**known, other: bits | more}
     return known
 
 
 def _allotted(robot: Robot, time: float) -> Robot:
-    """Allot the tour to all robots heard of, if that leaves enough time to search all the rest alone."""
+    """Divide the tour among all known robots, if enough time remains to search all the rest alone."""
     brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
     known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
@@ -185,7 +185,7 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return what it costs to search what it wants to, from a cell on: first its own work, then all the rest round the tour."""
+    """Return the cost of searching all remaining cells alone from a cell on: first the own work, then the rest of the tour."""
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
@@ -201,7 +201,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return its own work, and where cells are searched by several robots that of those ahead, too."""
+    """Return the arcs of the robot's own work and, if several robots search each cell, the arcs of the robots ahead."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -210,8 +210,8 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 
 def next_action(robot: Robot, time: float) -> Decision:
-    """Return what to do next, and until when to wait if it is nothing."""
-    if robot.allotted_to <= len(robot.peers):  # it has heard of another one
+    """Return the next action, or the time until which to wait."""
+    if robot.allotted_to <= len(robot.peers):  # the robot knows another robot
         robot = _allotted(robot, time)
     done = settled(robot, time)
     own, anyone = reachable(robot, time)
@@ -228,15 +228,15 @@ def next_action(robot: Robot, time: float) -> Decision:
     if cell is None:
         return robot.but(status="waiting"), None, wake
     if _hops(robot, cell):
-        robot = robot.but(next_beat=time)  # others hear at once where it helps
+        robot = robot.but(next_beat=time)  # other robots learn at once where it helps
     robot = robot.but(aim=cell)
     return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time)
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
-    """Return where to see most of the part that a cell is in; the cell itself if then it could not search all the rest in time.
+    """Return the stop that sees most of the part around a cell, or the cell itself if the rest could not be searched in time.
 
-    What is in time is reckoned as if it saw a cell only, so that it never waits for more than it can do.
+    The time is computed for a footprint of one cell, so the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
@@ -252,7 +252,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Go to a cell, or home if the energy would not last for both."""
+    """Go to a cell, or home if the energy does not suffice for both."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -265,7 +265,7 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
         home = distances.cells(robot.cell, robot.start, unsure)
         need = (
             2 * cost + LOOK + distances.length(robot.cell, robot.start, unsure) + back - robot.way_out(cell)
-        )  # it may have to come back by the way that it went
+        )  # the robot may have to return along the same path
     else:
         cost = step_cost(tour_cost, robot.cell, cell, robot.fresh) + robot.way_out(cell)
         need = cost + (tour_cost.length(cell, robot.start) + back if robot.left < inf else 0.0)
@@ -277,7 +277,7 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
-    """Return the next cell of its own work."""
+    """Return the next cell of the robot's own work."""
     for arc in _arcs_to_search(robot):
         cell = arc.next_of(wanted, len(robot.brief.tour_cost))
         if cell is not None:
@@ -286,15 +286,15 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 
 
 def _hops(robot: Robot, cell: int) -> bool:
-    """Tell whether a cell is not beside the one in which it is, on the tour."""
+    """Return whether a cell is not adjacent to the robot's cell on the tour."""
     n = len(robot.brief.tour_cost)
     return (cell - robot.cell) % n not in (0, 1, n - 1)
 
 
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
-    """Return the next cell that others have left, or until when to wait for them; then it goes on with ``mine``, if there is one.
+    """Return the next cell left by others, or the time until which to wait for them and then continue with ``mine``, if any.
 
-    It goes nowhere from where it could not search all that is left alone in time.
+    The robot goes nowhere from where it could not search all remaining cells alone in time.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

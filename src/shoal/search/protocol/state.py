@@ -1,4 +1,4 @@
-"""State of a robot: what it is told at the beginning, what it knows of other robots, what it does."""
+"""The state of a robot: its initial information, its knowledge of other robots, and its current action."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.transits import WaysOut
 from shoal.search.protocol.messages import Heartbeat, Status
 
-_LINGER = 12  # beacons that a robot sends when all is done
+_LINGER = 12  # number of beacons that a robot sends after the search is complete
 
 
 @dataclass(frozen=True, slots=True)
 class Brief:
-    """What every robot knows from the beginning.
+    """The information that every robot has from the beginning.
 
     Parameters
     ----------
     tour_cost : TourCost
     allocator : str
-        How the tour is allotted; see `allocate`.
+        Name of the allocator that divides the tour; see `allocate`.
     multiplicity : int
-        How many robots must search each cell.
+        Number of different robots that must search each cell.
     hello : float
-        How long robots listen before they go; all times are those that a robot of speed 1 takes for a cell.
+        Time for which robots listen before they start. All times are in cell times of a robot of speed 1.
     beat : float
         Between beacons.
     energy : float
-        How long a robot can move before it must be back at its start to recharge.
+        Endurance: time in which a robot must return to its start to recharge.
     recharge : float
-        How long that takes.
+        Duration of recharging.
     ways_out : WaysOut, optional
-        Of robots that set out outside of the region.
+        Distances for robots that start outside the region.
     delays : tuple of float
-        How long after the others each sets out, by number from 1; none for none.
+        Departure delay of each robot, by number from 1; empty without delays.
     """
 
     tour_cost: TourCost
@@ -52,13 +52,13 @@ class Brief:
     delays: tuple[float, ...] = ()
 
     def listening(self, number: int) -> float:
-        """Return how long a robot listens, until it sets out."""
+        """Return how long a robot listens before it departs."""
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return how much longer the way to a cell is from where a robot sets out than from the cell where it starts.
+        """Return the extra distance to a cell from the robot's launch point, compared with the distance from its start cell.
 
-        Shorter where it is less than 0. A robot that goes from cell to cell comes in where it starts.
+        The value can be negative. A robot that moves from cell to cell enters the region at its start cell.
         """
         if self.ways_out is None or number not in self.ways_out:
             return 0.0
@@ -68,15 +68,15 @@ class Brief:
 
     @property
     def everything(self) -> int:
-        """All cells, as bits."""
+        """All cells as a bitset."""
         return (1 << len(self.tour_cost)) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows of another one: its latest heartbeat, when it came, and at two earlier moments how far it was behind.
+    """Knowledge about another robot: its latest heartbeat with the time of arrival, and its lag at two earlier moments.
 
-    ``since`` is when it was first heard to be on its way to where it is going, and ``way`` how long that is, in sides of a cell.
+    ``since`` is the time of the first report of its current destination, and ``way`` is the length of that path in cell sides.
     """
 
     heartbeat: Heartbeat
@@ -93,71 +93,71 @@ class Robot:
     Parameters
     ----------
     number : int
-        Its own, different from all others'.
+        Number of the robot, different for each robot.
     brief : Brief
     start : int
-        The number on the tour of the cell in which it starts.
+        Tour index of the robot's start cell.
     rate : float
-        How fast it moves and searches.
+        Speed in motion and search.
     width : int
-        How many cells wide its footprint is, odd.
+        Width of the footprint in cells, odd.
     status : str
         "listening", "searching", "waiting", "complete".
     cell : int
-        Where it has been last, the number on the tour.
+        Tour index of the robot's last cell.
     fresh : bool
-        Whether it has searched nothing since it was in ``cell`` without searching it.
+        Whether the robot has searched no cell since it entered ``cell`` without searching it.
     at_launch : bool
-        Whether it is where it sets out, which may be outside of the region.
+        Whether the robot is at its launch point, which may be outside the region.
     target : int or None
-        The cell that it is on the way to.
+        The cell to which the robot is moving.
     aim : int or None
-        What it goes there for: that cell, or with a wider footprint one that it sees from there.
+        The cell that the robot wants to see: the target or, with a wider footprint, a cell visible from the target.
     through : tuple of int
-        The cells of that way, if there may be obstacles.
+        The cells of the path to the target, if there may be obstacles.
     cost : float
-        Of going there and searching it.
+        Cost of moving to the target and searching it.
     parts : tuple of Part
-        Who is to search what, in the order of the tour.
+        The parts of all robots in the order of the tour.
     own : int
-        Which of them is its own; -1 before it listens no more.
+        Index of the robot's own part; -1 while it listens.
     peers : mapping of int to Peer
     searched : mapping of int to int
-        By robot, the cells that it is said to have searched, as bits.
+        For each robot, the cells that it reports as searched, as a bitset.
     found : mapping of int to int
-        By cell, the robots that have found something there, as bits.
+        For each cell with findings, the robots that found something, as a bitset.
     closed : mapping of int to int
-        By robot, the cells that it says cannot be entered, as bits.
+        For each robot, the cells that it reports as blocked, as a bitset.
     passed : int
-        The cells that it has been in or come by across a corner, as bits: they are free. Kept where there may be obstacles.
+        Bitset of free cells: those that the robot has entered, or passed across a corner. Used only if there may be obstacles.
     avoided : int
-        Cells where its way was blocked, until ``avoided_until``.
+        Bitset of cells to avoid until ``avoided_until``, because the path was blocked there.
     count : int
         Beacons sent.
     next_beat : float
-        When the next beacon is due.
+        Time of the next beacon.
     allotted_to : int
-        How many robots the tour was last allotted to.
+        Number of robots among which the tour was last divided.
     allotted_at : float
         When.
     began : float
-        When it was switched on.
+        Time at which the robot was switched on.
     deadline : float
-        When it would have searched everything alone.
+        Time at which the robot would have searched everything alone.
     left : float
         Energy.
     since : float
-        When it began to do what it does: to go somewhere, or to wait.
+        Time at which the current action began: a movement, or waiting.
     lag : float
-        How much longer than it takes by its rate it has needed for all its ways until then.
+        Total additional time of all previous paths, compared with its speed.
     lost, got : int
-        Messages that it knows to have missed, and others.
+        Number of messages known to be lost, and number of messages received.
     told : tuple of tuple of mapping
-        What it had searched, found and met when it sent its latest beacons.
+        The searched, found and blocked cells at the time of the latest beacons.
     window : int
-        The cell from which on its next beacon tells what is not new.
+        The cell from which the next beacon repeats known facts.
     lingering : int
-        How many beacons it will still send when all is done.
+        Number of beacons that the robot still sends after the search is complete.
     """
 
     number: int
@@ -199,19 +199,19 @@ class Robot:
 
     @property
     def mine(self) -> int:
-        """The cells that it has searched itself, as bits."""
+        """The cells that the robot itself has searched, as a bitset."""
         return self.searched.get(self.number, 0)
 
     def way_out(self, cell: int) -> float:
-        """Return how much longer its way to a cell is than from the cell where it starts; 0 once it has set out."""
+        """Return the extra distance to a cell compared with the distance from the start cell; 0 after departure."""
         return self.brief.from_launch(self.number, self.start, cell) if self.at_launch else 0.0
 
     def lag_at(self, time: float) -> float:
-        """Return how far it is behind what it has declared, the way that it is on included."""
+        """Return the robot's lag behind its declared speed, including the current path."""
         return self.lag if self.target is None else self.lag + max(time - self.since - self.cost / self.rate, 0.0)
 
     def but(self, **changes: Any) -> Robot:
-        """Return the same with other values: `dataclasses.replace`, but quick, as it happens at every message."""
+        """Return a copy with other values. It is a fast form of `dataclasses.replace`, because it is used for every message."""
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)
         other.__dict__.update(changes)

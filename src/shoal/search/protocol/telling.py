@@ -1,7 +1,7 @@
-"""What a beacon tells: what is new, several times, and of all else a share, so that in some beacons all is told.
+"""Content of a beacon: new facts, repeated several times, and a share of all known facts in rotation.
 
-All that is told are facts that stay true. So what is new (deltas) needs nothing that came before, and whoever has missed it hears
-it when its turn comes, from any robot that knows it.
+All facts stay true. New facts (deltas) therefore depend on no earlier message. A robot that misses a fact receives it later in
+rotation, from any robot that knows it.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from shoal.search.protocol.messages import LAG_UNIT, Beacon, Heartbeat
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import arc_bits
 
-_AGAIN = 4  # beacons that tell what is new
-_ROUND, _LAST_ROUND = 16, 4  # beacons in which all is told, and when the robot is done and will soon be silent
-_LEAST, _MOST = 8, 1000  # intervals of what is known already, in a beacon
-_RELAYED = 6  # heartbeats of others in a beacon, where there are no more than four times as many robots
+_AGAIN = 4  # number of beacons that repeat a new fact
+_ROUND, _LAST_ROUND = 16, 4  # number of beacons in which all facts are sent once; and the same when the robot will soon be silent
+_LEAST, _MOST = 8, 1000  # intervals of known facts per beacon
+_RELAYED = 6  # heartbeats of other robots per beacon, if there are at most four times as many robots
 
 
 def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
-    """Return the state after a beacon was sent, and the beacon."""
+    """Return the state after sending a beacon, and the beacon."""
     n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
     before: tuple[Mapping[int, int], ...] = robot.told[0] if len(robot.told) == _AGAIN else ({}, {}, {})
     window = _window(robot, n)
@@ -31,13 +31,13 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
 
 
 def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tuple[tuple[int, int], ...]:
-    """Return the cells by robot that are new or within a window of the tour."""
+    """Return the cells by robot that are new, or inside a window of the tour."""
     told = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
     return tuple((number, bits) for number, bits in told if bits)
 
 
 def _window(robot: Robot, n: int) -> int:
-    """Return a part of the tour, as bits, from where the last beacon's ended: with the share of what is known that it tells."""
+    """Return a window of the tour as a bitset. It starts at the end of the last beacon's window and contains its share of facts."""
     everything = robot.brief.everything
     total = _intervals(robot, everything)
     share = max(_LEAST, min(ceil(total / (_LAST_ROUND if robot.status == "complete" else _ROUND)), _MOST))
@@ -51,7 +51,7 @@ def _window(robot: Robot, n: int) -> int:
 
 
 def _intervals(robot: Robot, window: int) -> int:
-    """Return about how many intervals within a window of the tour the sets of cells have."""
+    """Return the approximate number of intervals of all sets of cells inside a window of the tour."""
     sets = [bits & window for bits in (*robot.searched.values(), *robot.closed.values())]
     return sum((bits & ~(bits << 1)).bit_count() for bits in sets) + sum(window >> cell & 1 for cell in robot.found)
 
@@ -63,7 +63,7 @@ def _own(robot: Robot, time: float) -> Heartbeat:
 
 
 def _relayed(robot: Robot) -> list[Heartbeat]:
-    """Return the heartbeats of some others, in turn."""
+    """Return the heartbeats of some other robots, in rotation."""
     others = sorted(robot.peers)
     count = max(_RELAYED, ceil(len(others) / 4))
     first = robot.count * count % max(len(others), 1) if count < len(others) else 0

@@ -1,4 +1,4 @@
-"""Transitions of a robot's state when it arrives: in the cell that it searches, or before one that it cannot enter."""
+"""State transitions of a robot on arrival: in its target cell, or in front of a blocked cell."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from shoal.search.protocol.events import Sensed
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import bitset_of
 
-_AVOIDED = 3.0  # cells: how long a robot goes elsewhere after its way was blocked
-LOOK = 1.0  # cells: what it costs to come up to an obstacle from the middle of the cell before it, and back
+_AVOIDED = 3.0  # cells: duration of avoiding a place after the path was blocked
+LOOK = 1.0  # cells: cost of approaching an obstacle from the centre of the previous cell, and returning
 
 
 def sensed(robot: Robot, event: Sensed) -> Robot:
-    """Stand where it has searched: what it sees from there is done."""
+    """Update the state after a search: the cells that the robot sees from its cell are searched."""
     cell, found = event.cell, robot.found
     seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
@@ -26,14 +26,14 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Go elsewhere for a while: two robots that want to pass one another would stand there for ever."""
+    """Avoid a cell for a while, because two robots that want to pass each other would stand still forever."""
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
 
 
 def obstructed(robot: Robot, cell: int, at: int) -> Robot:
-    """Stand before an obstacle, and tell of it."""
+    """Stop in front of an obstacle and report it."""
     tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
     left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK
@@ -43,6 +43,6 @@ def obstructed(robot: Robot, cell: int, at: int) -> Robot:
 
 
 def passed(robot: Robot, way: tuple[int, ...]) -> int:
-    """Return the cells, as bits, that it knows to be free because it came by, after some more."""
+    """Return a bitset of the cells known to be free because the robot passed them, including the cells of ``way``."""
     distances = robot.brief.tour_cost.distances
     return robot.passed | distances.crossed(robot.cell, way) if way and isinstance(distances, CellDistances) else robot.passed

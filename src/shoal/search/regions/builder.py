@@ -1,4 +1,4 @@
-"""From outlines as a file has them to a region in metres."""
+"""Creation of a region in metres from outlines in files or arrays."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
 from shoal.search.regions.region import SearchRegion, region_of
 
 INNER = ("no-go", "search")
-"""What an unmarked polygon inside another one may be."""
+"""The possible meanings of an unmarked polygon inside another one."""
 
 
 def open_region(
@@ -43,43 +43,42 @@ def open_region(
     across_zones: bool = False,
     inner: str | None = None,
 ) -> SearchRegion:
-    """Return a region by name, from a file, or of polygons.
+    """Return a region from a name, a file or polygons.
 
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
         A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
-        ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a
-        volume, from the origin). Or a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a
-        projection that the file names) or ``.csv`` (metres); see `shoal.search.regions.formats`.
-        Or the corners of a polygon, shape (n, 2), a Shapely polygon, or a sequence of these.
+        ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a volume, from the origin). Or a file:
+        ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a projection that the file names) or ``.csv`` (metres); see
+        `shoal.search.regions.formats`. Or the corners of a polygon, shape (n, 2), a Shapely polygon, or a sequence of these.
     holes : optional
-        Of polygons: corners of one, or a sequence of them, each in one of the polygons.
+        Holes of the polygons: the corners of one hole, or a sequence of holes. Each must lie in one of the polygons.
     geographic : bool
-        Whether polygons are longitude and latitude, degrees; else metres.
+        Whether polygon coordinates are longitude and latitude in degrees; otherwise they are metres.
     name : str, optional
-        Of the region; if not given, that of the source, or "polygon".
+        Name of the region. The default is the name of the source, or "polygon".
     no_go : optional
-        Zones that robots keep out of, in the units of the source (longitude and latitude, or metres): a file of one of the formats
-        above, points of shape (n, 2), a Shapely polygon, or a sequence of these. A file may hold no-go zones itself.
+        No-go zones in the units of the source (longitude and latitude, or metres): a file in one of the formats above, points of
+        shape (n, 2), a Shapely polygon, or a sequence of these. A region file may also contain no-go zones itself.
     layer : str, optional
-        Which layer of a GeoPackage; needed if it has several.
+        Layer of a GeoPackage; required if the file has several.
     across_zones : bool
-        Accept a region on both sides of a border between UTM zones. Shoal's own frame does not mind; other tools may.
+        Accept a region on both sides of a border between UTM zones. Shoal's own frame supports such regions; other tools may not.
     inner : "no-go" or "search", optional
-        What a polygon is that lies in another one, for the most part, and is not marked as a no-go zone. A file with such a polygon
-        is refused if it is not said.
+        Meaning of an unmarked polygon that lies mostly inside another one. Without this option, a file with such a polygon is
+        refused.
 
     Returns
     -------
     SearchRegion
-        Sides are straight in the local frame; from the line that is straight in degrees they differ by an amount that grows with
-        the square of their length.
+        Sides are straight in the local frame. The deviation from a line that is straight in degrees grows with the square of its
+        length.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        In one sentence that says where.
+        If the source is unknown or invalid. The message gives the location.
 
     Examples
     --------
@@ -111,7 +110,7 @@ def open_region(
 
 
 def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
-    """Return polygons given as corners or Shapely objects, with their holes."""
+    """Return polygons with their holes, from corners or Shapely objects."""
     import shapely
 
     several = _several(source)
@@ -130,7 +129,7 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 def build_region(
     found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool, inner: str | None = None
 ) -> SearchRegion:
-    """Return the region of some outlines, less the no-go zones among them and those given beside.
+    """Return the region of some outlines without the marked and the given no-go zones.
 
     Raises
     ------
@@ -173,12 +172,12 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
     for ring in outline.rings:
         _check_reach(ring, frame)
     flat = shapely.transform(degrees, frame.to_metres)
-    # A vertex that lay on a side in degrees may come out a hair beyond it.
+    # A vertex that lies on a side in degrees may lie slightly outside it in metres.
     return flat if flat.is_valid else flat.buffer(0)
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return which polygons lie in another one, for the most part; the same polygon twice is none."""
+    """Return which polygons lie mostly inside another one. Two equal polygons do not count."""
     import shapely
 
     inside: set[int] = set()
@@ -205,7 +204,7 @@ def _joined(polygons: list[Any]) -> Any:
 
 def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
-    points = points[np.isfinite(points).all(axis=1)]  # others are refused ring by ring, with their place
+    points = points[np.isfinite(points).all(axis=1)]  # other errors are reported for each ring, with its location
     if len(points) == 0:
         raise InvalidInputError(f"{where}: expected a region with vertices, got an empty one")
     west, east = float(points[:, 0].min()), float(points[:, 0].max())
@@ -216,7 +215,7 @@ def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> 
     frame = LocalFrame.around(points)
     for outline in searched:
         _check_reach(outline.shell, frame)
-    # A region that ends on a border between zones does not lie in both.
+    # A region that only touches a border between zones lies in one zone.
     zones = utm_zone(west), utm_zone(np.nextafter(east, west) if east > west else east)
     if zones[0] != zones[1] and not across_zones:
         raise InvalidInputError(
@@ -241,7 +240,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
 
 
 def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
-    """Return a no-go zone given beside the region as outlines in the region's units."""
+    """Return a separately given no-go zone as outlines in the region's units."""
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone, zones=True)
         if read.geographic != found.geographic:
@@ -254,7 +253,7 @@ def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
 
 
 def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
-    """Return the polygons of a Shapely object, or that of corners."""
+    """Return the polygons of a Shapely object, or the polygon of corners."""
     if hasattr(given, "geom_type"):
         outlines = polygon_outlines(given, what)
         if not outlines:
@@ -270,7 +269,7 @@ def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
 
 
 def _several(no_go: Any) -> Sequence[Any]:
-    """Return polygons as a sequence: one that stands alone is a file, a Shapely object or points."""
+    """Return polygons as a sequence. A single polygon is a file, a Shapely object or points."""
     if no_go is None:
         return []
     alone = isinstance(no_go, str | os.PathLike) or hasattr(no_go, "geom_type")

@@ -1,4 +1,4 @@
-"""Regions by name, in plain metres."""
+"""Built-in regions by name, in metres."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
-_CORNERS = 360  # of the polygon that stands for a circle
+_CORNERS = 360  # corners of the polygon that approximates a circle
 
 Shape = Callable[[str, list[float]], list[Points]]
 
 
 def builtin_region(text: str) -> RegionOutlines:
-    """Return the outline of a region called ``square:SIDE`` or alike; see `shoal.search.open_region`.
+    """Return the outline of a built-in region such as ``square:SIDE``; see `shoal.search.open_region`.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def builtin_region(text: str) -> RegionOutlines:
 
 
 def is_builtin(text: str) -> bool:
-    """Tell whether a text looks like the name of a region rather than of a file."""
+    """Return whether a text is the name of a built-in region rather than of a file."""
     return re.fullmatch(r"\w+(:[\w.+-]*)?", text) is not None and not re.search(r"\.[A-Za-z]\w*$", text)
 
 

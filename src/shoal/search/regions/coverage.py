@@ -1,4 +1,4 @@
-"""What the footprints of driven or flown routes leave of a region: by Shapely alone, without cells or tours."""
+"""Coverage of a region by the footprints of routes, computed with Shapely alone, independently of cells and tours."""
 
 from __future__ import annotations
 
@@ -14,30 +14,30 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion
 
-_FEW = 48  # swept shapes that are united at once
+_FEW = 48  # number of swept shapes that are united at once
 _GRID = TOUCH / 10  # metres
-_SMALLEST = 0.5  # of a footprint: blocks are not cut further, for what lies about a smaller one mostly covers it
+_SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, because the shapes around them mostly cover them
 
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """The area that was covered, and the ways outside of the region.
+    """The covered area, and the legs outside the region.
 
     Parameters
     ----------
     covered_fraction : float
-        Of the region's area, 0 to 1; what is narrower than a micrometre counts as seen.
+        Covered fraction of the region's area, 0 to 1. Gaps narrower than a micrometre count as covered.
     uncovered_m2 : float
     uncovered : shapely Polygon, MultiPolygon or GeometryCollection
-        What nobody saw.
+        The uncovered area.
     outside_m : float
-        Length of all legs outside of the region, or nearer to its border than its margin, beyond the tolerance; metres.
+        Total length in metres of all legs outside the region, or closer to its border than its margin, beyond the tolerance.
     legs_outside : int
-        How many legs leave it; a vehicle that stands counts as a leg.
+        Number of legs that leave the region. A stationary vehicle counts as a leg.
     length_m : float
-        Length of all legs.
+        Total length of all legs.
     area_m2 : float
-        Of the region.
+        Area of the region.
     """
 
     covered_fraction: float
@@ -52,22 +52,23 @@ class AreaCoverage:
 def coverage_check(
     region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH, angle: float = 0.0
 ) -> AreaCoverage:
-    """Measure the area that vehicles on some routes see, and where they leave the region.
+    """Measure the area that vehicles on some routes see, and the legs that leave the region.
 
-    A vehicle sees the square of side ``footprint`` around it, its sides along the axes or turned, all along its legs. From inside,
-    a vehicle can see every point of the region, for it can stand there: so the whole area counts.
+    A vehicle sees the square of side ``footprint`` around it, along all its legs. The sides of the square are parallel to the axes
+    or rotated by ``angle``. Every point of the region can be seen from inside, by a vehicle at this point, so the whole area
+    counts.
 
     Parameters
     ----------
     region : SearchRegion
     routes : sequence of array_like of float, each of shape (k, 2)
-        One for each vehicle: points in metres, straight legs between them. A route of one point is a vehicle that stands.
+        One route per vehicle: points in metres with straight legs between them. A route of one point is a stationary vehicle.
     footprint : float, or array_like of float
-        Metres; one for all, or one a route.
+        Side of the footprint in metres; one for all routes, or one per route.
     tolerance : float
-        Metres by which a leg may leave the region before it counts as outside: files round the coordinates of routes.
+        Distance in metres by which a leg may leave the region, because files round the coordinates of routes.
     angle : float
-        By how much the footprint's sides are turned from the axes, degrees counter-clockwise.
+        Rotation of the footprint's sides from the axes, in degrees counter-clockwise.
 
     Raises
     ------
@@ -103,7 +104,7 @@ def coverage_check(
 
 
 def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
-    """Return what was covered of several layers together; what is uncovered in one of them is so in the whole, seen from above.
+    """Return the combined coverage of several layers. An area that is uncovered in one layer is uncovered in the result.
 
     Examples
     --------
@@ -125,7 +126,7 @@ def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
 
 
 def _legs(ways: list[Points]) -> tuple[Points, Points]:
-    """Return both ends of the legs of all routes; those on one line in a row are one leg."""
+    """Return both ends of the legs of all routes. Consecutive collinear legs are merged."""
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for way in ways:
         if len(way) == 0:
@@ -139,7 +140,7 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Return a route without points on a straight leg: exactly straight, for this check trusts no tolerance."""
+    """Return a route without points on a straight leg. The test is exact, because this check uses no tolerance."""
     way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
     steps = np.diff(way, axis=0)
     turn = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
@@ -148,7 +149,7 @@ def _bends(way: Points) -> Points:
 
 
 def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
-    """Return legs without those driven before, in either direction."""
+    """Return legs without repetitions in either direction."""
     back = (starts[:, 0] > ends[:, 0]) | ((starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1]))
     legs = np.where(back[:, None], np.hstack([ends, starts]), np.hstack([starts, ends]))
     once = np.unique(legs, axis=0)
@@ -156,7 +157,7 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
 
 
 def footprints_along(starts: Points, ends: Points, half: float, angle: float) -> Any:
-    """Return what the footprint sweeps on each leg: the hull of the squares at both ends."""
+    """Return the area that the footprint sweeps on each leg: the hull of the squares at both ends."""
     import shapely
 
     way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
@@ -168,7 +169,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
 
 
 def _without(area: Any, shapes: Any, footprint: float) -> Any:
-    """Return an area less many shapes: cut into blocks with few shapes each, for the union of all at once is slow."""
+    """Return an area minus many shapes. The area is divided into blocks with few shapes each, because one large union is slow."""
     import shapely
 
     if len(shapes) == 0:
@@ -188,14 +189,14 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
         if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
             blocks += _halves(block)
         else:
-            # Snapped to a grid: without one, GEOS 3.13 loses whole footprints among many with nearly the same sides.
+            # Snapped to a grid: otherwise GEOS 3.13 loses whole footprints among many with almost equal sides.
             seen = shapely.union_all(shapes[near], grid_size=_GRID)
             left.append(shapely.difference(block, seen, grid_size=_GRID))
     return shapely.union_all([shape for shape in left if shape.area > 0])
 
 
 def _without_slivers(shape: Any) -> Any:
-    """Return a shape without the parts that are narrower than `TOUCH`: rounding leaves them between footprints."""
+    """Return a shape without parts narrower than `TOUCH`, which rounding leaves between footprints."""
     import shapely
 
     parts = shapely.get_parts(shape)
@@ -217,7 +218,7 @@ def _halves(block: Any) -> list[Any]:
 
 
 def _polygons(shape: Any) -> Any:
-    """Return the polygons of a shape: a cut that touches its border leaves lines beside them, which GEOS takes no more from."""
+    """Return the polygons of a shape. A cut along its border leaves lines, from which GEOS cannot subtract."""
     import shapely
 
     parts = shapely.get_parts(shape)
@@ -225,7 +226,7 @@ def _polygons(shape: Any) -> Any:
 
 
 def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:
-    """Return the footprint of each robot, metres; float64, shape (robots,).
+    """Return the footprint of each robot in metres; float64, shape (robots,).
 
     Raises
     ------

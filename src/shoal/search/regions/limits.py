@@ -1,4 +1,4 @@
-"""Limits of region files: what is larger is refused in one sentence, before it is unfolded."""
+"""Limits of region files. Larger files are refused with one sentence before they are unpacked."""
 
 from __future__ import annotations
 
@@ -8,35 +8,35 @@ import zlib
 from shoal.core.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
-"""Bytes of a region file, and of what a KMZ unfolds to."""
+"""Maximum size of a region file in bytes, and of a KMZ's unpacked content."""
 
 LARGEST_DATABASE = 2_000_000_000
-"""Bytes of a GeoPackage, of which only the layer that is asked for is read."""
+"""Maximum size of a GeoPackage in bytes. Only the requested layer of it is read."""
 
 MOST_CORNERS = 200_000
-"""Corners of all polygons of a file together."""
+"""Maximum number of corners of all polygons in a file."""
 
 MOST_POLYGONS = 10_000
-"""Polygons of a file, or rings of a table."""
+"""Maximum number of polygons of a file, or of rings of a table."""
 
 MOST_PAIRS = 200_000
-"""Pairs of rings of a table of which one lies around the other, or could."""
+"""Maximum number of pairs of rings of a table in which one ring lies, or may lie, around the other."""
 
 MOST_ELEMENTS = 300_000
-"""Elements of an XML file."""
+"""Maximum number of elements of an XML file."""
 
 DEEPEST = 100
-"""Levels of XML elements within each other."""
+"""Maximum nesting depth of XML elements."""
 
 
 ARCHIVE_FAULTS = (
     zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error,
 )  # fmt: skip
-"""What a damaged archive raises while it is read."""
+"""Exceptions that reading a damaged archive raises."""
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
-    """Refuse more than ``most`` things.
+    """Refuse more than ``most`` items.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Margins: how far robots keep from the border of a region and from no-go zones, and what they can then still see."""
+"""Margins: the distance of robots from the border of a region and from no-go zones, and the area that they can still see."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
-_SEGMENTS = 32  # of a quarter of a circle: arcs are within 0.03 % of the margin
-_POINTED = 2.0  # margins: how far from a corner ways may lead to bend once where they else follow an arc
-_COARSE = 0.02  # of the side of a square as large as a shape
-_SEEN = 1e-9  # of a region: what is unseen of it by rounding
+_SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
+_POINTED = 2.0  # margins: distance from a corner within which a path may bend once instead of following an arc
+_COARSE = 0.02  # relative to the side of a square with the area of a shape
+_SEEN = 1e-9  # relative to a region: unseen area that is rounding error
 
 
 def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
-    """Return a region inside of which robots keep a margin to its border, and so to what was taken out of it.
+    """Return a region in which robots keep a margin to its border and to its no-go zones.
 
     Parameters
     ----------
     region : SearchRegion
     margin : float
-        Metres, 0 or more.
+        Margin in metres, at least 0.
 
     Raises
     ------
     InvalidInputError
-        If nothing is left.
+        If no area is left.
 
     Examples
     --------
@@ -45,26 +45,26 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
 
 
 def grown(shape: Any, margin: float) -> Any:
-    """Return a shape with what is nearer to it than a margin: what `with_margin` keeps free of."""
+    """Return a shape grown by a margin: the area that `with_margin` keeps free."""
     return shape.buffer(margin, quad_segs=_SEGMENTS) if margin else shape
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape of few corners that holds all that `grown` returns."""
+    """Return a shape with few corners that contains the result of `grown`."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 
 
 def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -> SearchRegion:
-    """Return a region less what no robot sees that keeps the margin.
+    """Return a region minus the area that no robot can see while it keeps the margin.
 
     Parameters
     ----------
     region : SearchRegion
     footprint : float
-        Side of the square that a robot sees, metres.
+        Side of the square that a robot sees, in metres.
     angle : float
-        By how much the square is turned, degrees counter-clockwise.
+        Rotation of the square, in degrees counter-clockwise.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Rings of a region as they came from outside: checked one by one, with their place in the file."""
+"""Checks of a region's rings, with their location in the file."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from shoal.core.errors import InvalidInputError
 
 Points = NDArray[np.float64]
 
-_FLAT = 1e-12  # of the size squared: a ring with a smaller area has no inside
-_POLE = 89.9  # degrees of latitude: nearer to a pole "east" turns within a region
-FARTHEST = 1e9  # metres: beyond, a float64 cannot tell apart points that are a micrometre from each other
+_FLAT = 1e-12  # relative to the squared size: a ring with a smaller area has no interior
+_POLE = 89.9  # degrees of latitude: closer to a pole, the direction of east varies within a region
+FARTHEST = 1e9  # metres: beyond, a float64 cannot distinguish points a micrometre apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,13 +27,13 @@ class Ring:
     Parameters
     ----------
     points : ndarray of float64, shape (n, 2)
-        (x, y) in metres or (longitude, latitude) in degrees, as the file has them.
+        Points in the file's units: (x, y) in metres or (longitude, latitude) in degrees.
     where : str
-        The file and the place in it, for error messages.
+        The file and the location in it, for error messages.
     lines : ndarray of int64, shape (n,), optional
-        The line of the file that each vertex stands on.
+        The line number of each vertex in the file.
     no_go : bool
-        Whether the ring is marked as one of a no-go zone.
+        Whether the ring is marked as a no-go zone.
     """
 
     points: Points
@@ -42,13 +42,13 @@ class Ring:
     no_go: bool = False
 
     def vertex(self, index: int) -> str:
-        """Return where a vertex is, in words."""
+        """Return the location of a vertex in words."""
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
 
 
 @dataclass(frozen=True, eq=False)
 class RegionOutline:
-    """A polygon as it came from outside: a shell, its holes, and whether it is a part to search or one to keep out of."""
+    """A polygon from a file: an outer ring, its holes, and whether it is a no-go zone."""
 
     shell: Ring
     holes: tuple[Ring, ...] = ()
@@ -56,12 +56,12 @@ class RegionOutline:
 
     @property
     def rings(self) -> tuple[Ring, ...]:
-        """The shell, then the holes."""
+        """The outer ring, followed by the holes."""
         return self.shell, *self.holes
 
 
 def text_of(point: ArrayLike) -> str:
-    """Return a point as people write it.
+    """Return a point as text for messages.
 
     Examples
     --------
@@ -72,7 +72,7 @@ def text_of(point: ArrayLike) -> str:
 
 
 def check_plane_points(points: Any, *, what: str) -> Points:
-    """Return points as a finite float64 array, shape (n, 2); an empty list is no points.
+    """Return points as a finite float64 array of shape (n, 2). An empty list gives no points.
 
     Raises
     ------
@@ -82,13 +82,13 @@ def check_plane_points(points: Any, *, what: str) -> Points:
 
 
 def check_ring(ring: Ring, *, closed: bool = True) -> Points:
-    """Return the corners of a ring, closed, without repeats, float64, shape (n, 2).
+    """Return the corners of a ring, closed and without repetitions; float64, shape (n, 2).
 
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, the ring is not closed (and has to be), has fewer than 3 different vertices, is flat or
-        crosses itself.
+        If a coordinate is not finite, or the ring is not closed although the format requires it. Also if it has fewer than 3
+        different vertices, is flat or crosses itself.
     """
     points = ring.points
     finite = np.isfinite(points).all(axis=1)
@@ -130,7 +130,7 @@ def _check_shape(corners: Points, ring: Ring) -> None:
 
 
 def place_of(said: str) -> str:
-    """Return " at (x, y)" from what Shapely says of an invalid polygon, or nothing if it names no place.
+    """Return " at (x, y)" from Shapely's explanation of an invalid polygon, or an empty text without a location.
 
     Examples
     --------
@@ -147,7 +147,8 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
     Raises
     ------
     InvalidInputError
-        As `check_ring`, and if a hole lies outside the shell, crosses it or another hole, or shares a stretch with it.
+        For the reasons of `check_ring`, or if a hole lies outside the outer ring, crosses it or another hole, or shares a segment
+        with it.
     """
     from shapely import Polygon
     from shapely.validation import explain_validity
@@ -172,7 +173,7 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse metres so large that their fractions are lost.
+    """Refuse metres so large that fractions are lost.
 
     Raises
     ------
@@ -187,7 +188,7 @@ def check_metres(ring: Ring) -> None:
 
 
 def check_degrees(ring: Ring) -> None:
-    """Refuse what is no longitude and latitude, and what a flat map cannot hold: poles and the 180° meridian.
+    """Refuse invalid longitudes and latitudes, and regions that a plane map cannot show: poles and the 180° meridian.
 
     Raises
     ------
@@ -220,19 +221,19 @@ def check_degrees(ring: Ring) -> None:
 
 @dataclass(frozen=True, eq=False)
 class RegionOutlines:
-    """All polygons of a file or a name.
+    """All polygons of a file or a built-in region.
 
     Parameters
     ----------
     outlines : tuple of RegionOutline
     where : str
-        The file or name.
+        The file or the name.
     geographic : bool
-        Longitude and latitude in degrees (WGS84); else metres.
+        Whether coordinates are longitude and latitude in degrees (WGS84); otherwise metres.
     closed : bool
-        Whether rings have to repeat their first vertex at the end, as the format says.
+        Whether the format requires rings to repeat their first vertex at the end.
     height : float
-        Of the volume over them, metres; 0 for a plane.
+        Height of the volume above the polygons in metres; 0 for a plane region.
     """
 
     outlines: tuple[RegionOutline, ...]

@@ -1,4 +1,4 @@
-"""Places: points and lines that say where robots start, land, or find something."""
+"""Points and lines for the robots' starts, landing points, targets and obstacles."""
 
 from __future__ import annotations
 
@@ -18,19 +18,19 @@ from shoal.search.regions.outline_checks import Points, check_plane_points, text
 from shoal.search.regions.region import SearchRegion
 
 LAYOUTS = ("random", "clustered", "line")
-_CLUSTER = 0.05  # of the larger side: the spread of clustered starts
+_CLUSTER = 0.05  # relative to the larger side: standard deviation of clustered starts
 _NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
 _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
 
 
 def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what: str) -> Points:
-    """Return a place for each robot; metres, float64, shape (robots, 2).
+    """Return a point for each robot; metres, float64, shape (robots, 2).
 
     Parameters
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
-        Metres; as text in the units of the region: ``x,y``, several with semicolons between, or a CSV or GeoJSON file of points,
-        one for all or one a robot, or a GeoJSON file of a line, on which robots space themselves evenly.
+        Points in metres, or a text in the units of the region: ``x,y``, several separated by semicolons, a CSV or GeoJSON file of
+        points (one for all robots or one per robot), or a GeoJSON file of a line along which the robots are spaced evenly.
     region : SearchRegion
     robots : int
     what : str
@@ -65,12 +65,12 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
-    """Read points from a CSV or GeoJSON file; a heading may name the columns. Metres; float64, shape (k, 2).
+    """Read points from a CSV or GeoJSON file, whose heading may name the columns. Metres; float64, shape (k, 2).
 
     Raises
     ------
     InvalidInputError
-        With the file's name; of longitudes and latitudes that are swapped, that they are.
+        If the file is invalid or has swapped longitudes and latitudes. The message names the file.
     """
     points, line = _read(path, region, what)
     if line:
@@ -81,7 +81,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
 
 
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
-    """Return the points in a file, and whether they are a line."""
+    """Return the points in a file, and whether they form a line."""
     if path.suffix.lower() in (".geojson", ".json"):
         found, line = read_positions(path, what=f"file of {what}")
         return _in_metres(found, region, path, degrees=True), line
@@ -91,7 +91,7 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
 
 
 def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:
-    """Return points in metres; None for ``degrees`` is what the region has."""
+    """Return points in metres. None for ``degrees`` means the unit of the region."""
     if region.frame is None and degrees:
         raise InvalidInputError(f"{where}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
     if region.frame is None or degrees is False:
@@ -107,7 +107,7 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
 
 
 def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
-    """Refuse latitudes before longitudes, if that is what points outside of a region are."""
+    """Refuse points outside a region if swapping longitude and latitude would move them inside."""
     assert region.frame is not None
     try:
         swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())
@@ -121,7 +121,7 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
 
 
 class Cells(Protocol):
-    """What a region is cut into."""
+    """The interface of a grid of cells."""
 
     @property
     def region(self) -> SearchRegion:
@@ -129,14 +129,14 @@ class Cells(Protocol):
 
     @property
     def size(self) -> float:
-        """Side of a cell, metres."""
+        """Side of a cell in metres."""
 
     def waypoints(self) -> Points:
-        """Return the middles of the cells, metres; float64, shape (n, 2)."""
+        """Return the central viewpoints of the cells in metres; float64, shape (n, 2)."""
 
 
 def start_points(grid: Cells, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
-    """Return where robots start, metres; float64, shape (robots, 2); see `SearchProblem`."""
+    """Return the robots' start points in metres; float64, shape (robots, 2); see `SearchProblem`."""
     if not isinstance(starts, str):
         return grid.region.check_inside(starts, what="starts")
     if starts not in LAYOUTS:

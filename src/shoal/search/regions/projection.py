@@ -1,4 +1,4 @@
-"""A flat frame in metres around a place on Earth."""
+"""A plane local frame in metres around a point on Earth."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
-REACH = 100_000.0  # metres from the origin: the scale error there is 1.2e-4
+REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """Metres east and north of an origin, by a transverse Mercator projection of the WGS84 ellipsoid with scale 1 at the origin.
+    """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    Two numbers say all of it, so that whoever reads them works in the same frame. Angles are kept. Lengths are too long by the
-    share (east / R)² / 2: at most 4.9e-6 within 20 km of the origin, 3.1e-5 within 50 km and 1.2e-4 within 100 km (measured with
-    PROJ's own scale factors at latitudes 0 to 80 degrees: 5 mm in a kilometre at 20 km).
+    Two numbers define the frame, so every reader of them works in the same frame. Angles are preserved. Lengths are too long by the
+    fraction (east / R)² / 2: at most 4.9e-6 within 20 km of the origin, 3.1e-5 within 50 km and 1.2e-4 within 100 km. (Measured
+    with PROJ's own scale factors at latitudes 0 to 80 degrees; at 20 km the error is 5 mm per kilometre.)
 
     Parameters
     ----------
     longitude, latitude : float
-        Of the origin, degrees, WGS84.
+        Origin in degrees, WGS84.
 
     Raises
     ------
@@ -52,14 +52,14 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return the frame with its origin amid points, rounded to a millionth of a degree so that its text is exact."""
+        """Return a frame with its origin in the middle of points, rounded to a millionth of a degree so that its text is exact."""
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))
 
     @property
     def proj(self) -> str:
-        """The projection in PROJ's words."""
+        """The projection as a PROJ string."""
         return f"+proj=tmerc +lat_0={self.latitude!r} +lon_0={self.longitude!r} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m"
 
     def to_metres(self, lonlat: ArrayLike) -> Points:
@@ -71,7 +71,7 @@ class LocalFrame:
             If a point is farther from the origin than twice `REACH`.
         """
         array = check_plane_points(lonlat, what="longitudes and latitudes")
-        # What is far in degrees is refused before PROJ, whose series ends somewhere.
+        # Points that are far away in degrees are refused before PROJ, whose series is valid only near the origin.
         east = np.abs((array[:, 0] - self.longitude + 180) % 360 - 180) * np.cos(np.radians(array[:, 1]))
         near = np.maximum(east, np.abs(array[:, 1] - self.latitude)) * 110_000.0 <= 3 * REACH
         points = np.full(array.shape, np.inf)
@@ -110,7 +110,7 @@ def _transformer(proj: str) -> Any:
 
 
 def utm_zone(longitude: float) -> int:
-    """Return the number of the 6-degree zone of a longitude, 1 to 60.
+    """Return the number (1 to 60) of the UTM zone of a longitude.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The region to search: a polygon or several, with holes, in metres."""
+"""The region to search: one or several polygons with holes, in metres."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from shoal.search.regions.outline_checks import FARTHEST, Points, check_plane_po
 from shoal.search.regions.projection import LocalFrame
 
 MOST_LAYERS = 1000
-"""Of a volume."""
+"""Maximum number of layers of a volume."""
 
-TOUCH = 1e-6  # metres: who is nearer to the region than this is in it
+TOUCH = 1e-6  # metres: tolerance for points inside the region
 
 
 @dataclass(frozen=True, eq=False)
 class SearchRegion:
-    """A region to search: its area, holes and no-go zones. Made by `open_region` and `region_of`.
+    """A region to search with its holes and no-go zones. Use `open_region` or `region_of` to create it.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        What is to be seen. Valid, x east and y north in metres; no-go zones are taken out of it already, and what cannot be seen
-        with a margin (`shoal.search.regions.margin`). Its border belongs to it.
+        The area to be seen, valid, with x east and y north in metres. No-go zones are already excluded, and so is the area that
+        cannot be seen with a margin (`shoal.search.regions.margin`). The border belongs to the area.
     frame : LocalFrame or None
-        Where on Earth the metres are; None for plain metres.
+        Local frame on Earth, or None for metres without a position on Earth.
     no_go : shapely Polygon or MultiPolygon
-        The zones that were taken out; empty if there are none.
+        The excluded no-go zones; may be empty.
     name : str
     no_go_zones : int
-        How many zones were given, some of which may overlap or lie outside.
+        Number of given zones, some of which may overlap or lie outside.
     margin : float
-        How far robots keep from the border, metres.
+        Distance of robots from the border in metres.
     free : shapely Polygon or MultiPolygon, optional
-        Where robots may be; the area if not given.
+        The area where robots may be. The default is ``area``.
     outline : shapely Polygon or MultiPolygon, optional
-        The whole region, seen or not, less no-go zones; the area if not given.
+        The whole region without no-go zones, including unseen parts. The default is ``area``.
     height : float
-        How high the volume is whose ground the region is, metres; 0 for a plane.
+        Height in metres of the volume above the region; 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
-        A shape of fewer corners inside of ``free``, at which ways bend where they can.
+        A shape with fewer corners inside ``free``. Paths bend at its corners where possible.
     """
 
     area: Any
@@ -65,23 +65,23 @@ class SearchRegion:
 
     @property
     def area_m2(self) -> float:
-        """Square metres to be searched."""
+        """Area to be searched in square metres."""
         return float(self.area.area)
 
     @property
     def unseen_m2(self) -> float:
-        """Square metres of the region that no robot sees that keeps the margin."""
+        """Area in square metres that no robot can see while it keeps the margin."""
         return max(0.0, float(self.outline.area - self.area.area))
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """Least x, least y, largest x, largest y, in metres."""
+        """Smallest x, smallest y, largest x, largest y in metres."""
         left, low, right, high = self.area.bounds
         return float(left), float(low), float(right), float(high)
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """The polygons in which robots may be: none comes from one to another inside. Largest first."""
+        """The connected polygons in which robots may be, largest first."""
         import shapely
 
         pieces = shapely.get_parts(self.free)
@@ -89,7 +89,10 @@ class SearchRegion:
 
     @cached_property
     def reach(self) -> Any:
-        """Where robots may be, grown by half of `TOUCH` against rounding, prepared: points and lines are tested against it."""
+        """The area where robots may be, grown by half of `TOUCH` against rounding.
+
+        It is prepared for fast tests of points and lines.
+        """
         import shapely
 
         grown = self.free.buffer(TOUCH / 2, join_style="mitre")
@@ -98,7 +101,7 @@ class SearchRegion:
 
     @cached_property
     def border(self) -> Any:
-        """The border of `reach`, prepared: a segment from inside that does not meet it stays inside."""
+        """The border of `reach`, prepared for fast tests. A segment from inside that does not meet it stays inside."""
         import shapely
 
         border = shapely.boundary(self.reach)
@@ -106,7 +109,7 @@ class SearchRegion:
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Tell for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
+        """Return for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
         import shapely
 
         array = check_plane_points(points, what="points")
@@ -118,7 +121,7 @@ class SearchRegion:
         Raises
         ------
         InvalidInputError
-            If one lies outside the region, with its coordinates and how far it is.
+            If a point lies outside the region. The message gives its coordinates and its distance.
         """
         array = check_plane_points(points, what=what)
         outside = ~self.contains(array)
@@ -137,7 +140,7 @@ class SearchRegion:
         return array
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
-        """Return the middles of the layers, no thicker than a footprint, into which a volume is cut; metres, rising.
+        """Return the altitudes of a volume's layers, each at most a footprint thick; metres, increasing.
 
         Examples
         --------
@@ -154,7 +157,7 @@ class SearchRegion:
 
     @property
     def margin_text(self) -> str:
-        """The margin, as a sentence about the region goes on; nothing without one."""
+        """The margin as part of a message, or an empty text without a margin."""
         return f" with a margin of {self.margin:g} m" if self.margin else ""
 
     def __repr__(self) -> str:
@@ -166,24 +169,24 @@ class SearchRegion:
 def region_of(
     area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
 ) -> SearchRegion:
-    """Return the region of a Shapely polygon in metres, without its no-go zones.
+    """Return the region of a Shapely polygon in metres without its no-go zones.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        Parts that overlap are taken together.
+        The polygon or polygons. Overlapping parts are united.
     frame : LocalFrame, optional
-        Where on Earth it is.
+        Local frame on Earth.
     no_go : shapely Polygon or MultiPolygon, optional
-        In the same metres; zones may overlap each other and reach outside.
+        No-go zones in the same metres. Zones may overlap each other and extend outside.
     name : str
     no_go_zones : int, optional
-        How many zones there are; by default the parts of ``no_go``.
+        Number of zones. The default is the number of parts of ``no_go``.
 
     Raises
     ------
     InvalidInputError
-        If there is no polygon, it is not valid, or nothing is left of it.
+        If the geometry has no polygon or is not valid, or no area is left.
 
     Examples
     --------
@@ -204,7 +207,7 @@ def region_of(
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
-    """Return a Shapely polygon or several as one valid shape with no overlaps."""
+    """Return one or several Shapely polygons as one valid shape without overlaps."""
     import shapely
     from shapely.validation import explain_validity
 
@@ -225,7 +228,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
 
 
 def polygons_in(shape: Any) -> Any:
-    """Return a shape without the lines and points that an overlay may leave in it, and without parts below rounding."""
+    """Return a shape without lines and points that an overlay may leave, and without parts below rounding errors."""
     import shapely
 
     parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]

@@ -1,1 +1,1 @@
-"""Deterministic simulation of a search: world, network, robot faults, and the trace of what the robots did."""
+"""Deterministic simulation of a search: world, network, robot faults, and the trace of the robots."""

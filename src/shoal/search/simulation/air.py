@@ -1,4 +1,4 @@
-"""The air of a simulation: which messages come from robot to robot, and what of them can be read."""
+"""Radio transmission in a simulation: which messages reach which robots, and what the receivers can read."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat
 from shoal.search.simulation.scenario import Scenario
 
-_RECORDED = 1000  # messages that somebody keeps to send them again
-_WINDOW = 100  # cells: how far the stamp of a message may be from the receiver's clock
+_RECORDED = 1000  # number of recorded messages for replay attacks
+_WINDOW = 100  # cells: maximum difference between a message's stamp and the receiver's clock
 _KEY, _OTHER_KEY = b"of the robots", b"of somebody else"
 
 Message = Beacon | bytes
 
 
 class Air:
-    """Carries messages: beacons as they are, and as bytes where they are signed, split, recorded or damaged.
+    """Transmits beacons: as objects, or as bytes if messages are signed, divided, recorded or damaged.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class Air:
         self._receivers = {number: Receiver(key, **options) for number in numbers}
 
     def messages(self, sender: int, beacon: Beacon, time: float) -> list[Message]:
-        """Return the messages that tell a beacon."""
+        """Return the messages that transmit a beacon."""
         if not self._split:
             return [beacon]
         found = self._senders[sender].messages(beacon, _clock(time))
@@ -49,7 +49,7 @@ class Air:
         return list(found)
 
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
-        """Yield what comes of a message to one receiver, and how much later."""
+        """Yield the copies of a message that arrive at one receiver, with their delays."""
         self.sent += 1
         copies = self._scenario.network.send(link, self._rng) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)
@@ -65,14 +65,14 @@ class Air:
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:
-        """Return a message of somebody without the key: that all robots have searched all."""
+        """Return an attacker's message, without the key, that reports all cells as searched by all robots."""
         everything, robots = self._scenario.brief.everything, range(1, len(self._scenario.starts) + 1)
         heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
         lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
         return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
 
     def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
-        """Return what a robot reads in a message that has come; None if nothing."""
+        """Return the content that a robot reads in a received message, or None."""
         if isinstance(message, Beacon):
             return message
         try:
@@ -82,5 +82,5 @@ class Air:
 
 
 def _clock(time: float) -> int:
-    """Return the time of a cell's thousandths."""
+    """Return the time in thousandths of a cell time."""
     return int(1000 * time)

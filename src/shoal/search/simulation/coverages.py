@@ -1,4 +1,4 @@
-"""Coverages: what robots saw of each layer, from where they were, apart from the cells."""
+"""Coverage of each layer, computed from the robots' positions, independently of cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.search.simulation.trace import RobotLog, SearchTrace
 
 
 def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]) -> tuple[AreaCoverage, ...]:
-    """Return what some robots, counted from 0, saw of each layer, from the lowest."""
+    """Return the coverage of each layer by some robots (counted from 0), from the lowest layer."""
     layers, found = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
@@ -28,7 +28,7 @@ def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], rob
 
 
 def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: int, layer: int) -> list[NDArray[np.float64]]:
-    """Return the ways of a robot in a layer, without those to the region from a launch point outside and between layers."""
+    """Return the paths of a robot in a layer, without those from an outside launch point and those between layers."""
     route, log = routes[robot], trace.robots[robot]
     if isinstance(plan.grid, CellGrid):
         inside = len(route.stops) < 2 or plan.grid.region.contains(route.points[:1])[0]
@@ -39,9 +39,9 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 
 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
-    """Return at which points of its route a robot begins and ends to look into each cell in which it stopped; int64, shape (k, 2).
+    """Return the route points at which a robot begins and ends to observe each cell in which it stopped; int64, shape (k, 2).
 
-    Where robots go from cell to cell it begins with what it passes on the way.
+    If robots move from cell to cell, the observation begins with the cells on the way.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

@@ -1,4 +1,4 @@
-"""What was found: one map for all robots, with how sure it is."""
+"""Findings of all robots, merged into one map with a confidence for each cell."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from math import exp, log
 from shoal.core.dataclass import dataclass
 from shoal.search.simulation.scenario import Scenario
 
-_PRIOR = 0.01  # share of cells that hold something, before anybody has looked
-_LEAST, _MOST = 1e-3, 1 - 1e-3  # no sensor is taken to be surer than that: robots can lie
+_PRIOR = 0.01  # prior fraction of cells that contain a target
+_LEAST, _MOST = 1e-3, 1 - 1e-3  # maximum reliability of a sensor, because robots can lie
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +18,12 @@ class Finding:
     Parameters
     ----------
     cell : int
-        Its number on the tour.
+        Tour index of the cell.
     found_by, missed_by : tuple of int
-        The robots that have found something there, and those that have searched the cell and have not.
+        The robots that found something in the cell, and the robots that searched it and found nothing.
     confidence : float
-        Probability that something is there, given what sensors are said to detect and to mistake, and that one cell in a hundred
-        holds something.
+        Probability that the cell contains a target, given the sensors' detection and false-alarm rates and a prior of one cell in a
+        hundred.
     """
 
     cell: int
@@ -33,16 +33,16 @@ class Finding:
 
 
 def merge_findings(scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]) -> tuple[Finding, ...]:
-    """Merge what robots have reported, one entry a cell.
+    """Merge the robots' reports into one finding per cell.
 
     Parameters
     ----------
     scenario : Scenario
-        For the sensors.
+        The scenario with the sensors' rates.
     reports : dict of int to set of int
-        By cell, the robots that have found something there.
+        For each cell, the robots that found something there.
     searched : dict of int to int
-        By robot, the cells that it says it has searched, as bits.
+        For each robot, the cells that it reports as searched, as a bitset.
     """
     hit = min(max(scenario.detection, _LEAST), _MOST)
     alarm = min(max(scenario.false_alarm, _LEAST), _MOST)

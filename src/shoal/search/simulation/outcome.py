@@ -1,4 +1,4 @@
-"""What a simulation keeps of each robot, and what it comes to."""
+"""Simulated robots' bodies, and the outcome of a simulation."""
 
 from __future__ import annotations
 
@@ -11,50 +11,50 @@ from shoal.search.protocol.robot import Robot
 
 @dataclass
 class SimulatedRobot:
-    """A robot's body: where it is, and what of it works."""
+    """A simulated robot's body: its position and its working condition."""
 
     robot: Robot
-    place: int  # the cell, as a number on the tour
+    place: int  # tour index of its cell
     true_rate: float
-    energy: float = inf  # what is left of it in truth
+    energy: float = inf  # its true remaining energy
     alive: bool = True
     paused_until: float = 0.0
     liar: bool = False
-    searching: int | None = None  # the cell that it is in to search it
+    searching: int | None = None  # the cell that it occupies for its search
     going: int | None = None
-    aimed: int | None = None  # what it last went to a cell for: `Robot.aim`
+    aimed: int | None = None  # the aim of its last movement: `Robot.aim`
     tries: int = 0
     wake: float = inf
     travelled: float = 0.0
-    waited: float = 0.0  # for others to leave a cell
-    visits: list[tuple[float, int]] = field(default_factory=list)  # when it had searched which cell
-    passing: tuple[int, ...] = ()  # the cells that it has passed since
-    detours: list[tuple[int, ...]] = field(default_factory=list)  # the same before each visit
-    obstructed: list[tuple[float, int]] = field(default_factory=list)  # when it met which obstacle
+    waited: float = 0.0  # waits for other robots to leave a cell
+    visits: list[tuple[float, int]] = field(default_factory=list)  # time at which each cell was searched
+    passing: tuple[int, ...] = ()  # the cells passed since then
+    detours: list[tuple[int, ...]] = field(default_factory=list)  # the passed cells before each visit
+    obstructed: list[tuple[float, int]] = field(default_factory=list)  # time at which each obstacle was discovered
     states: list[tuple[float, str]] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
 class SimulationOutcome:
-    """What a simulation came to.
+    """The outcome of a simulation.
 
     Parameters
     ----------
     covered : int
-        The cells searched by robots that do not lie, as bits.
+        The cells searched by robots that do not lie, as a bitset.
     covered_at : float
-        When the last cell that some robot can reach was searched by one that does not lie; infinite if some never were.
+        Time at which the last reachable cell was searched by a robot that does not lie; infinite if some cell never was.
     declared : dict of int to float
-        When each robot declared the search complete.
+        Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
     sent, lost : int
-        Messages, counted by receiver, and how many of them did not arrive whole.
+        Number of messages, counted per receiver, and number of messages that did not arrive intact.
     takeovers : int
-        How often a robot began to search another one's part.
+        Number of times that a robot started to search another robot's part.
     time : float
-        Of the last event.
+        Time of the last event.
     trace : bytes
-        One line of JSON an event, if a trace was asked for.
+        One line of JSON per event, if a trace was requested.
     """
 
     covered: int

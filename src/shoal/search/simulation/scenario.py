@@ -1,4 +1,4 @@
-"""Scenario: all that a simulation depends on."""
+"""Scenario: all data that determine a simulation."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from shoal.search.tours.bitset import bitset_of
 
 
 def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-    """Return the first of some cells, as bits, that is in the way, None if none is, and how many cells of the way are before it."""
+    """Return the first blocked cell on a path (None without one), and the number of path cells before it."""
     distances = tour_cost.distances
     if blocked and isinstance(distances, CellDistances):
         for index, (one, other) in enumerate(pairwise((here, *through))):
@@ -41,31 +41,31 @@ def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[
 
 @dataclass(frozen=True)
 class Scenario:
-    """All that a simulation depends on.
+    """All data that determine a simulation.
 
     Parameters
     ----------
     brief : Brief
     starts : tuple of int
-        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+        Tour index of each robot's start cell. Robots are numbered from 1.
     rates : tuple of float
         Their speeds.
     network : RadioNetwork
     faults : tuple of Fault
     targets : tuple of int
-        Cells with something to find.
+        Cells that contain a target.
     detection : float
-        Probability that a robot that searches a cell finds what is there.
+        Probability that a robot that searches a cell detects its target.
     false_alarm : float
-        Probability that it finds something where nothing is.
+        Probability that a robot reports a target in an empty cell.
     obstacles : tuple of int
-        Cells that cannot be entered, which robots find out when they come to them; on tours with ways from cell to cell.
+        Blocked cells, which robots discover when they reach them. They need a tour with paths from cell to cell.
     widths : tuple of int
-        How many cells wide the footprint of each robot is, odd.
+        Width of each robot's footprint in cells, odd.
     signed : bool
-        Whether robots sign their messages by a key that nobody else has.
+        Whether robots sign their messages with a secret key.
     packet : int
-        Bytes that a message may have at the most; 0: beacons go as they are, in one piece each.
+        Maximum length of a message in bytes. 0: beacons are sent in one piece.
     seed : int
     """
 
@@ -116,28 +116,28 @@ class Scenario:
 
     @cached_property
     def blocked(self) -> int:
-        """The obstacles, as bits."""
+        """The obstacles as a bitset."""
         return sum(1 << cell for cell in set(self.obstacles))
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first obstacle that a robot meets on a way, and how many cells of the way are before it."""
+        """Return the first obstacle on a robot's path, and the number of path cells before it."""
         return first_obstacle(self.brief.tour_cost, self.blocked, here, through)
 
     @cached_property
     def goal(self) -> int:
-        """The cells, as bits, that some robot can reach."""
+        """The cells that some robot can reach, as a bitset."""
         found = 0
         for number in range(1, len(self.starts) + 1):
             found |= self.reach(number)
         return found
 
     def seen(self, number: int, cell: int) -> int:
-        """Return the cells, as bits, that a robot sees from one."""
+        """Return the cells that a robot sees from a cell, as a bitset."""
         width = self.widths[number - 1]
         return 1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
 
     def reach(self, number: int) -> int:
-        """Return the cells, as bits, that a robot can reach."""
+        """Return the cells that a robot can reach, as a bitset."""
         distances = self.brief.tour_cost.distances
         if not isinstance(distances, CellDistances):
             return self.brief.everything
@@ -145,7 +145,7 @@ class Scenario:
 
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
-    """Return the scenario of a plan: lengths in sides of a cell instead of metres, times in that of a cell."""
+    """Return the scenario of a plan, with lengths in cell sides instead of metres and times in cell times."""
     vehicle, cell = problem.chosen_vehicle, plan.cell_seconds
     brief = Brief(
         plan.tour_cost,
@@ -175,7 +175,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
 
 
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
-    """Return random crashes: of different robots, at times up to twice that of an equal share of the cells."""
+    """Return random crashes of different robots, at times up to twice the time of an equal share of the cells."""
     rng = np.random.default_rng([seed, 2])
     dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
     layers = layers_of(plan.grid)
@@ -184,7 +184,7 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
 
 
 def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
-    """Return the numbers on the tour of cells given as a number of random ones, as points, or as a file of points."""
+    """Return tour indices of cells given as a number of random cells, as points, or as a file of points."""
     if isinstance(given, int):
         if given > len(allowed):
             where = "one a cell" if what == "targets" else "none where a robot starts"
@@ -194,7 +194,7 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
     region = plan.grid.region
     points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
     inside = region.check_inside(points, what=given if isinstance(given, str) else what)
-    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]  # what lies at a place is there in all layers
+    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]  # a target or obstacle exists in all layers
     if isinstance(plan.grid, LayeredGrid):
         found = [np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)]
     return tuple(sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}))

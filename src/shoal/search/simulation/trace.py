@@ -1,4 +1,4 @@
-"""The trace of a search: what each robot did, as planned if all goes well, or in the simulation."""
+"""The trace of a search: the actions of each robot, planned or simulated."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import bits_to_array
 
-_HORIZON = 60.0  # times the way of one robot alone
+_HORIZON = 60.0  # times the path of one robot alone
 
 
 @dataclass(frozen=True, eq=False)
 class RobotLog:
-    """The log of one robot: cells, ways and status.
+    """The log of one robot: cells, paths and status.
 
     Parameters
     ----------
     cells : ndarray of int64, shape (k,)
-        The cells in which it stopped to search them, and with a wider footprint those around, as numbers on the tour.
+        Tour indices of the cells in which the robot stopped to search, including, with a wider footprint, the cells around.
     times : ndarray of float64, shape (k,)
-        When it had searched each, in the time of a cell.
+        Time at which each cell was searched, in cell times.
     states : tuple of (float, str)
-        When it began to be "listening", "searching", "waiting", "complete", "paused" or "dead".
+        Start times of the statuses "listening", "searching", "waiting", "complete", "paused" and "dead".
     found : tuple of (int, tuple of int)
-        What it knew at the end: cells, and the robots that have found something there.
+        Findings known to the robot at the end: cells, and the robots that found something there.
     detours : tuple of tuple of int
-        Cells that it passed on the way to each that it searched, where robots go from cell to cell; else empty.
+        If robots move from cell to cell: the cells passed on the way to each searched cell; otherwise empty.
     obstructed : tuple of (float, int)
-        When it came upon which obstacle.
+        Time and cell of each discovered obstacle.
     """
 
     cells: NDArray[np.int64]
@@ -52,28 +52,28 @@ class RobotLog:
 
     @property
     def status(self) -> str:
-        """What it was at the end."""
+        """The final status of the robot."""
         return self.states[-1][1] if self.states else "listening"
 
 
 @dataclass(frozen=True, eq=False)
 class SearchTrace:
-    """The trace of a search: what each robot did, event by event.
+    """The trace of a search: the events of each robot.
 
     Parameters
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        When the last cell that some robot can reach was searched, by as many robots as must search it, in the time of a cell;
-        infinite if some never were.
+        Time in cell times at which the last reachable cell was searched by the required number of robots; infinite if some cell
+        never was.
     declared : dict of int to float
-        When each robot, counted from 1 on, declared the search complete.
+        Time at which each robot (counted from 1) declared completion.
     sent, lost : int
-        Messages, counted by receiver.
+        Number of messages, counted per receiver.
     takeovers : int
-        How often a robot began with the part of one that it took for dead.
+        Number of times that a robot started with the part of a robot presumed dead.
     dropped : int
-        Messages of strangers and impossible ones, in a live search.
+        Number of foreign and impossible messages in a live search.
     """
 
     robots: tuple[RobotLog, ...]
@@ -85,18 +85,18 @@ class SearchTrace:
     dropped: int = 0
 
     def difference(self, other: SearchTrace) -> str:
-        """Return the first difference between two traces in one sentence; nothing if there is none."""
+        """Return the first difference between two traces in one sentence, or an empty text."""
         for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
             same = np.array_equal(one.cells, two.cells) and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
             if not same or (one.states, one.detours, one.obstructed) != (two.states, two.detours, two.obstructed):
-                return f"planned and played again, robot {number} does not do what the episode says"
+                return f"planned and simulated again, robot {number} does not act as in the episode"
         for name in ("covered_at", "declared", "sent", "lost"):
             if getattr(self, name) != getattr(other, name):
-                return f"planned and played again, {name} is {getattr(other, name)}, where the episode says {getattr(self, name)}"
+                return f"planned and simulated again, {name} is {getattr(other, name)}, but {getattr(self, name)} in the episode"
         return ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the trace as JSON holds it."""
+        """Return the trace for JSON."""
         return vars(self) | {
             "robots": [vars(log) | {"cells": log.cells.tolist(), "times": log.times.tolist()} for log in self.robots],
             "covered_at": None if self.covered_at == inf else self.covered_at,
@@ -104,7 +104,7 @@ class SearchTrace:
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace that `to_dict` wrote, of so many robots on a tour of so many cells.
+        """Return the trace that `to_dict` wrote, for the given numbers of robots and cells.
 
         Raises
         ------
@@ -125,7 +125,7 @@ class SearchTrace:
 
 
 def _log_from(data: Any, what: str, n: int) -> RobotLog:
-    """Return what one robot did, as `SearchTrace.to_dict` wrote it."""
+    """Return the log of one robot from the output of `SearchTrace.to_dict`."""
     names = {one.name for one in fields(RobotLog)}
     if not isinstance(data, dict) or set(data) != names or not all(isinstance(value, list) for value in data.values()):
         raise InvalidInputError(f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}")
@@ -155,7 +155,7 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 
 def planned_trace(plan: SearchPlan) -> SearchTrace:
-    """Return what robots do if all goes well; nothing is simulated."""
+    """Return the robots' planned actions without faults. Nothing is simulated."""
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
     for robot in range(len(plan.allocation.arcs)):
@@ -172,7 +172,7 @@ def planned_trace(plan: SearchPlan) -> SearchTrace:
 
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
-    """Return what the simulation of a scenario comes to."""
+    """Return the trace of a simulated scenario."""
     outcome = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
@@ -190,14 +190,14 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 
 
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
-    """Return when each cell that some robot can reach was searched by as many robots as must search it; float64, shape (cells,).
+    """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (cells,).
 
-    They are as many as the multiplicity says, or all that can reach the cell if those are fewer. One of them may not lie: that is
-    what several are good for. Infinite if it never was.
+    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. One of these robots
+    may lie; the multiplicity protects against that. The time is infinite if the cell never was.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
-    best = np.full((count, len(tour_cost)), inf)  # of each cell the earliest times, by different robots
+    best = np.full((count, len(tour_cost)), inf)  # the earliest times of each cell, by different robots
     truly = np.full(len(tour_cost), inf)
     able = np.zeros(len(tour_cost), dtype=np.int64)
     for number, log in enumerate(logs, start=1):

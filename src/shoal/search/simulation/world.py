@@ -1,4 +1,4 @@
-"""A deterministic simulation: one thread, one clock, one seed; the same seed gives the same trace, byte for byte."""
+"""Deterministic simulation of a search with one thread, one clock and one seed. Equal seeds give identical traces."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours.bitset import members
 
-_TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
-_RETRY = 0.25  # time of a cell, between two tries
+_TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
+_RETRY = 0.25  # cell times between two attempts
 
 
 class SearchWorld:
@@ -48,12 +48,12 @@ class SearchWorld:
     ----------
     scenario : Scenario
     check : callable, optional
-        Called with the world and the number of the robot after every event; the invariants of the tests, for one.
+        Function that is called with the world and the robot's number after every event, for example to test invariants.
     trace : bool
-        Write down every event.
+        Whether to record every event.
     decide : callable, optional
-        Where robots go that have nothing to do, in place of the protocol; see `advance`. Then they do not listen first, and no
-        tour is allotted to them.
+        Function that chooses the destination of idle robots instead of the protocol; see `advance`. Robots then start without
+        listening, and no tour is divided among them.
     """
 
     def __init__(
@@ -63,9 +63,9 @@ class SearchWorld:
         self.scenario, self.check, self.tracing, self.decide = scenario, check, trace, decide
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
-        self.covered = 0  # by robots that do not lie, as bits
+        self.covered = 0  # by robots that do not lie, as a bitset
         self.goal = scenario.goal
-        self.searched: dict[int, int] = {}  # by robot, what it has searched in truth
+        self.searched: dict[int, int] = {}  # for each robot, the cells that it really searched
         self.covered_at = inf
         self.declared: dict[int, float] = {}
         self.takeovers = 0
@@ -101,7 +101,7 @@ class SearchWorld:
         return body
 
     def prompt(self, number: int, time: float) -> None:
-        """Have a robot decide anew at a time, if it has nothing to do then."""
+        """Let an idle robot decide again at a time."""
         self._post(time, number, "event", Wake(time))
 
     def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
@@ -109,7 +109,7 @@ class SearchWorld:
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
     def run(self, *, until: float = inf) -> SimulationOutcome:
-        """Play all events up to a time; return the outcome."""
+        """Process all events up to a time. Return the outcome."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]
@@ -119,7 +119,7 @@ class SearchWorld:
                 self._fail(vehicle, kind, what)
                 continue
             if self.time < vehicle.paused_until:
-                if kind != "heard":  # what it would have heard is gone; all else waits
+                if kind != "heard":  # messages that it would have received are lost; all other events wait
                     self._post(vehicle.paused_until, number, kind, what)
                 continue
             getattr(self, f"_do_{kind}")(vehicle, what)
@@ -139,7 +139,7 @@ class SearchWorld:
 
     def _fail(self, vehicle: SimulatedRobot, kind: str, what: Crash | Pause) -> None:
         self._write(vehicle, kind)
-        vehicle.searching = None  # others can go around what does not move
+        vehicle.searching = None  # other robots can avoid a robot that does not move
         if isinstance(what, Crash):
             self._die(vehicle)
         else:
@@ -155,7 +155,7 @@ class SearchWorld:
             line = {"time": round(self.time, 9), "robot": vehicle.robot.number, "event": kind, **more}
             self.lines.append(json.dumps(line).encode() + b"\n")
 
-    # What happens, by kind of entry in the queue.
+    # The handlers of the events in the queue, by kind.
 
     def _do_event(self, vehicle: SimulatedRobot, event: Event) -> None:
         vehicle.robot, actions = advance(vehicle.robot, event, self.decide)
@@ -164,12 +164,12 @@ class SearchWorld:
             vehicle.states.append((self.time, state))
             self._write(vehicle, state)
         if state in ("waiting", "complete"):
-            vehicle.searching = None  # it stands aside
+            vehicle.searching = None  # the robot stands aside
         for action in actions:
             self._act(vehicle, action)
 
     def _do_wake(self, vehicle: SimulatedRobot, time: float) -> None:
-        if time == vehicle.wake:  # not asked for anew since
+        if time == vehicle.wake:  # no newer request since
             vehicle.wake = inf
             self._do_event(vehicle, Wake(self.time))
 
@@ -179,7 +179,7 @@ class SearchWorld:
             self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
-        """Come into a cell to search it, if nobody is in there."""
+        """Enter a cell to search it if no other robot is in it."""
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):
@@ -198,7 +198,7 @@ class SearchWorld:
         self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
 
     def _do_sense(self, vehicle: SimulatedRobot, cell: int) -> None:
-        if vehicle.searching != cell:  # it was stopped in between and stands beside
+        if vehicle.searching != cell:  # it was stopped in the meantime and stands beside
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number
@@ -219,7 +219,7 @@ class SearchWorld:
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
-        """Tell whether a robot takes a cell for one with something to find."""
+        """Return whether a robot reports a target in a cell."""
         chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
         return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
 
@@ -235,7 +235,7 @@ class SearchWorld:
         self._write(vehicle, "recharged")
         self._do_event(vehicle, Recharged(self.time))
 
-    # What robots do.
+    # The handlers of the robots' actions.
 
     def _act(self, vehicle: SimulatedRobot, action: Action) -> None:
         number = vehicle.robot.number
@@ -261,7 +261,7 @@ class SearchWorld:
                 self._write(vehicle, "declared")
 
     def _length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length of a way by some cells."""
+        """Return the length of a path through some cells."""
         tour_cost = self.scenario.brief.tour_cost
         return sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
@@ -279,7 +279,7 @@ class SearchWorld:
         if not self._spend(vehicle, cost):
             return
         if cost > 1.0 + 1e-12:
-            vehicle.searching = None  # on the way it is in no cell to search it
+            vehicle.searching = None  # during the motion the robot occupies no cell
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
     def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
@@ -291,12 +291,12 @@ class SearchWorld:
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
     def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
-        """Return how much longer the way to a cell is for a robot that has not set out than from the cell where it starts."""
+        """Return the extra distance to a cell for a robot that has not departed, compared with the distance from its start cell."""
         robot = vehicle.robot
         return self.scenario.brief.from_launch(robot.number, vehicle.place, cell) if robot.at_launch else 0.0
 
     def _takes_over(self, vehicle: SimulatedRobot) -> bool:
-        """Tell whether a robot begins with the part of another one that it takes for dead."""
+        """Return whether a robot starts with the part of another robot that it presumes dead."""
         robot = vehicle.robot
         part = next((part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1), None)
         if part is None:
@@ -305,7 +305,7 @@ class SearchWorld:
         return not again and not is_live(robot, part.robot, self.time)
 
     def _spend(self, vehicle: SimulatedRobot, cost: float) -> bool:
-        """Take energy; a robot that has too little dies on the way."""
+        """Consume energy. A robot without enough energy stops on the way."""
         vehicle.energy -= cost
         vehicle.travelled += cost
         if vehicle.energy >= -1e-9:

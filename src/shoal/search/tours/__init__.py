@@ -1,4 +1,4 @@
-"""Tours, one a file, their names, and the Hilbert curve's encoding and decoding."""
+"""Tours by name, one module per tour, and encoding and decoding of the Hilbert curve."""
 
 from __future__ import annotations
 
@@ -43,15 +43,15 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     ----------
     maker : str or TourMaker
         "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon", "spanning-tree", "module:attribute" (an
-        object, or a class that is called without arguments), or an object that has the protocol's methods.
+        object, or a class that is called without arguments), or an object with the methods of `TourMaker`.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        True where a robot must come, row 0 on top; or the shape of a full rectangle or box. In 3 dimensions "hilbert",
-        "open-hilbert" and "hilbert-rectangle" are curves; of the others the tours of all layers are joined.
+        A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. In 3 dimensions "hilbert",
+        "open-hilbert" and "hilbert-rectangle" are 3-D curves. For the other names, the tours of all layers are joined.
 
     Returns
     -------
     Tour
-        Each True cell once. Connected components of the mask come one after the other.
+        A tour that visits each True cell once. It finishes each connected component of the mask before the next.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return what makes tours by name or ``module:attribute``, or the given object itself.
+    """Return a tour maker by name or ``module:attribute``, or return a given object.
 
     Raises
     ------

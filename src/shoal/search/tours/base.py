@@ -1,4 +1,4 @@
-"""What makes tours, and the names of those that do."""
+"""The interface of tour makers, and their registry."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from shoal.search.tours.tour import Tour
 
 @runtime_checkable
 class TourMaker(Protocol):
-    """An object that lays a tour through the cells of a grid.
+    """An object that computes a tour through the cells of a grid.
 
     Attributes
     ----------
     name : str
     dimensions : tuple of int
-        Of the grids that it takes: (2,) or (2, 3).
+        Supported numbers of dimensions: (2,) or (2, 3).
     """
 
     name: str
     dimensions: tuple[int, ...]
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return a tour of all True cells of ``mask``, shape (H, W) or (L, H, W), each once; at least one is True."""
+        """Return a tour that visits each True cell of ``mask``, shape (H, W) or (L, H, W), once. At least one cell is True."""
         ...
 
 
@@ -35,7 +35,7 @@ TOURS: Registry[type[TourMaker]] = Registry("tour")
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
-    """Return the tour if it visits the True cells of the mask and no others.
+    """Return the tour after checking that it visits exactly the True cells of the mask.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Sets of cells round a tour as whole numbers: bit i is cell number i. Unions and differences cost next to nothing that way."""
+"""Sets of cells along a tour as integers: bit i is cell number i. Unions and differences of such sets are very fast."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def arc_bits(first: int, count: int, n: int) -> int:
-    """Return ``count`` cells from number ``first`` on, round a tour of n cells.
+    """Return ``count`` cells from number ``first`` on, around a tour of n cells.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def arc_bits(first: int, count: int, n: int) -> int:
 
 
 def turned(bits: int, first: int, n: int) -> int:
-    """Return the set as counted from number ``first`` on.
+    """Return the set with cell numbers counted from ``first``.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a set from number ``first`` on, round the tour; None if it is empty.
+    """Return the first cell of a set from number ``first`` on, around the tour; None if the set is empty.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def next_in(bits: int, first: int, n: int) -> int | None:
 
 
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
-    """Yield the stretches of a set, as first cell and length, from number ``first`` on, round the tour.
+    """Yield the runs of a set around the tour from number ``first`` on, as (first cell, length).
 
     Examples
     --------
@@ -66,7 +66,7 @@ def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
 
 
 def members(bits: int) -> Iterator[int]:
-    """Yield the cells of a set in rising order.
+    """Yield the cells of a set in increasing order.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def members(bits: int) -> Iterator[int]:
 
 
 def bitset_of(cells: Iterable[int]) -> int:
-    """Return the set of some cells.
+    """Return the bitset of some cells.
 
     Examples
     --------
@@ -106,7 +106,7 @@ def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
 
 
 def array_to_bits(members: NDArray[np.bool_]) -> int:
-    """Return the set of numbers at which a bool array is true.
+    """Return the bitset of the indices at which a bool array is true.
 
     Examples
     --------
@@ -117,14 +117,14 @@ def array_to_bits(members: NDArray[np.bool_]) -> int:
 
 
 def at_least(sets: list[int], k: int) -> int:
-    """Return the cells that are in k or more of the sets.
+    """Return the cells that are in at least k of the sets.
 
     Examples
     --------
     >>> bin(at_least([0b0111, 0b0110, 0b1100], 2))
     '0b110'
     """
-    levels = [0] * k  # levels[j] holds the cells met more than j times
+    levels = [0] * k  # levels[j] holds the cells that are in more than j sets
     for one in sets:
         for j in range(k - 1, 0, -1):
             levels[j] |= levels[j - 1] & one
@@ -132,11 +132,11 @@ def at_least(sets: list[int], k: int) -> int:
     return levels[k - 1] if k else -1
 
 
-_FEW = 16  # intervals: for more of them arrays are quicker
+_FEW = 16  # number of intervals above which arrays are faster
 
 
 def intervals(bits: int) -> list[tuple[int, int]]:
-    """Return the stretches of a set, as first number and length, in rising order.
+    """Return the runs of a set as (first number, length), in increasing order.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def intervals(bits: int) -> list[tuple[int, int]]:
 
 
 def bits_of_intervals(found: list[tuple[int, int]]) -> int:
-    """Return the set of the numbers of some stretches.
+    """Return the bitset of all numbers in some runs.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Back and forth along rows, in the order of rows that leads to the shortest ways between them."""
+"""The boustrophedon tour: back and forth along rows, with an order of rows that gives short connections."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from shoal.search.tours.masks import bounds, component_after_component
 from shoal.search.tours.tour import Tour
 
 MOST_RUNS = 1500
-"""More runs of cells stay in the order of the boustrophedon decomposition."""
+"""Maximum number of runs for optimization. With more runs, the order of the boustrophedon decomposition is kept."""
 
 
 @TOURS.register("boustrophedon")
 class BoustrophedonTour:
-    """Each run, the cells of a row between two gaps, at a stretch: about two turns a run.
+    """A tour that traverses each run (consecutive cells of a row) in one go, with about two turns per run.
 
-    It begins with the boustrophedon decomposition (H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
-    Autonomous Robots 9, 2000) and makes the ways between runs shorter by exchanges: of two links (2-opt), and of up to three runs
-    to another place (Or-opt), each run driven either way. The closing edge is one of the links.
+    The tour starts with the boustrophedon decomposition (H. Choset, "Coverage of known spaces: the boustrophedon cellular
+    decomposition", Autonomous Robots 9, 2000). Exchanges then shorten the connections between runs: of two links (2-opt), and of up
+    to three runs to another position (Or-opt), in either direction. The closing edge is one of the links.
     """
 
     name = "boustrophedon"

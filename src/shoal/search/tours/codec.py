@@ -1,4 +1,4 @@
-"""Cells of the Hilbert and Moore curves from their indices and back, at random access, on whole arrays."""
+"""Conversion between cells and indices of the Hilbert and Moore curves, with random access on whole arrays."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 
 MAX_ORDER = {2: 31, 3: 20}
-"""The largest order by number of dimensions: indices are int64."""
+"""The largest order by number of dimensions, because indices are int64."""
 
 
 def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -21,20 +21,20 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Parameters
     ----------
     cells : array_like of int, shape (..., 2) or (..., 3)
-        (row, col), row 0 on top, or (layer, row, col), each 0 to 2^order - 1. The paper's location [x, y], with [0, 0] at the
-        lower left, is the cell (2^order - 1 - y, x).
+        (row, col) with row 0 on top, or (layer, row, col), each from 0 to 2^order - 1. The paper's location [x, y], with [0, 0] at
+        the lower left, is the cell (2^order - 1 - y, x).
     order : int
-        The curve passes through 2^order cells a side: 0 to 31, in 3 dimensions 0 to 20.
+        Order of the curve, which has 2^order cells per side: 0 to 31, in 3 dimensions 0 to 20.
 
     Returns
     -------
     ndarray of int64, shape (...)
-        0 to 4^order - 1 (8^order - 1): index 0 is the lower left cell (of layer 0), the last one the lower right.
+        Indices from 0 to 4^order - 1 (8^order - 1). Index 0 is the lower left cell (of layer 0), the last index the lower right.
 
     Raises
     ------
     InvalidInputError
-        For a cell that is not on the curve, or an array of anything else than whole numbers.
+        If a cell is not on the curve, or the array has other values than whole numbers.
 
     Notes
     -----
@@ -55,14 +55,14 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
-    """Return the cell of each index on the Hilbert curve: the inverse of `hilbert_encode`.
+    """Return the cell of each index on the Hilbert curve. This is the inverse of `hilbert_encode`.
 
     Parameters
     ----------
     indices : array_like of int, shape (...)
-        0 to 2^(order * dimensions) - 1.
+        Indices from 0 to 2^(order * dimensions) - 1.
     order : int
-        0 to 31, in 3 dimensions 0 to 20.
+        Order of the curve: 0 to 31, in 3 dimensions 0 to 20.
     dimensions : int
         2 or 3.
 
@@ -74,7 +74,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     Raises
     ------
     InvalidInputError
-        For an index that is not on the curve.
+        If an index is not on the curve.
 
     Examples
     --------
@@ -94,24 +94,26 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
 
 
 def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the index on the Moore curve of each cell: four Hilbert curves, so put together that the end is beside the start.
+    """Return the index on the Moore curve of each cell.
+
+    The curve consists of four Hilbert curves, so that its end is beside its start.
 
     Parameters
     ----------
     cells : array_like of int, shape (..., 2)
-        (row, col), row 0 on top, each 0 to 2^order - 1.
+        (row, col) with row 0 on top, each from 0 to 2^order - 1.
     order : int
         0 to 31.
 
     Returns
     -------
     ndarray of int64, shape (...)
-        0 to 4^order - 1; index 0 is the lowest cell just left of the middle, the last one is right of it.
+        Indices from 0 to 4^order - 1. Index 0 is the lowest cell just left of the centre; the last index is right of it.
 
     Raises
     ------
     InvalidInputError
-        For a cell that is not on the curve.
+        If a cell is not on the curve.
 
     Notes
     -----
@@ -131,7 +133,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the cell of each index on the Moore curve: the inverse of `moore_encode`.
+    """Return the cell of each index on the Moore curve. This is the inverse of `moore_encode`.
 
     Parameters
     ----------
@@ -148,7 +150,7 @@ def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        For an index that is not on the curve.
+        If an index is not on the curve.
 
     Examples
     --------
@@ -166,7 +168,7 @@ def check_order(order: Any, dimensions: int) -> int:
     Raises
     ------
     InvalidInputError
-        If it is no whole number from 0 to the largest.
+        If the order is not a whole number from 0 to the largest order.
     """
     try:
         number = operator.index(order)

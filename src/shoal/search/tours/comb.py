@@ -1,4 +1,7 @@
-"""Back and forth in straight lanes, one column kept for the return: few turns, and a closing edge of one step."""
+"""The comb tour: straight lanes back and forth, with one column reserved for the return.
+
+Few turns, and a closing edge of one step.
+"""
 
 from __future__ import annotations
 
@@ -12,12 +15,12 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("comb")
 class CombTour:
-    """Lanes back and forth over all columns but the first, which leads back to the start; or the same turned by a quarter.
+    """Lanes back and forth over all columns except the first, which leads back to the start; or this tour rotated by 90 degrees.
 
-    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd the last two lanes are visited across,
-    and one step is a diagonal, as one must be. One row of cells is closed by an edge from end to end.
-    On other shapes it is the shortest of three: the lanes of the rectangle round all cells, restricted, and back and forth through
-    each part of the region where lanes neither split nor join (boustrophedon decomposition), along rows or along columns.
+    In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
+    unavoidable, and the last two lanes are visited crosswise. A single row of cells is closed by an edge from end to end. On other
+    shapes, the tour is the shortest of three: the lanes of the bounding rectangle restricted to the shape, and two boustrophedon
+    decompositions, along rows and along columns.
     """
 
     name = "comb"
@@ -40,7 +43,7 @@ def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
     """Return the cells of a full rectangle in the order of the closed comb; int64, shape (rows * cols, 2)."""
     grid = np.arange(rows * cols).reshape(rows, cols)[::-1]  # from the bottom up
     if min(rows, cols) > 1 and (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1):
-        grid = grid.T  # an even number of lanes, and the longer ones
+        grid = grid.T  # an even number of lanes, preferably long lanes
     count, width = grid.shape
     if min(count, width) == 1:
         order = grid.ravel()
@@ -48,14 +51,14 @@ def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
         straight = count if count % 2 == 0 else count - 2
         lanes = grid[:straight, 1:].copy()
         lanes[1::2] = lanes[1::2, ::-1]
-        across = grid[straight:, :0:-1].T.copy()  # of an odd number of lanes the last two, column by column
+        across = grid[straight:, :0:-1].T.copy()  # for an odd number of lanes, the last two lanes column by column
         across[1::2] = across[1::2, ::-1]
         order = np.concatenate([grid[0, :1], lanes.ravel(), across.ravel(), grid[:0:-1, 0]])
     return np.stack(np.divmod(order, cols), axis=1)
 
 
 def _arcs_to_search(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Return the cells in the order of the boustrophedon sweep from the bottom up, and of that from left to right."""
+    """Return the cells in the order of two boustrophedon sweeps: from the bottom up, and from left to right."""
     from shoal.search.kernels.lanes import sweep_all
 
     upward, across = np.empty((2, np.count_nonzero(region), 2), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""The Hilbert curve, closed by its long closing edge or open; on other shapes the covering curve, restricted."""
+"""Hilbert curve tours: closed by a long edge, or open. On other shapes, the covering curve is restricted to the cells."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("hilbert")
 class HilbertTour:
-    """The Hilbert curve through the smallest square of 2^k cells a side over the True cells, its lower left corner theirs.
+    """The Hilbert curve through the smallest square of 2^k cells per side around the cells, with the same lower left corner.
 
-    Closed as in paper H (the index goes on modulo the number of cells), by an edge as long as the square but for one cell.
-    On other shapes the cells come in the order of the curve, with steps over what is left out. In 3 dimensions a cube.
+    As in paper H, the tour is closed: the index continues modulo the number of cells. The closing edge is as long as the square
+    minus one cell. On other shapes, the cells keep the order of the curve, with steps across omitted cells. In 3 dimensions the
+    square is a cube.
     """
 
     name = "hilbert"
@@ -32,7 +33,7 @@ class HilbertTour:
 
 @TOURS.register("open-hilbert")
 class OpenHilbertTour(HilbertTour):
-    """The Hilbert curve as a line segment: it does not come back from its end. For comparison."""
+    """The Hilbert curve as an open path that does not return from its end. It is for comparison only."""
 
     name = "open-hilbert"
     closed = False
@@ -40,7 +41,7 @@ class OpenHilbertTour(HilbertTour):
 
 @TOURS.register("moore")
 class MooreTour:
-    """The Moore curve, four Hilbert curves closed by one step, through the smallest square of 2^k cells a side over the cells."""
+    """The Moore curve, four Hilbert curves closed by one step, through the smallest covering square with 2^k cells per side."""
 
     name = "moore"
     dimensions: tuple[int, ...] = (2,)
@@ -52,12 +53,12 @@ class MooreTour:
 
 
 def in_covering_square(mask: NDArray[np.bool_], name: str) -> tuple[NDArray[np.int64], int]:
-    """Return the True cells in the frame of the smallest square (cube) of 2^order cells a side over them, and the order.
+    """Return the True cells in the frame of the smallest covering square (cube) with 2^order cells per side, and the order.
 
     Raises
     ------
     InvalidInputError
-        If no curve with 64-bit indices covers them.
+        If no curve with 64-bit indices covers the cells.
     """
     low, size = bounds(mask)
     order = int(size.max() - 1).bit_length()
@@ -65,7 +66,7 @@ def in_covering_square(mask: NDArray[np.bool_], name: str) -> tuple[NDArray[np.i
         longest = 2 ** MAX_ORDER[mask.ndim]
         raise InvalidInputError(f"tour {name}: expected at most {longest} cells along each side, got shape {mask.shape}")
     cells = np.argwhere(mask) - low
-    cells[:, -2] += 2**order - size[-2]  # rows count from the top, the curve begins at the bottom
+    cells[:, -2] += 2**order - size[-2]  # rows count from the top, but the curve begins at the bottom
     return cells, order
 
 

@@ -1,4 +1,4 @@
-"""The generalised Hilbert curve of any rectangle or box, closed: out along one half and back along the other."""
+"""The closed generalized Hilbert curve of any rectangle or box: out through one half and back through the other."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("hilbert-rectangle")
 class HilbertRectangleTour:
-    """Two generalised Hilbert curves side by side through the smallest box round the True cells, closed by one step.
+    """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
-    In a rectangle with two sides of 2 or more all steps go to neighbours; where both are odd one goes diagonally, as it must. In a
-    box with odd sides some steps are diagonals of a square. One row of cells is closed by an edge from end to end.
+    In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
+    unavoidable. In a box with odd sides, some steps are diagonals of a square. A single row of cells is closed by an edge from end
+    to end.
     """
 
     name = "hilbert-rectangle"
@@ -31,9 +32,9 @@ class HilbertRectangleTour:
 
 
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the cells of a full box in the order of its closed generalised Hilbert curve; int64, shape (N, dimensions).
+    """Return the cells of a full box in the order of its closed generalized Hilbert curve; int64, shape (N, dimensions).
 
-    It runs out along an even side (the longest of those) and back, through the two halves of the longest other side.
+    The curve runs along an even side (the longest one) and back, through the two halves of the longest other side.
     """
     from shoal.search.kernels.rectangle import walk_box
 
@@ -44,7 +45,7 @@ def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
     axes = np.array([along, across, deep])
     start, lower = [0, 0, 0], sides[across] // 2
     if sides[deep] > 1 and lower > 2 and lower % 2 == 1:
-        lower += 1  # in space a path through even sides needs no diagonals
+        lower += 1  # in 3-D, a path along even sides needs no diagonals
     if lower == 0:
         walk_box((0, 0, 0), axes, np.array([sides[along], 1, 1]), cells, 0)
     else:

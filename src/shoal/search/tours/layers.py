@@ -1,4 +1,4 @@
-"""Tours through layers: the closed tours of neighbouring layers are cut open and joined by two climbs."""
+"""Tours through layers: the closed tours of neighbouring layers are cut and connected by two climbs."""
 
 from __future__ import annotations
 
@@ -11,40 +11,40 @@ from shoal.search.tours.tour import Tour
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-_CUTS = 2000  # steps of a layer's tour at which it may be cut: of more, these are tried, evenly spaced
-_ENOUGH = 64  # steps between two turns: with so many only these are tried
-_NEAR = 8  # steps of the next layer's tour that are tried with each
-TIE = 0.01  # cells: what a turn counts for between cuts that are else as good
+_CUTS = 2000  # maximum number of candidate steps for cutting a layer's tour, evenly spaced
+_ENOUGH = 64  # number of steps between two turns from which only these are tried
+_NEAR = 8  # number of steps of the next layer's tour that are tried with each
+TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 
 
 def joined(
     tours: Sequence[Tour], points: Sequence[Floats] | None = None, *, floors: Sequence[int] | None = None, turn: float = TIE
 ) -> Tour:
-    """Return one tour through the cells of all layers: from each layer it climbs to the next and comes back beside.
+    """Return one tour through the cells of all layers. From each layer it climbs to the next one and returns beside that climb.
 
-    A step of a layer's tour and one of the tour above are taken out and two climbs laid in where that makes the whole least longer.
-    So no cell is passed twice, and tours over alike layers become longer by two climbs a layer, less the two steps.
+    One step of a layer's tour and one step of the next layer's tour are replaced by two climbs, where this makes the whole tour
+    least longer. So no cell is passed twice. For equal layers, the tour becomes longer by two climbs minus two steps per layer.
 
     Parameters
     ----------
     tours : sequence of Tour
-        In a plane each, from the lowest layer to the highest.
+        One plane tour per layer, from the lowest to the highest.
     points : sequence of ndarray of float64, each of shape (N, 3), optional
-        Where a robot stands in each cell of each tour; (row, col, layer) if not given.
+        Viewpoint of each cell of each tour. The default is (row, col, layer).
     floors : sequence of int, optional
-        Which layer each tour is in; 0, 1, 2, ... if not given.
+        Layer of each tour. The default is 0, 1, 2, ...
     turn : float
-        What a turn costs, in the unit of the points: at a turn a tour is cut rather than in a straight stretch.
+        Cost of a turn in the unit of the points. Tours are cut at turns rather than on straight sections.
 
     Returns
     -------
     Tour
-        Of cells (layer, row, col); closed if all are.
+        Tour of cells (layer, row, col). It is closed if all given tours are.
 
     Notes
     -----
-    For layers that spanning-tree coverage fills it is a Hamiltonian cycle of the grid in 3 dimensions, as in Y. Gabriely and
-    E. Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", 2001, for the plane.
+    For layers that spanning-tree coverage fills, the result is a Hamiltonian cycle of the 3-D grid, similar to the plane case in Y.
+    Gabriely and E. Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
 
     Examples
     --------
@@ -66,12 +66,12 @@ def joined(
 
 
 def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
-    """Return a way round with another one taken in; cells from ``low`` on are those of the layer below."""
+    """Return a closed path with another one inserted. Cells from ``low`` on belong to the layer below."""
     from scipy.spatial import KDTree
 
     ends = np.roll(way, -1)
     below = np.flatnonzero((way >= low) & (ends >= low))
-    below = below if len(below) else np.flatnonzero(way >= low)  # a layer of one cell
+    below = below if len(below) else np.flatnonzero(way >= low)  # a layer with one cell
     below = _at_turns(below, bent[way[below]] + bent[ends[below]])
     below = below[np.unique(np.linspace(0, len(below) - 1, min(len(below), _CUTS)).astype(np.int64))]
     above = _at_turns(np.arange(len(new)), bent[new] + bent[np.roll(new, -1)])
@@ -93,13 +93,13 @@ def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats
 
 
 def _at_turns(steps: Numbers, bent: Floats) -> Numbers:
-    """Return those of some steps at both of whose ends the way turns, if there are enough to choose from; else all."""
+    """Return the steps with turns at both ends if there are enough of them, otherwise all steps."""
     sharp = steps[(bent > 0) & (bent == bent.max())]
     return sharp if len(sharp) >= _ENOUGH else steps
 
 
 def _bends(points: Floats) -> Floats:
-    """Return at which points of a way round it changes its direction: 0 or 1; float64, shape (N,)."""
+    """Return 1 for each point of a closed path at which the direction changes, otherwise 0; float64, shape (N,)."""
     steps = np.roll(points, -1, axis=0) - points
     before = np.roll(steps, 1, axis=0)
     cross = steps[:, 0] * before[:, 1] - steps[:, 1] * before[:, 0]

@@ -1,4 +1,4 @@
-"""What is to be searched: a grid of cells, True where a robot must come, and its connected components."""
+"""Masks: grids of cells that are True where a robot must search, and their connected components."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 
 MAX_CELLS = 2**28
-"""The largest grid accepted, in cells (16384 x 16384)."""
+"""Maximum size of a grid in cells (16384 x 16384)."""
 
 
 def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
-    """Return the grid to be searched, from a mask or from the shape of a full rectangle or box.
+    """Return the mask to be searched, from a mask or from the shape of a full rectangle or box.
 
     Parameters
     ----------
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        True where a robot must come, row 0 on top; or the shape itself.
+        True where a robot must search, with row 0 on top; or a shape.
 
     Returns
     -------
@@ -29,7 +29,7 @@ def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
     Raises
     ------
     InvalidInputError
-        For another dtype or number of dimensions, no True cell, or more than ``MAX_CELLS``.
+        If the dtype or the number of dimensions is invalid, no cell is True, or there are more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(mask_or_shape)
@@ -62,9 +62,9 @@ def _check_shape(shape: list[int]) -> tuple[int, ...]:
 
 
 def components(mask: ArrayLike) -> NDArray[np.int32]:
-    """Return the number of the connected component of each cell, 1 and up in reading order; 0 where the mask is False.
+    """Return the label of each cell's connected component, from 1 in reading order; 0 where the mask is False.
 
-    Cells are connected over sides, in 3 dimensions over faces.
+    Cells are connected across sides; in 3 dimensions, across faces.
 
     Parameters
     ----------
@@ -83,13 +83,13 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
     >>> components(np.array([[True, False], [False, True]])).tolist()
     [[1, 0], [0, 2]]
     """
-    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which takes long to import
+    from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
     return connected_parts(check_mask(mask))[0]
 
 
 def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first cell of the smallest box round all True cells and the box's shape; int64, shape (dimensions,)."""
+    """Return the first cell and the shape of the smallest box around all True cells; int64, shape (dimensions,)."""
     low, size = [], []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
@@ -99,7 +99,7 @@ def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return cells as (layer, row, col), contiguous; those of the plane lie in layer 0."""
+    """Return cells as contiguous (layer, row, col). Plane cells lie in layer 0."""
     if cells.shape[1] == 3:
         return np.ascontiguousarray(cells)
     filled = np.zeros((len(cells), 3), dtype=np.int64)
@@ -108,9 +108,11 @@ def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the cells so ordered that each connected component is visited wholly before the next: order kept within them.
+    """Return the cells reordered so that each connected component is finished before the next.
 
-    The components come in the order in which the given one first meets them.
+    The order within components is kept.
+
+    The components come in the order in which the given order first meets them.
     """
     labels = components(mask)
     if labels.max() == 1:

@@ -1,4 +1,4 @@
-"""Spanning-tree coverage: the closed tour round a spanning tree of 2 x 2 blocks, through any region with obstacles and holes."""
+"""Spanning-tree coverage: a closed tour around a spanning tree of 2 x 2 blocks, for any region with obstacles and holes."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("spanning-tree")
 class SpanningTreeTour:
-    """The tour round a spanning tree of the full 2 x 2 blocks, into which the cells of partial blocks are taken.
+    """A tour around a spanning tree of the full 2 x 2 blocks, extended by the cells of partial blocks.
 
     After Y. Gabriely and E. Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of Mathematics and
-    Artificial Intelligence 31, 2001. What is full blocks only gets a closed tour of steps to neighbours. Cells of partial blocks
-    join in this order: two of them alongside an edge of the tour, or blocks out of line, at no cost; then the cheapest exchange of
-    an edge of one cycle and an edge of another for two steps between them, one of which goes to a neighbour and the other one
-    perhaps further (a diagonal for a single cell, the way back for a dead end one cell wide). No cell is visited twice.
-    Blocks are in line where that makes most of them full. Their tree consists of straight corridors and a spine, for few turns.
+    Artificial Intelligence 31, 2001. A region of full blocks gets a closed tour of steps to neighbours. Cells of partial blocks are
+    then added in two stages. First, pairs of cells beside an edge of the tour, and unaligned blocks, are added at no cost. Second,
+    the cheapest exchange of two edges of different cycles is applied. It replaces them by two steps between the cycles. One of
+    these steps leads to a neighbour; the other may be longer (a diagonal for a single cell, the return path for a dead end one cell
+    wide). No cell is visited twice. The alignment with most full blocks is used. The tree consists of straight corridors and a
+    spine, which gives few turns.
     """
 
     name = "spanning-tree"
@@ -31,7 +32,7 @@ class SpanningTreeTour:
         from shoal.search.kernels import attaching, cycles
 
         low, size = bounds(mask)
-        # From the bottom up, as the curves go: rows are turned over here and back below.
+        # From the bottom up, like the curves: rows are reversed here and reversed again below.
         region = np.ascontiguousarray(mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]][::-1])
         links = np.repeat(np.arange(region.size), 2).reshape(-1, 2)
         parent = np.arange(region.size)
@@ -49,7 +50,7 @@ class SpanningTreeTour:
 
 
 def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
-    """Return which 2 x 2 blocks are full, in the best of four alignments, and the flat index of the first block's first cell."""
+    """Return the full 2 x 2 blocks for the best of four alignments, and the flat index of the first block's first cell."""
     square = region[:-1, :-1] & region[1:, :-1] & region[:-1, 1:] & region[1:, 1:]
     row, col = max(
         ((row, col) for row in (0, 1) for col in (0, 1)), key=lambda at: np.count_nonzero(square[at[0] :: 2, at[1] :: 2])
@@ -58,9 +59,9 @@ def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
 
 
 def _by_component(region: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the flat indices of all True cells sorted by component, and where each component begins and the last one ends.
+    """Return the flat indices of all True cells sorted by component, and the boundaries between the components.
 
-    Components come in the order of the Hilbert curve through their first cells.
+    The components are sorted along a Hilbert curve through their first cells.
     """
     labels = components(region).ravel()
     order = max(1, int(max(region.shape) - 1).bit_length())

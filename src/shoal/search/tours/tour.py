@@ -1,4 +1,4 @@
-"""Tour: the cells of a region in the order in which a robot visits them, and what can be measured of that order."""
+"""Tour: the cells of a region in the order in which a robot visits them, and metrics of this order."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from shoal.search.tours.masks import deep
 
 @dataclass(frozen=True)
 class TourMetrics:
-    """The measures of a tour.
+    """The metrics of a tour.
 
     Attributes
     ----------
     cells : int
     length : float
-        Sum of all steps, Euclidean, in sides of a cell; that of a closed tour includes the closing edge.
+        Sum of all Euclidean steps in cell sides. For a closed tour, it includes the closing edge.
     closing_edge : float
-        The step from the last cell back to the first; 0 for an open tour.
+        Length of the step from the last cell back to the first; 0 for an open tour.
     turns : int
-        At how many cells the direction changes; on a closed tour also at the first and the last cell.
+        Number of cells at which the direction changes. For a closed tour, it includes the first and the last cell.
     turns_per_cell : float
     longest_step : float
-        But for the closing edge.
+        Length of the longest step, except the closing edge.
     neighbour_steps : float
-        Share of steps between cells that have a side (in 3 dimensions a face) in common, the closing edge included.
+        Fraction of steps between cells that share a side (in 3 dimensions a face), including the closing edge.
     neighbour_stretch : float
-        Mean distance along the tour of two cells with a side in common, round a closed tour the shorter way: the average
+        Mean distance along the tour of two cells that share a side; for a closed tour, the shorter direction. This is the average
         nearest-neighbour stretch of P. Xu and S. Tirthapura, "A lower bound on proximity preservation by space filling curves",
         IPDPS 2012.
     dilation : float
-        Largest squared distance of two cells over their distance along the tour (the closing edge counts as one step), taken at the
-        distances 1, 2, 3, 4, 6, 8, 12, 16, ...: from below the worst-case locality WL2 of H. Haverkort and F. van Walderveen,
-        "Locality and bounding-box quality of two-dimensional space-filling curves", Computational Geometry 43, 2010:
-        6 for the Hilbert curve in the limit.
+        Largest ratio of the squared distance of two cells to their distance along the tour, where the closing edge counts as one
+        step. It is evaluated at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, ..., and so is a lower bound of the worst-case
+        locality WL2 of H. Haverkort and F. van Walderveen, "Locality and bounding-box quality of two-dimensional space-filling
+        curves", Computational Geometry 43, 2010. WL2 tends to 6 for the Hilbert curve.
     """
 
     cells: int
@@ -54,27 +54,27 @@ class TourMetrics:
     dilation: float
 
     def report(self) -> dict[str, Any]:
-        """Return all figures by name, for JSON."""
+        """Return all metrics by name, for JSON."""
         return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """Cells in visiting order; a closed tour goes on from the last to the first.
+    """Cells in visiting order. A closed tour continues from the last cell to the first.
 
     Parameters
     ----------
     cells : ndarray of int64, shape (N, 2) or (N, 3)
-        (row, col), row 0 on top, or (layer, row, col); no cell twice. Read-only afterwards.
+        (row, col) with row 0 on top, or (layer, row, col); each cell at most once. Read-only afterwards.
     shape : tuple of int
-        Of the grid, (H, W) or (L, H, W).
+        Shape of the grid, (H, W) or (L, H, W).
     closed : bool
     name : str
 
     Raises
     ------
     InvalidInputError
-        For no cells, cells outside the grid or a cell visited twice.
+        If there are no cells, a cell is outside the grid, or a cell is visited twice.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class Tour:
 
     @cached_property
     def position(self) -> NDArray[np.int64]:
-        """The number of each cell on the tour, -1 where there is none; read-only int64 of the grid's shape."""
+        """Tour index of each cell, -1 for other cells; read-only int64 of the grid's shape."""
         from shoal.search.kernels.measures import fill_position
 
         position = np.full(self.shape, -1, dtype=np.int64)
@@ -130,7 +130,7 @@ class Tour:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """The length of the step from each cell to the next, in sides of a cell; float64, shape (N,), of an open tour (N - 1,)."""
+        """Length of the step from each cell to the next in cell sides; float64, shape (N,), or (N - 1,) for an open tour."""
         from shoal.search.kernels.measures import squared_steps
 
         squares = np.empty(len(self.cells), dtype=np.int64)
@@ -140,7 +140,7 @@ class Tour:
         return lengths
 
     def metrics(self) -> TourMetrics:
-        """Measure the tour: time and memory grow as N log N and N."""
+        """Measure the tour. Time and memory grow as N log N and N."""
         from shoal.search.kernels import measures
 
         n, steps, cells = len(self.cells), self.steps, deep(self.cells)

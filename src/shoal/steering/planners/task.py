@@ -194,7 +194,8 @@ class SteeringTask:
     def tidied(self, moves: Points, *, start: Points) -> Points:
         """Return a plan without its tiny moves if the previous move can be extended instead.
 
-        A chain keeps the other particle at a margin from the walls. If that particle touches a wall next, its path is only this margin.
+        A chain keeps the other particle at a margin from the walls. If that particle touches a wall next, its path is only this
+        margin.
         """
         size = self.world.room.size
         k = 1

@@ -1,1 +1,1 @@
-"""Formats of mission files, one a file: each writes a mission and reads one back."""
+"""Formats of mission files. Each module writes and reads one format."""

@@ -1,4 +1,4 @@
-"""What GeoJSON, KML, GPX and CSV files say of a mission beside its coordinates, under the same names."""
+"""Mission attributes besides coordinates. GeoJSON, KML, GPX and CSV files store them under the same names."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from shoal.search.problem.mission_options import CAPS
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
 MORE = ("delay_s", "landing_x", "landing_y")
-"""Those that a file may lack: a mission of no delay that ends by a return home."""
+"""Optional attributes. Without them, a mission has no delay and ends with a return home."""
 
 ALTITUDES = "altitudes_m"
-"""The altitudes of all waypoints, where they differ: numbers with spaces between."""
+"""The altitudes of all waypoints if they differ: numbers separated by spaces."""
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission, in the order of `NAMES` and, as far as it has them, `MORE` and `ALTITUDES`."""
+    """Return the attributes of a mission in the order of `NAMES`, followed by the existing ones of `MORE` and `ALTITUDES`."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [mission.delay or None, *(mission.landing or (None, None))]
     named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
@@ -32,7 +32,7 @@ def attributes_of(mission: Mission) -> dict[str, str | int | float]:
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
-    """Fill a sheet with attributes as a file has them, numbers or text, and note what is wrong with them."""
+    """Fill a sheet with attributes from a file, given as numbers or text, and add diagnostics."""
     missing = [name for name in NAMES if name not in found]
     for name in missing:
         sheet.add("missing-key", place, f"expected {name!r}, got none")
@@ -62,7 +62,7 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
 
 
 def spread_altitudes(sheet: Sheet, place: str) -> None:
-    """Give each waypoint of a sheet its altitude: its own, or that of all."""
+    """Assign an altitude to each waypoint of a sheet: its own, or the common one."""
     count = len(sheet.points)
     if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
         sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one a waypoint, got {len(sheet.altitudes)}")
@@ -81,7 +81,7 @@ def _whole(value: Any) -> int | None:
 
 
 def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
-    """Return a number among what was found; not-a-number, and a note, for what is none."""
+    """Return the number called ``name``. An invalid value gives NaN and a diagnostic."""
     value = found[name]
     if not isinstance(value, bool):
         try:

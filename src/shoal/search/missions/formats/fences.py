@@ -1,4 +1,4 @@
-"""Fence and rally points: as `QGC WPL 110` files beside missions for ArduPilot, and in the ground station's `.plan`."""
+"""Fence and rally points: as `QGC WPL 110` files beside ArduPilot missions, and inside QGroundControl's `.plan` files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.search.missions.fence import Fence
 from shoal.search.missions.formats.numbers import degrees, plain, raw
 
 FENCE, RALLY = "fence.txt", "rally.txt"
-"""The files beside ``.waypoints``, of all vehicles."""
+"""The files beside ``.waypoints`` that all vehicles share."""
 
 HEADER = "QGC WPL 110"
 _INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD
@@ -23,7 +23,7 @@ Places = tuple[tuple[float, float], ...]
 
 
 def fence_text(fence: Fence) -> str:
-    """Return a fence as a table of mission items, each corner with the count of its polygon."""
+    """Return a fence as a table of mission items. Each item is a corner and contains the number of corners of its polygon."""
     rows = [
         (_GLOBAL, _OUTSIDE if number else _INSIDE, float(len(ring)), x, y, 0.0)
         for number, ring in enumerate(fence.rings)
@@ -33,7 +33,7 @@ def fence_text(fence: Fence) -> str:
 
 
 def rally_text(points: Places, altitude: float) -> str:
-    """Return rally points as a table of mission items, at a height above home."""
+    """Return rally points as a table of mission items at a height above home."""
     return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, altitude) for x, y in points])
 
 
@@ -48,7 +48,7 @@ def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
 
 
 def read_fence(text: str, where: str) -> Fence:
-    """Return the fence that a table describes.
+    """Return the fence from a table.
 
     Raises
     ------
@@ -70,12 +70,12 @@ def read_fence(text: str, where: str) -> Fence:
         missing -= 1
     inside = [np.array(ring) for command, ring in rings if command == _INSIDE]
     if missing or len(inside) != 1:
-        raise InvalidInputError(f"{where}: expected one whole polygon to stay in, got {len(inside)}")
+        raise InvalidInputError(f"{where}: expected one complete inclusion polygon, got {len(inside)}")
     return Fence(inside[0], tuple(np.array(ring) for command, ring in rings if command == _OUTSIDE))
 
 
 def read_rally(text: str, where: str) -> Places:
-    """Return the rally points that a table describes.
+    """Return the rally points from a table.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def read_rally(text: str, where: str) -> Places:
 
 
 def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, float]]]:
-    """Return line, command, first parameter, and longitude and latitude of each item."""
+    """Return line, command, first parameter, longitude and latitude of each item."""
     lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
         raise InvalidInputError(f"{where}: line 1: expected {HEADER!r}, got {lines[0][:40] if lines else 'an empty file'!r}")
@@ -111,7 +111,7 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
 
 
 def plan_fence(fence: Fence | None) -> dict[str, Any]:
-    """Return a fence as a ``.plan`` holds it."""
+    """Return a fence in the form of a ``.plan`` file."""
     polygons = [
         {"inclusion": not number, "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()], "version": 1}
         for number, ring in enumerate(() if fence is None else fence.rings)
@@ -120,5 +120,5 @@ def plan_fence(fence: Fence | None) -> dict[str, Any]:
 
 
 def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
-    """Return rally points as a ``.plan`` holds them."""
+    """Return rally points in the form of a ``.plan`` file."""
     return {"version": 2, "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points]}

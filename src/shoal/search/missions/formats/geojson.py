@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946): a line for the waypoints, a point for home; longitude first."""
+"""GeoJSON missions (RFC 7946): a line for the waypoints and a point for home, with longitude first."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from shoal.search.missions.formats.numbers import Number, degrees, dump_json, lo
 from shoal.search.missions.mission import Mission
 
 SUFFIX = ".geojson"
-_FARTHEST = 10**300  # a whole number beyond it may be none that a float can hold
+_FARTHEST = 10**300  # a larger whole number may overflow a float
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a GeoJSON file. One waypoint alone is a point, for a line needs two."""
+    """Return a mission as the text of a GeoJSON file. A single waypoint is a point, because a line needs two."""
     points = [[raw(degrees(value)) for value in point] for point in mission.waypoints.tolist()]
     line: dict[str, Any] = {"type": "LineString", "coordinates": points}
     if len(points) == 1:
@@ -30,7 +30,7 @@ def write(mission: Mission) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with what the text of a GeoJSON file says."""
+    """Fill a sheet with the content of a GeoJSON file."""
     try:
         data = load_json(text)
     except json.JSONDecodeError as error:

@@ -1,7 +1,7 @@
-"""GPX 1.1: a route for the waypoints, a waypoint for home.
+"""GPX 1.1 missions: a route for the waypoints, and a waypoint for home.
 
-Elevations count from sea level in GPX: they are written where the height of home above it is known, or altitudes count from it.
-Where a file has elevations, the heights of its waypoints differ as they do.
+Elevations in GPX are heights above sea level. They are written if home's height above sea level is known, or if altitudes refer to
+the sea. In a file with elevations, the waypoints' heights differ by the same amounts.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write(mission: Mission) -> str:
 
 
 def _ends(mission: Mission) -> list[str]:
-    """Return what follows the place of each waypoint: its height above sea level, where that is known."""
+    """Return the text after the position of each waypoint: its height above sea level, if known."""
     if mission.elevation is None and mission.altitude_frame != "sea":
         return ["/>"] * len(mission.waypoints)
     heights = mission.heights_above_home + (mission.elevation or 0.0)
@@ -50,7 +50,7 @@ def _place(longitude: float, latitude: float) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with what the text of a GPX file says."""
+    """Fill a sheet with the content of a GPX file."""
     root = parse_root(text, "gpx", sheet)
     if root is None:
         return
@@ -78,7 +78,7 @@ def _route(sheet: Sheet, route: Element) -> None:
         return
     raised = [_elevation(sheet, element) for element in elements]
     base = next((height for height in raised if height is not None), 0.0)
-    if sheet.altitude_frame == "ground":  # which lies at different elevations itself
+    if sheet.altitude_frame == "ground":  # on terrain, whose elevations differ anyway
         raised = [base] * len(raised)
     sheet.altitudes = [altitude + (base if height is None else height) - base for altitude in sheet.altitudes for height in raised]
 

@@ -1,4 +1,4 @@
-"""MAVLink mission items: what `.plan` and WPL files consist of."""
+"""MAVLink mission items, the content of `.plan` and WPL files."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PLACED = {WAYPOINT, HOLD, LAND, TAKE_OFF}
 _KNOWN = {*_PLACED, RETURN, DELAY, SPEED, GIMBAL, TRIGGER}
-_ENDS = {"rover": HOLD}  # by kind: how a mission ends at a place of its own; others land
+_ENDS = {"rover": HOLD}  # by kind: end of a mission at a position of its own; other kinds land
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
-_READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # 6 and 5 are 3 and 0 with integers on the wire
+_READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and 0 with integer coordinates
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
-_STEEP = 15.0  # degrees: the pitch in which fixed wings take off
+_STEEP = 15.0  # degrees: pitch of fixed wings during take-off
 
 Params = tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
 class Item:
-    """One mission item; latitude, longitude and altitude are the last three of its seven parameters; None is unset."""
+    """One mission item. Latitude, longitude and altitude are the last three of its seven parameters. None means unset."""
 
     command: int
     frame: int
@@ -38,8 +38,8 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    A wait and take-off come first, for autopilots begin with them; the speed then holds until the end. Images are taken from the
-    first waypoint to the last.
+    Wait and take-off come first, because autopilots begin with them. The speed then holds until the end. Images are taken from the
+    first to the last waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     heights = mission.heights_above_home + ((mission.elevation or 0.0) if frame == 0 else 0.0)
@@ -52,7 +52,7 @@ def items_of(mission: Mission) -> list[Item]:
     if mission.gimbal_pitch is not None:
         items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
     if mission.trigger_distance is not None:
-        points[1:1] = [_placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)]  # the first image at once
+        points[1:1] = [_placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)]  # take the first image immediately
         points.append(_placeless(TRIGGER))
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
     wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
@@ -68,7 +68,7 @@ def _placeless(command: int, *params: float) -> Item:
 
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Fill a sheet with what items say, and note what is wrong with them."""
+    """Fill a sheet with the content of items, and add diagnostics."""
     waypoints = [item for item in items if item.command == WAYPOINT]
     sheet.n_items = len(items) + 1
     sheet.points = np.array([_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64).reshape(-1, 2)
@@ -102,7 +102,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def _check_frame(sheet: Sheet, item: Item) -> None:
-    """Note altitudes that count from something else."""
+    """Add a diagnostic for altitudes with another reference."""
     if item.command in _PLACED:
         wanted = sheet.altitude_frame or "home"
         if _READ.get(item.frame) != wanted:
@@ -114,7 +114,7 @@ def _check_frame(sheet: Sheet, item: Item) -> None:
 
 
 def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Note a camera that is aimed at nothing, or that does not stop."""
+    """Add a diagnostic for a camera without a target, or one that never stops."""
     for item in items:
         pitch, mode = _number(item.params[0], item.params[6])
         if item.command == GIMBAL and not (abs(pitch) <= 90 and mode == _BY_ANGLES):
@@ -130,7 +130,7 @@ def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
-    """Return what a file is for that does not say it: its items do."""
+    """Return the kind of vehicle of a file that does not state it, as its items imply."""
     if not any(altitude > 0 for altitude in sheet.altitudes) and not any(item.command == TAKE_OFF for item in items):
         return "rover"
     through_air = any(item.command == SPEED and item.params[0] == _AIR for item in items)
@@ -138,7 +138,7 @@ def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
 
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Note a take-off that is missing before the first waypoint, or that a rover has."""
+    """Add a diagnostic for a missing take-off before the first waypoint, or for a rover's take-off."""
     commands = [item.command for item in items if item.command in (TAKE_OFF, WAYPOINT)]
     if sheet.kind == "rover":
         if TAKE_OFF in commands:

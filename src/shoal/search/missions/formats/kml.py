@@ -1,4 +1,4 @@
-"""KML 2.2: a line for the waypoints, a point for home; longitude first."""
+"""KML 2.2 missions: a line for the waypoints and a point for home, with longitude first."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SUFFIX = ".kml"
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a KML file. One waypoint alone is a point, for a line needs two."""
+    """Return a mission as the text of a KML file. A single waypoint is a point, because a line needs two."""
     mode, heights = _heights(mission)
     points = [f"{degrees(x)},{degrees(y)},{plain(z)}" for (x, y), z in zip(mission.waypoints.tolist(), heights, strict=True)]
     shape = "LineString" if len(points) > 1 else "Point"
@@ -47,10 +47,10 @@ def write(mission: Mission) -> str:
 
 
 def _heights(mission: Mission) -> tuple[str, list[float]]:
-    """Return what altitudes count from in KML, and those of the waypoints.
+    """Return the altitude mode in KML, and the altitudes of the waypoints.
 
-    KML knows the ground under each and the sea. Heights above home are neither, unless that of home itself is known: then they
-    are left to the attributes, and the line lies on the ground.
+    KML supports altitudes above ground and above the sea. Heights above home can be converted only if home's own height is known.
+    Otherwise only the attributes contain them, and the line lies on the ground.
     """
     count = len(mission.waypoints)
     if mission.kind != "rover":
@@ -62,7 +62,7 @@ def _heights(mission: Mission) -> tuple[str, list[float]]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with what the text of a KML file says."""
+    """Fill a sheet with the content of a KML file."""
     root = parse_root(text, "kml", sheet)
     if root is None:
         return

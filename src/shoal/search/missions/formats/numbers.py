@@ -1,4 +1,4 @@
-"""Numbers in mission files: written with fixed decimals, read with what they were written with."""
+"""Numbers in mission files: written with fixed decimals, and read together with their number of decimals."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ DECIMALS = 8  # of a degree: 1.1 mm
 
 
 def degrees(value: float) -> str:
-    """Return a coordinate as files have it.
+    """Return a coordinate in degrees as text.
 
     Examples
     --------
@@ -26,7 +26,7 @@ def degrees(value: float) -> str:
 
 
 def plain(value: float) -> str:
-    """Return another number, short and exact.
+    """Return any other number as a short exact text.
 
     Examples
     --------
@@ -44,14 +44,14 @@ class Number(float):
     decimals = 0
 
     def __new__(cls, text: str) -> Number:
-        """Return the number that a text says."""
+        """Return the number in a text."""
         made = super().__new__(cls, text)
         made.decimals = decimals_of(text)
         return made
 
 
 def load_json(text: str) -> Any:
-    """Return what JSON says, with fractions as `Number`.
+    """Parse JSON, with fractions as `Number`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def load_json(text: str) -> Any:
 
 
 def dump_json(value: Any) -> str:
-    """Return JSON in which strings made by `raw` stand as the numbers they hold.
+    """Return JSON in which strings made by `raw` appear as numbers.
 
     Examples
     --------
@@ -74,5 +74,5 @@ def dump_json(value: Any) -> str:
 
 
 def raw(number: str) -> str:
-    """Mark a number's text to stand in JSON as it is."""
+    """Mark a number's text so that `dump_json` writes it unchanged."""
     return f"\x1f{number}"

@@ -1,4 +1,4 @@
-"""QGroundControl's `.plan`: JSON, latitude before longitude."""
+"""QGroundControl's `.plan` format: JSON with latitude before longitude."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FIRMWARE = {"px4": 12, "ardupilot": 3}  # MAV_AUTOPILOT
 _VEHICLES = {"multirotor": 2, "fixed-wing": 1, "rover": 10}  # MAV_TYPE
 _MULTIROTORS = dict.fromkeys((2, 13, 14, 15), "multirotor")  # with 4, 6, 8 and 3 rotors
 _KINDS = {number: kind for kind, number in _VEHICLES.items()} | _MULTIROTORS
-_ALTITUDE_MODES = {"home": 1, "ground": 1, "sea": 2}  # what follows the ground is written above home
+_ALTITUDE_MODES = {"home": 1, "ground": 1, "sea": 2}  # terrain-following missions are written with heights above home
 
 _Numbers = Annotated[float, Field(strict=True)]
 
@@ -135,7 +135,7 @@ def _item(item: Item, number: int) -> dict[str, Any]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with what the text of a `.plan` file says."""
+    """Fill a sheet with the content of a `.plan` file."""
     try:
         data = load_json(text)
         form = PlanForm.model_validate(data)
@@ -160,11 +160,11 @@ def scan(text: str, sheet: Sheet) -> None:
     sheet.speed = mission.hover_speed if sheet.kind == "multirotor" else mission.cruise_speed
     latitude, longitude = (float("nan") if value is None else value for value in mission.home[:2])
     sheet.home = (longitude, latitude)
-    sheet.elevation = mission.home[2] or None  # 0 stands for what is not known
+    sheet.elevation = mission.home[2] or None  # 0 means unknown
     sheet.decimals = _decimals(data)
     rings = [(np.array(one.polygon)[:, ::-1], one.inclusion) for one in form.fence.polygons]
     inside = [ring for ring, kept in rings if kept]
-    if len(inside) == 1:  # what several mean together depends on the autopilot
+    if len(inside) == 1:  # autopilots interpret several outlines differently
         sheet.fence = Fence(inside[0], tuple(ring for ring, kept in rings if not kept))
     sheet.rally = tuple((longitude, latitude) for latitude, longitude, _ in form.rally.points)
     items = [Item(item.command, item.frame, tuple(item.params), f"item {k}") for k, item in enumerate(mission.items, start=1)]
@@ -178,7 +178,7 @@ def scan(text: str, sheet: Sheet) -> None:
 
 
 def _note(sheet: Sheet, fault: Any) -> None:
-    """Note one of Pydantic's errors, in our words."""
+    """Add a diagnostic for one of Pydantic's errors."""
     place = ", ".join(f"item {part + 1}" if before == "items" else str(part) for before, part in _path(fault["loc"]))
     kind, got = fault["type"], repr(fault["input"])[:60]
     if kind == "missing":
@@ -192,7 +192,7 @@ def _note(sheet: Sheet, fault: Any) -> None:
 
 
 def _path(location: tuple[int | str, ...]) -> list[tuple[int | str, Any]]:
-    """Return each step into the file with the one before, without the list's own name before an item and the kinds of a union."""
+    """Return the steps of a location in pairs (previous, current), without list names before items and union kinds."""
     steps = [(location[k - 1] if k else "", part) for k, part in enumerate(location)]
     return [(before, part) for before, part in steps if part not in ("items", "float")]
 

@@ -1,4 +1,4 @@
-"""CSV: one item a line; degrees, or metres for a region of no place on Earth."""
+"""CSV missions: one item per line, in degrees, or in metres for a region without a position on Earth."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _text(value: str | float) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with what the text of a CSV file says."""
+    """Fill a sheet with the content of a CSV file."""
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1) if row]
     except csv.Error as error:
@@ -81,7 +81,7 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 
 def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
-    """Take the attributes of the first line, which all others repeat but for the altitude."""
+    """Read the attributes of the first line. All other lines must repeat them, except the altitude."""
     names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
     first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)

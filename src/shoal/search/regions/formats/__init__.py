@@ -1,16 +1,16 @@
-"""Read the polygons in a file; its suffix says the format.
+"""Readers of region files. The suffix of a file determines its format.
 
-- ``.geojson .json``: GeoJSON; longitude first, degrees, unless an old "crs" member names another system.
-- ``.kml .kmz``: the polygons of its placemarks; of a KMZ, those of the first KML file in it.
-- ``.gpkg .shp .zip``: in the coordinate reference system that they name (for a Shapefile, beside it in ``.prj``; a zip archive
-  holds one Shapefile). A GeoPackage layer in no system on Earth is in metres.
-- ``.csv``: one vertex a line; a heading says what the columns are (``x_m,y_m``, or ``longitude,latitude``), lines beginning with #
-  are passed over. A blank line, or another value in a third column, begins the next ring. Rings may be closed or not. A ring inside
-  another is a hole of it, a ring inside a hole a part again.
+- ``.geojson .json``: GeoJSON; longitude first, in degrees, unless an old "crs" member names another system.
+- ``.kml .kmz``: the polygons of the placemarks; of a KMZ, those of the first KML file in it.
+- ``.gpkg .shp .zip``: in the coordinate reference system that the file names (for a Shapefile, in the ``.prj`` beside it). A zip
+  archive must contain one Shapefile. A GeoPackage layer without a system on Earth is in metres.
+- ``.csv``: one vertex per line. A heading names the columns (``x_m,y_m``, or ``longitude,latitude``), and lines that begin with #
+  are ignored. A blank line, or another value in a third column, begins the next ring. Rings may be closed or not. A ring inside
+  another is its hole, and a ring inside a hole is a part again.
 
-A polygon is a no-go zone if a property of it says so (``no_go``, ``noFly``, ``exclusion`` and alike, unless false), or if its name
-or kind does ("No-go: pond", "NFZ 3"), or that of the folder, collection or layer that it is in. Points and lines in a file are
-passed over if it holds a polygon. Parts that overlap are taken together. Limits are in `shoal.search.regions.limits`.
+A polygon is a no-go zone if one of its properties says so (``no_go``, ``noFly``, ``exclusion`` and similar, unless false). It is
+also a no-go zone if its name or kind says so ("No-go: pond", "NFZ 3"), or the name of its folder, collection or layer. Points and
+lines are ignored if the file contains a polygon. Overlapping parts are united. `shoal.search.regions.limits` lists the limits.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zon
     ----------
     path : path
     layer : str, optional
-        Which layer of a GeoPackage.
+        Layer of a GeoPackage.
     zones : bool
-        Whether all that is in the file is to be kept out of: then all layers are read.
+        Whether all polygons in the file are no-go zones. Then all layers are read.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged, of another format, too large, or holds no polygon; the message says where.
+        If the file is missing, damaged, of another format, too large, or contains no polygon. The message gives the location.
     """
     source = Path(path)
     suffix = source.suffix.lower()

@@ -1,4 +1,4 @@
-"""Coordinates in any coordinate reference system, to WGS84 degrees or metres of no place."""
+"""Conversion of coordinates from any coordinate reference system to WGS84 degrees, or to metres without a position on Earth."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, R
 
 
 def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> RegionOutlines:
-    """Return outlines with longitude and latitude in WGS84, from coordinates in ``crs`` (a name, an EPSG code or WKT).
+    """Return outlines in WGS84 longitude and latitude, from coordinates in ``crs`` (a name, an EPSG code or WKT).
 
-    Coordinates come east first, as GeoJSON, GeoPackage and Shapefile have them. A system of no place on Earth leaves metres.
+    Coordinates have east first, as in GeoJSON, GeoPackage and Shapefile. A system without a position on Earth gives metres.
 
     Raises
     ------
     InvalidInputError
-        If the system is not known, or a coordinate lies outside of it.
+        If the system is unknown, or a coordinate lies outside its range.
     """
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError

@@ -1,4 +1,4 @@
-"""GeoJSON (RFC 7946), walked by hand so that every complaint has its place."""
+"""GeoJSON regions (RFC 7946), parsed by own code so that every error message has a location."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.search.regions.limits import LARGEST_FILE
 from shoal.search.regions.outline_checks import Points, RegionOutline, RegionOutlines, Ring
 
 _OTHER = {"Point", "MultiPoint", "LineString", "MultiLineString"}
-_SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name, no definition
+_SYSTEM = re.compile(r"[\w:/.() -]{1,200}", re.ASCII)  # EPSG:25832, urn:ogc:def:crs:OGC:1.3:CRS84: a name without definition
 
 
 def read_geojson(path: Path) -> RegionOutlines:
@@ -40,7 +40,7 @@ def read_geojson(path: Path) -> RegionOutlines:
 
 
 def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
-    """Return the points in a GeoJSON file, or the vertices of its line, and whether they are one.
+    """Return the points in a GeoJSON file, or the vertices of its line, and whether they form a line.
 
     Raises
     ------
@@ -78,7 +78,7 @@ def _geometries(data: Any, where: str) -> list[dict[str, Any]]:
 
 
 def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
-    """Collect the polygons of a GeoJSON object, and the types of what is no polygon."""
+    """Collect the polygons of a GeoJSON object, and the types of its other geometries."""
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")
@@ -136,7 +136,7 @@ def _points(ring: Any, where: str) -> Points:
 
 
 def _crs_name(data: Any, where: str) -> str | None:
-    """Return the name in the "crs" member that GeoJSON had before RFC 7946."""
+    """Return the name in the "crs" member, which GeoJSON had before RFC 7946."""
     if not isinstance(data, dict) or data.get("crs") is None:
         return None
     crs = data["crs"]

@@ -1,4 +1,4 @@
-"""GeoPackage (OGC 12-128): an SQLite file, of which tables are read and nothing is run."""
+"""GeoPackage regions (OGC 12-128): an SQLite file whose tables are read without running any code in it."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from shoal.search.regions.formats.marks import can_mark, names_no_go
 from shoal.search.regions.limits import LARGEST_DATABASE, LARGEST_FILE, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
-_STEPS = 50_000_000  # of SQLite's machine: a table of so many polygons needs a hundredth of that
+_STEPS = 50_000_000  # steps of SQLite's virtual machine; a table with the maximum number of polygons needs a hundredth
 _AT_ONCE = 10_000
-_POINT, _LINE, _POLYGON = 1, 2, 3  # of well-known binary
+_POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
 _DEEPEST = 10
-_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # bytes before the geometry, by what the flags say
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # length in bytes of the header before the geometry, by its flags
 _LAYERS = """
     SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
     FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name
@@ -37,7 +37,7 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
     path : path
     layer : str, optional
     every : bool
-        Read all layers: those of a file of no-go zones.
+        Whether to read all layers, as for a file of no-go zones.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
 
 
 def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
-    """Return the names of the layers to read: the one that is asked for, and those of no-go zones."""
+    """Return the names of the layers to read: the requested layer, and layers of no-go zones."""
     zones = [name for name in names if names_no_go(name)]
     searched = [name for name in names if name not in zones] or zones
     if layer is not None and layer not in names:
@@ -67,7 +67,7 @@ def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
 
 
 def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, asked: str | None) -> RegionOutlines:
-    """Return the polygons of one layer; all are no-go zones if its name says so and it was not asked for."""
+    """Return the polygons of one layer. They are no-go zones if the layer's name says so and the layer was not requested."""
     table, column, organization, code, definition = known[name]
     _check_table(database, path, str(table))
     columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(table)})")]
@@ -86,7 +86,7 @@ def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], n
 
 
 def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
-    """Refuse what is no plain table: a view or a virtual table runs what its author wrote."""
+    """Refuse anything but a plain table, because a view or a virtual table can run code."""
     found = database.execute("SELECT type, sql FROM sqlite_master WHERE lower(name) = lower(?)", (name,)).fetchone()
     kind = "nothing" if found is None else str(found[0])
     if kind == "table" and "VIRTUAL" in str(found[1]).upper().split()[:2]:
@@ -96,7 +96,7 @@ def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
 
 
 def _shape(blob: Any, where: str) -> Any:
-    """Return a geometry; None if there is none."""
+    """Return a geometry, or None for an empty value."""
     import shapely
 
     data = b"" if blob is None else bytes(blob) if isinstance(blob, bytes) else b"?"
@@ -105,7 +105,7 @@ def _shape(blob: Any, where: str) -> Any:
     try:
         if data[:2] != b"GP" or len(data) < 8:
             raise ValueError
-        body = data[8 + _ENVELOPES[data[3] >> 1 & 7] :]  # after its header
+        body = data[8 + _ENVELOPES[data[3] >> 1 & 7] :]  # after the header
         _check_depth(body)
         return shapely.force_2d(shapely.from_wkb(body))
     except (shapely.errors.ShapelyError, KeyError, ValueError, struct.error):
@@ -113,7 +113,7 @@ def _shape(blob: Any, where: str) -> Any:
 
 
 def _check_depth(data: bytes) -> None:
-    """Refuse geometries deep within each other, by ValueError: GEOS would use up the stack, and with it the process."""
+    """Raise ValueError for deeply nested geometries, because they would overflow the stack of GEOS and end the process."""
     at, open_ones = 0, [1]
     while open_ones:
         if not open_ones[-1]:
@@ -144,7 +144,7 @@ def _quoted(name: Any) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Give an SQLite file, read only, with no trust in what it has in store; what it raises becomes one sentence."""
+    """Open an SQLite file read-only and without trust in its content. Any error becomes one sentence."""
     left = _STEPS // _AT_ONCE
 
     def step() -> bool:

@@ -1,4 +1,4 @@
-"""KML: the polygons of placemarks; KMZ: the same, zipped."""
+"""KML regions: the polygons of placemarks; KMZ: the same, zipped."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_kml(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        With the line.
+        If the file is invalid. The message names the line.
     """
     return _outlines(read_text(path, what="region file", most=LARGEST_FILE), str(path))
 
@@ -70,7 +70,7 @@ def _outlines(text: str, where: str) -> RegionOutlines:
 
 
 def _zones(root: Element) -> set[int]:
-    """Return the polygons, by identity, to keep out of: their placemark says so, or the name of a folder around it."""
+    """Return the identities of polygons that are no-go zones according to their placemark or the name of a folder around them."""
     marked = [one for one in root.walk() if one.tag in _CONTAINERS and names_no_go(_child(one, "name"))]
     marked += [one for one in root.all("Placemark") if _is_no_go(one)]
     return {id(polygon) for one in marked for polygon in one.all("Polygon")}

@@ -1,4 +1,4 @@
-"""What layers of shapes have in common: features with a geometry and properties that may mark no-go zones."""
+"""Common code for layers of shapes: features with a geometry, and properties that may mark no-go zones."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from shoal.search.regions.outline_checks import RegionOutline, polygon_outlines
 def layer_polygons(
     shapes: Iterable[tuple[Any, Mapping[str, Any]]], where: str, *, no_go: bool = False
 ) -> tuple[RegionOutline, ...]:
-    """Return the polygons of features, each a Shapely geometry or None with its properties.
+    """Return the polygons of features. Each feature is a Shapely geometry or None, with its properties.
 
     Raises
     ------
     InvalidInputError
-        If there are none.
+        If there are no polygons.
     """
     found: list[RegionOutline] = []
     kinds: set[str] = set()

@@ -1,4 +1,4 @@
-"""How files mark no-go zones: by a property that says yes, or by a name or a kind that says no-go, no-fly, NFZ or exclusion."""
+"""Detection of no-go zones in files: by a property that is true, or by a name or kind with no-go, no-fly, NFZ or exclusion."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NO = {"", "0", "0.0", "false", "no", "n", "none", "null", "off"}
 
 
 def can_mark(key: str) -> bool:
-    """Tell whether a property could mark a no-go zone.
+    """Return whether a property could mark a no-go zone.
 
     Examples
     --------
@@ -28,7 +28,7 @@ def can_mark(key: str) -> bool:
 
 
 def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
-    """Tell whether a feature is a no-go zone, by its told and its names; a property that says no outweighs names.
+    """Return whether a feature is a no-go zone, by its properties and its names. A property that says no overrides names.
 
     Examples
     --------
@@ -49,7 +49,7 @@ def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
 
 
 def names_no_go(name: Any) -> bool:
-    """Tell whether the name of a folder, a collection or a layer makes all in it no-go zones.
+    """Return whether the name of a folder, a collection or a layer marks its content as no-go zones.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Shapefile, through pyogrio (GDAL), as its files or zipped."""
+"""Shapefile regions, read by pyogrio (GDAL), as separate files or zipped."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 
 
 def read_zipped_shapefile(path: Path) -> RegionOutlines:
-    """Return the polygons in the one Shapefile of a zip archive; names in it are not followed anywhere.
+    """Return the polygons in the only Shapefile of a zip archive. Paths inside the archive are ignored.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
-    """Return the polygons in a Shapefile; ``where`` is what errors call it, if not by its path.
+    """Return the polygons in a Shapefile. ``where`` is its name in error messages; the default is its path.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
     where = where or str(path)
     check_file(path, what="region file", most=LARGEST_FILE)
     with path.open("rb") as file:
-        if file.read(4) != _MAGIC:  # so that GDAL takes it for no other of its formats
+        if file.read(4) != _MAGIC:  # so that GDAL tries none of its other formats
             raise InvalidInputError(f"{path}: expected a file of shapes, got a damaged one or another format")
     for suffix in (".shx", ".prj", ".dbf", ".cpg"):
         there = [beside for form in (suffix, suffix.upper()) if (beside := path.with_suffix(form)).is_file()]
@@ -87,7 +87,7 @@ def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None
     source = path.resolve()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what GDAL warns of is either an error later or harmless
+            warnings.simplefilter("ignore")  # GDAL's warnings are either errors later or harmless
             info = pyogrio.read_info(source)
             check_count(int(info["features"]), MOST_POLYGONS, where=str(path), what="features")
             marks = [str(name) for name in info["fields"] if can_mark(str(name))]
@@ -95,7 +95,7 @@ def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None
             shapes = shapely.from_wkb(raw)
     except InvalidInputError:
         raise
-    except Exception as error:  # of damaged files pyogrio raises many kinds, UnboundLocalError among them
+    except Exception as error:  # for damaged files pyogrio raises many kinds of exceptions, including UnboundLocalError
         said = " ".join(str(error).split())[:160]
         raise InvalidInputError(f"{path}: expected a file of shapes, got a damaged one or another format: {said}") from None
     told = (

@@ -1,4 +1,4 @@
-"""CSV: points and vertices, in metres or degrees, as the heading says."""
+"""CSV regions: points and vertices in metres or degrees, according to the heading."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.search.regions.formats.marks import names_no_go
 from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_PAIRS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
-_HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column is, and whether it is in degrees if that is known
+_HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column contains, and whether it is in degrees, if known
     **dict.fromkeys(("x", "east", "easting"), (0, None)),
     **dict.fromkeys(("y", "north", "northing"), (1, None)),
     **dict.fromkeys(("x_m", "x[m]", "x (m)"), (0, False)),
@@ -24,11 +24,11 @@ _HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column i
     **dict.fromkeys(("latitude", "lat", "y_deg"), (1, True)),
 }
 _LABELS = ("ring", "part", "polygon", "zone", "name")
-_WIDEST_IN_DEGREES = 2.0  # a region that is wider is refused, whatever its unit
+_WIDEST_IN_DEGREES = 2.0  # a wider region is refused in any unit
 
 
 class Vertex(NamedTuple):
-    """A point of a table, x or longitude first, with the text of a third column and its line."""
+    """A point of a table: x or longitude first, with the text of a third column and its line number."""
 
     x: float
     y: float
@@ -37,12 +37,12 @@ class Vertex(NamedTuple):
 
 
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
-    """Return the points of a table, None for a blank line, and whether its heading names degrees (None if it does not say).
+    """Return the points of a table, with None for a blank line, and whether its heading names degrees (None if unknown).
 
     Raises
     ------
     InvalidInputError
-        With the line.
+        If a line is invalid. The message names the line.
     """
     rows: list[Vertex | None] = []
     order, label, degrees = [0, 1], 2, None
@@ -72,7 +72,7 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
 
 
 def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
-    """Return which columns of a heading have x and y, which has the label, and whether they are in degrees; None for no heading."""
+    """Return the columns of a heading with x, y and the label, and whether they are in degrees; None if it is no heading."""
     known = [(_HEADINGS[word.lower()], column) for column, word in enumerate(words) if word.lower() in _HEADINGS]
     if sorted(axis for (axis, _), _ in known) != [0, 1]:
         return None
@@ -87,7 +87,7 @@ def read_table(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        With the line; also if what has no heading with a unit looks like degrees.
+        If a line is invalid; the message names the line. Also if the coordinates look like degrees but the heading names no unit.
     """
     rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
     rings = _rings(rows, path)
@@ -106,7 +106,7 @@ def read_table(path: Path) -> RegionOutlines:
 
 
 def _like_degrees(points: Any) -> bool:
-    """Tell whether vertices are rather degrees than metres: within their range, a region of few, and with many decimals."""
+    """Return whether vertices look like degrees: in the range of degrees, a small extent, and many decimals."""
     within = any((np.abs(points) <= most).all() for most in ([180, 90], [90, 180]))
     many_decimals = np.abs(points * 1000 - np.round(points * 1000)) > 1e-6 if within else np.zeros(1)
     return bool(within and (np.ptp(points, axis=0) < _WIDEST_IN_DEGREES).all() and many_decimals.any())
@@ -134,7 +134,7 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield pairs of polygons that share area, whether the second covers the first, and whether the first covers the second."""
+    """Yield pairs of polygons that share area, with two flags: whether the second covers the first, and the first the second."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)
@@ -150,7 +150,7 @@ def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, b
 
 
 def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
-    """Tell outlines from holes: a ring inside an odd number of others is a hole of the smallest of them."""
+    """Distinguish outlines and holes: a ring inside an odd number of other rings is a hole of the smallest of them."""
     import shapely
 
     for ring in rings if metres else ():

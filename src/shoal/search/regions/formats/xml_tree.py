@@ -1,4 +1,4 @@
-"""XML read safely: without document types, and so without entities; every element knows its line."""
+"""Safe XML reader without document types and entities. Every element knows its line."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 
 class XmlError(Exception):
-    """What is wrong with an XML text, and in which line."""
+    """An error in an XML text, with its line."""
 
     def __init__(self, message: str, line: int, *, readable: bool = False) -> None:
         super().__init__(message)
@@ -20,7 +20,7 @@ class XmlError(Exception):
 
 @dataclass
 class Element:
-    """One element: its name without namespace, its line, its attributes, the parts of its text and its children."""
+    """One element: its name without namespace, line, attributes, text and children."""
 
     tag: str
     line: int
@@ -30,11 +30,11 @@ class Element:
 
     @property
     def text(self) -> str:
-        """The text between the tags."""
+        """The text of the element."""
         return "".join(self.parts)
 
     def walk(self) -> Iterator[Element]:
-        """Yield the elements below this one, in the order of the file."""
+        """Yield all descendants in the order of the file."""
         waiting = list(reversed(self.children))
         while waiting:
             element = waiting.pop()
@@ -42,11 +42,11 @@ class Element:
             waiting += reversed(element.children)
 
     def all(self, tag: str) -> list[Element]:
-        """Return all elements below this one that have a given name, in the order of the file."""
+        """Return all descendants with a given name, in the order of the file."""
         return [element for element in self.walk() if element.tag == tag]
 
     def first(self, tag: str) -> Element | None:
-        """Return the first element of a name below this one."""
+        """Return the first descendant with a given name."""
         return next((element for element in self.walk() if element.tag == tag), None)
 
 
@@ -56,9 +56,9 @@ def parse_xml(text: str, *, root: str) -> Element:
     Raises
     ------
     XmlError
-        ``readable`` if the text is XML with another root.
+        If the text is not XML. ``readable`` is true if the text is XML with another root.
     """
-    parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares: it has been decoded
+    parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares, because it is already decoded
     parser.buffer_text = True
     top = Element("", 0, {})
     open_elements = [top]

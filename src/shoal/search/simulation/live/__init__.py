@@ -1,7 +1,7 @@
-"""Live search: each robot is a process of its own with a radio of its own. Nobody leads them.
+"""Live search: each robot is a process with its own radio, without a coordinator.
 
-`supervisor` starts the processes (`pool`), kills some, and writes down what they report (`outcome`). In each `process` an `agent`
-joins the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `cell_locks` on the ground.
+The `supervisor` starts the processes (`pool`), kills some of them, and records their reports (`outcome`). In each `process`, an
+`agent` connects the pure robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `cell_locks`.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The agent: joins the pure robot to a radio, a vehicle and the ground that it stands on."""
+"""The agent: connects the pure robot to a radio, a simulated vehicle and the locks of cells."""
 
 from __future__ import annotations
 
@@ -37,21 +37,21 @@ from shoal.search.simulation.live.radio import Radio
 from shoal.search.simulation.live.task import LiveTask
 from shoal.search.simulation.scenario import first_obstacle
 
-_TRIES = 8  # how often a robot tries to enter an occupied cell before it goes elsewhere
-_RETRY = 0.25  # time of a cell, between two tries
-_LONGEST = 0.5  # seconds: no sleep is longer
+_TRIES = 8  # number of attempts to enter an occupied cell before the robot goes elsewhere
+_RETRY = 0.25  # cell times between two attempts
+_LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a way that an obstacle blocks, which the plan did not know: the vehicle stops in the cell before it, ``at``."""
+    """The end of a path that an unplanned obstacle blocks. The vehicle stops in the previous cell, ``at``."""
 
     obstacle: int
     at: int
 
 
 class Agent:
-    """What runs in a robot's process.
+    """The program of a robot's process.
 
     Parameters
     ----------
@@ -59,13 +59,13 @@ class Agent:
     robot : Robot
     radio : Radio
     ground : int
-        Descriptor of the file in which cells are locked.
+        File descriptor of the file that contains the locks of cells.
     lifeline : int
-        Descriptor that can be read when there is nobody to report to any more.
+        File descriptor that becomes readable when the supervisor is gone.
     epoch : float
-        The moment of time 0, on the system's monotonic clock.
+        Time 0 on the system's monotonic clock.
     tell : callable
-        Takes a report; called before anything that follows from it.
+        Function that receives a report. It is called before any consequence of the report.
     """
 
     def __init__(
@@ -83,12 +83,12 @@ class Agent:
         self._ground, self._epoch, self._tell = ground, epoch, tell
         self._stops = self._stops_of(robot.start)
         self.vehicle = MovingPoint(0.0, self._stops, self._stops)
-        self._cell: int | None = robot.start  # in the middle of which it stands
-        self._inside: int | None = None  # the cell that it is in to search it
+        self._cell: int | None = robot.start  # the vehicle is in the centre of this cell
+        self._inside: int | None = None  # the cell that the robot occupies for its search
         self._going: Go | GoHome | Halt | None = None
-        self._passed: tuple[int, ...] = ()  # the cells that it has passed since it last searched one
+        self._passed: tuple[int, ...] = ()  # the cells passed since the last search
         self._tries = 0
-        self._rest = -inf  # until when the vehicle waits
+        self._rest = -inf  # time until which the vehicle waits
         self._wake = inf
         self._status = ""
         self._selector = selectors.DefaultSelector()
@@ -97,11 +97,11 @@ class Agent:
 
     @property
     def now(self) -> float:
-        """The time, in that which a robot of speed 1 takes for a cell."""
+        """The time in cell times of a robot of speed 1."""
         return (time.monotonic() - self._epoch) * self.task.speed
 
     def run(self) -> bool:
-        """Search until all is searched and told; return False if there is nobody to report to any more."""
+        """Search until all cells are searched and reported. Return False if the supervisor is gone."""
         time.sleep(max(0.0, self._epoch - time.monotonic()))
         self._feed(Begin(self.now))
         while self.robot.status != "complete" or self.robot.lingering > 0:
@@ -122,7 +122,7 @@ class Agent:
         return True
 
     def report(self, kind: str, cell: int | None = None, **more: Any) -> None:
-        """Write down what has happened."""
+        """Report an event."""
         counts = (self.radio.sent, self.radio.heard, self.radio.lost, self.radio.dropped)
         place = [round(x, 3) for x in self.vehicle.place]
         self._tell({"time": round(self.now, 6), "kind": kind, "cell": cell, "place": place, "counts": counts, **more})
@@ -175,7 +175,7 @@ class Agent:
         return tuple(float(x) for x in self.task.brief.tour_cost.points[cell])
 
     def _set_out(self, aim: Go, cell: int) -> None:
-        """Begin a leg; what it costs is what the robot reckons with, unless it stands before a cell instead of in one."""
+        """Start a leg. Its cost is the robot's estimate, unless the robot stands in front of a cell instead of in one."""
         tour_cost = self.task.brief.tour_cost
         if aim.through:
             length = self.robot.cost
@@ -186,14 +186,14 @@ class Agent:
         way = length - 1.0 if self.robot.fresh and self._cell is not None else length
         self._drive_to(aim, cell, way, length)
         if length > 1.0 + 1e-12:
-            self._leave()  # on the way it is in no cell to search it
+            self._leave()  # during the motion the robot occupies no cell
 
     def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
-        """Begin a leg to the cell before an obstacle; coming up to that and back is a part of it."""
+        """Start a leg to the cell before an obstacle. The leg includes the approach to the obstacle and the return."""
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._length_of(way) + LOOK + self.robot.way_out(at)
-        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # it ends one cell before the end
+        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # the leg ends one cell before its end
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:
@@ -214,7 +214,7 @@ class Agent:
         self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
 
     def _due(self) -> float:
-        """Return when the vehicle is to be looked at again."""
+        """Return the time of the vehicle's next update."""
         if self._going is None:
             return inf
         return max(self._rest, self.vehicle.earliest(rate=self._rate))

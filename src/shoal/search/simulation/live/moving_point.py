@@ -1,4 +1,7 @@
-"""A small vehicle: it goes from cell to cell in straight lines, and its speed follows the wanted one with a lag of first order."""
+"""A simulated vehicle that moves in straight lines from cell to cell.
+
+Its speed follows the desired speed with a first-order lag.
+"""
 
 from __future__ import annotations
 
@@ -7,28 +10,28 @@ from math import exp
 
 from shoal.core.dataclass import dataclass
 
-LAG = 0.1  # the time constant of the speed, in the time that a robot of speed 1 takes for a cell
+LAG = 0.1  # time constant of the speed, in cell times of a robot of speed 1
 _NEAR = 1e-3  # cells
 
 
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
-    """A vehicle on one leg: it goes so far in a straight line, and then works on the spot as long as the leg is longer than that.
+    """A vehicle on one leg: it moves in a straight line, and then works on the spot for the rest of the leg.
 
     Parameters
     ----------
     time : float
-        When it was here; all times are those that a robot of speed 1 takes for a cell.
+        Time of this state. All times are in cell times of a robot of speed 1.
     origin, goal : tuple of float
-        From where it goes to where, as `TourCost.points`.
+        Start and end point of the leg in the units of `TourCost.points`.
     way : float
-        The length of the way, in cells; longer than the straight line if it leads round a corner.
+        Length of the path in cells. It is longer than the straight line if the path leads around a corner.
     length : float
-        The length of the leg, turning and work on the spot included.
+        Length of the leg, including turning and work on the spot.
     done : float
-        How much of the leg lies behind it.
+        Completed length of the leg.
     limit : float
-        Where on the leg it must stop for the time being.
+        Position on the leg at which the vehicle must stop for now.
     speed : float
 
     Examples
@@ -50,19 +53,19 @@ class MovingPoint:
 
     @property
     def place(self) -> tuple[float, ...]:
-        """Where it is."""
+        """Position of the vehicle."""
         share = min(1.0, self.done / self.way) if self.way > 0 else 1.0
         return tuple(one + share * (other - one) for one, other in zip(self.origin, self.goal, strict=True))
 
     @property
     def arrived(self) -> bool:
-        """Whether it is where it must stop."""
+        """Whether the vehicle has reached its limit."""
         return self.done >= self.limit - _NEAR
 
     def moved(self, time: float, *, rate: float) -> MovingPoint:
-        """Return the vehicle at a later time, driving as fast as ``rate``: exact, however long the time between.
+        """Return the vehicle at a later time, with desired speed ``rate``. The solution is exact for any time step.
 
-        It is never beyond its limit; the speed that it comes there with, it keeps.
+        The vehicle never passes its limit. It keeps the speed with which it reaches the limit.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -72,7 +75,7 @@ class MovingPoint:
         return replace(self, time=time, done=min(done, self.limit), speed=rate + (self.speed - rate) * decay)
 
     def earliest(self, *, rate: float) -> float:
-        """Return a time before which it cannot have arrived."""
+        """Return a time before which the vehicle cannot reach its limit."""
         return self.time + (self.limit - self.done) / max(rate, self.speed)
 
     def stopped(self) -> MovingPoint:
@@ -80,5 +83,5 @@ class MovingPoint:
         return replace(self, speed=0.0)
 
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
-        """Return the vehicle on a new leg from where it is; it must stop one cell before the end, which may be at once."""
+        """Return the vehicle on a new leg from its position. It must stop one cell before the end, which may be immediately."""
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -1,4 +1,4 @@
-"""What a live search reports, and what it came to."""
+"""Events and result of a live search."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from shoal.search.tours.bitset import at_least, bitset_of
 
 @dataclass(frozen=True, slots=True)
 class LiveEvent:
-    """Something that a robot has reported, or that was done to it.
+    """An event that a robot reported, or that the supervisor caused.
 
     Parameters
     ----------
     time : float
-        In the time that a robot of speed 1 takes for a cell.
+        Time in cell times of a robot of speed 1.
     robot : int
     kind : str
-        A status ("listening", "searching", "waiting", "complete"); "enters", "leaves", "searched", "blocked" (by another robot),
-        "obstructed" with a cell; "home", "recharged", "declared"; "killed", "stopped" (at the time limit) and "failed" (with a
-        reason) come from the outside.
+        A status ("listening", "searching", "waiting", "complete"); or "enters", "leaves", "searched", "blocked" (by another robot),
+        "obstructed" with a cell; or "home", "recharged", "declared". The supervisor adds "killed", "stopped" (at the time limit)
+        and "failed" (with a reason).
     cell : int or None
     found : bool
-        Whether something was found in the cell.
+        Whether the robot found something in the cell.
     place : tuple of float
-        Where the robot is, as `TourCost.points`; empty if it is not the robot that tells.
+        Position of the robot in the units of `TourCost.points`; empty if the robot did not report the event itself.
     reason : str
     through : tuple of int
-        The cells that a robot has passed since it last searched one, where it goes from cell to cell.
+        The cells passed since the last search, if robots move from cell to cell.
     around : tuple of int
-        The cells that it has seen besides, with a wider footprint.
+        The additional cells seen with a wider footprint.
     beside : tuple of int
-        Those of them with something to find.
+        The cells of ``around`` with findings.
     """
 
     time: float
@@ -50,30 +50,30 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveOutcome:
-    """What a live search came to.
+    """Result of a live search.
 
     Parameters
     ----------
     complete : bool
-        Every cell that some robot can reach was searched in truth, and every robot that was left alive, at least one, declared it.
+        Whether every reachable cell was really searched, and at least one robot survived and all survivors declared completion.
     covered : float
-        The share of cells that were searched in truth, by any robot, up to its death; of those that some robot can reach.
+        Fraction of the reachable cells that were really searched by any robot before its death.
     declared, killed : dict of int to float
-        When each robot declared the search complete, and when it was killed.
+        Time at which each robot declared completion, and time at which it was killed.
     failed : dict of int to str
-        Robots whose process ended too soon, and why: mistakes in the program, or somebody else killed it.
+        Robots whose process ended too early, with the reason: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
-        Messages that robots sent, that came to a robot, those of them that were lost there, and those that were no robot's of this
-        search or said what cannot be; as far as reported.
+        Number of messages sent, received, and lost at the receiver. ``dropped`` counts messages that came from no robot of this
+        search or had impossible content. All numbers are as far as reported.
     channel : str
         "multicast" or "unicast".
     port : int
-        Of the multicast group; 0 with unicast.
+        Port of the multicast group; 0 with unicast.
     startup, seconds : float
-        How long it took until all processes were ready, and from then on; in seconds.
+        Duration in seconds of the start of all processes, and of the search after it.
     timed_out : bool
     events : tuple of LiveEvent
-        In the order of their times.
+        The events in the order of their times.
     """
 
     complete: bool
@@ -94,7 +94,7 @@ class LiveOutcome:
 
 
 def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
-    """Return what each robot has searched in truth, as bits.
+    """Return the cells that each robot really searched, as bitsets.
 
     Examples
     --------
@@ -109,5 +109,5 @@ def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
 
 
 def covered_share(events: Sequence[LiveEvent], goal: int) -> float:
-    """Return the share of some cells, as bits, that were searched."""
+    """Return the fraction of the cells in the bitset ``goal`` that were searched."""
     return (at_least(list(searched_by(events).values()), 1) & goal).bit_count() / goal.bit_count()

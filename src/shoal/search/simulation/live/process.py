@@ -1,9 +1,8 @@
 """The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `process_pool`.
 
-This first process loads what takes long, once, splits off one process per robot, and then does nothing but wait: when its standard
-input closes it ends what is left of them. A robot's process has nothing in common with the others but the open file that stands for
-the ground. It reports on OUT, one line of JSON each, and begins when it is told to on IN. When IN closes, nobody is there to report
-to: then it ends, too.
+The first process imports all slow modules once and forks one process per robot. It then waits until its standard input closes, and
+ends the remaining processes. The robots' processes share only the open file with the cell locks. A robot reports on OUT, one line
+of JSON per event, and starts on a message on IN. When IN closes, the supervisor is gone, and the robot's process ends.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ _STARTER = 0  # standard input
 
 
 def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
-    """Split off the robots' processes; stay until the starter is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for the starter
+    """Fork the robots' processes, and wait until the supervisor is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # reserved for the supervisor
     task: LiveTask = pickle.loads(os.pread(file, size, 0))
     _warm(task)
-    gc.freeze()  # what exists by now is shared between the processes as long as nobody touches it
+    gc.freeze()  # objects that exist before the fork share their memory until a process changes them
     robots = []
     try:
         for number, (orders, reports) in enumerate(pipes, 1):
@@ -46,7 +45,7 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
         while os.read(_STARTER, 1):
             pass
     finally:
-        for robot in robots:  # not waited for until now, so that each number still stands for its process
+        for robot in robots:  # not waited for earlier, so that each number still identifies its process
             os.kill(robot, signal.SIGKILL)
         for robot in robots:
             os.waitpid(robot, 0)
@@ -54,13 +53,13 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 
 
 def _warm(task: LiveTask) -> None:
-    """Do once what takes long the first time."""
+    """Run slow initial work once before the fork."""
     partition(task.brief.tour_cost, task.brief.allocator, ((1, task.starts[0], 1.0, 1),))
     decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
 
 
 def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
-    """Be a robot until all is searched; return the process's exit code."""
+    """Run one robot until all cells are searched. Return the exit code of the process."""
 
     def tell(report: dict[str, Any]) -> None:
         os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")
@@ -76,14 +75,14 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
         return 0 if pilot.run() else 1
     except BrokenPipeError:
         return 1
-    except BaseException as error:  # a process that was split off must not go back to where it came from
+    except BaseException as error:  # a forked process must not return to its parent's code
         traceback.print_exc()
         tell({"kind": "failed", "reason": "".join(traceback.format_exception_only(error)).strip()})
         return 1
 
 
 def _first_line(orders: int) -> Any:
-    """Return what the first line from the starter says; None if it is gone."""
+    """Return the first line from the supervisor, or None if it is gone."""
     line = b""
     while not line.endswith(b"\n"):
         more = os.read(orders, 65536)

@@ -1,4 +1,4 @@
-"""The process pool: the processes of all robots, from their start to their end, whatever happens."""
+"""The process pool: start and end of all robots' processes, under all circumstances."""
 
 from __future__ import annotations
 
@@ -22,27 +22,28 @@ from shoal.core.errors import ShoalError
 from shoal.search.simulation.live.task import LiveTask
 
 Report = dict[str, Any]
-_QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}  # a process with threads cannot be split
+# a process with threads cannot be forked safely
+_QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 @dataclass
 class Member:
-    """One robot's process, and what is known of it.
+    """One robot's process and its state.
 
     Parameters
     ----------
     number : int
-        Of the robot.
+        Number of the robot.
     orders, reports : int
-        Descriptors: what it reads from and writes to.
+        File descriptors of the robot's input and output.
     process : int
-        Its number; 0 before it is ready.
+        Process number; 0 before the process is ready.
     port : int
     counts : sequence of int
-        Messages sent, heard, lost, dropped.
+        Number of messages sent, heard, lost and dropped.
     ended : bool
     rest : bytes
-        Of a report that has not come wholly.
+        Incomplete end of the received reports.
     """
 
     number: int
@@ -56,7 +57,7 @@ class Member:
 
 
 class ProcessPool:
-    """The processes of all robots; at the end of a ``with`` statement none of them is left.
+    """The processes of all robots. None of them survives the ``with`` statement.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class ProcessPool:
         self._stack.close()
 
     def _start(self, stack: ExitStack) -> None:
-        """Start the process that splits off the others."""
+        """Start the process that forks the robots' processes."""
         data = pickle.dumps(self._task)
         ground = tempfile.TemporaryFile()  # noqa: SIM115 - the stack closes it; without a name, it cannot be left behind
         stack.enter_context(ground)
@@ -106,7 +107,7 @@ class ProcessPool:
                 stderr=self._errors,
                 bufsize=0,
                 pass_fds=theirs,
-                process_group=0,  # Ctrl-C is for the starter, who then ends them
+                process_group=0,  # Ctrl-C reaches the supervisor, which then ends the processes
                 env={**os.environ, **_QUIET, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
             )
             stack.callback(self._end)
@@ -123,7 +124,7 @@ class ProcessPool:
         return bool(self._selector.get_map())
 
     def kill(self, number: int) -> bool:
-        """Kill a robot's process; return False if it has ended before."""
+        """Kill a robot's process. Return False if it ended before."""
         member = self.members[number]
         if member.ended or not member.process:
             return False
@@ -132,7 +133,7 @@ class ProcessPool:
         return True
 
     def collect(self, seconds: float, take: Callable[[Member, Report], None]) -> None:
-        """Wait for reports at most so long, and hand them on; the last one of a process, which it need not know of, is "ended"."""
+        """Wait for reports for at most ``seconds``, and pass them to ``take``. The last report of every process is "ended"."""
         for key, _ in self._selector.select(max(seconds, 0.0)):
             member: Member = key.data
             data = os.read(key.fd, 1 << 16)
@@ -153,7 +154,7 @@ class ProcessPool:
         Raises
         ------
         ShoalError
-            If one of them does not.
+            If a robot does not become ready.
         """
         reasons: dict[int, str] = {}
 
@@ -180,9 +181,9 @@ class ProcessPool:
         return lines[-1] if lines else "no reason given"
 
     def begin(self, epoch: float) -> None:
-        """Tell all robots when time 0 is, and the ports of all."""
+        """Send time 0 and the ports of all robots to every robot."""
         ports = [member.port for member in self.members.values()]
         word = json.dumps({"epoch": epoch, "ports": ports}).encode() + b"\n"
         for member in self.members.values():
-            with suppress(BrokenPipeError):  # it has died; that is noticed where reports are read
+            with suppress(BrokenPipeError):  # the process has died; reading its reports detects this
                 os.write(member.orders, word)

@@ -1,7 +1,7 @@
-"""A robot's radio: UDP on the loopback interface, to a multicast group, or to each robot's port where multicast cannot be had.
+"""A robot's radio: UDP on the loopback interface, to a multicast group or, without multicast, to each robot's port.
 
-Anybody on the machine can send to it. So each message is signed by a key that only the robots of one search have, and opened once;
-all else is dropped and counted, what is too long without being read.
+Every process on the machine can send to the radio. Therefore each message is signed with a key that only the robots of one search
+have, and is opened once. All other messages are dropped and counted; messages that are too long are not read.
 """
 
 from __future__ import annotations
@@ -22,19 +22,20 @@ from shoal.search.protocol.messages import Beacon
 Channel = Literal["multicast", "unicast"]
 GROUP = "239.83.72.76"  # within the block for private use (RFC 2365, section 6.2)
 LOOPBACK = "127.0.0.1"
-LARGEST = 65_507  # bytes that a datagram holds
-_WAITING = 1 << 20  # bytes that wait to be heard
-_AT_ONCE = 1000  # messages that are taken before the robot does something else
-_REFUSED = 50  # messages that are refused before the robot does something else; of one source, until it is not read for a while
-_REST, _BANNED = 0.01, 1.0  # seconds without listening after so many, and how long a source is not read
+LARGEST = 65_507  # maximum bytes of a datagram
+_WAITING = 1 << 20  # bytes of the receive buffer
+_AT_ONCE = 1000  # maximum number of messages processed before the robot does something else
+# number of refused messages after which the robot does something else; the same per source, which is then ignored for a while
+_REFUSED = 50
+_REST, _BANNED = 0.01, 1.0  # seconds without listening after too many refusals, and seconds for which a source is ignored
 
 
 def listener(group: str, port: int) -> socket.socket:
-    """Return a socket that hears a multicast group on the loopback interface; others may listen beside it."""
+    """Return a socket that listens to a multicast group on the loopback interface. Several sockets may listen."""
     ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        if sys.platform != "linux":  # there the option above does not let several listen at one port
+        if sys.platform != "linux":  # on this system, the option above does not allow several listeners on one port
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         ear.bind((group, port))
         member = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(LOOPBACK))
@@ -46,7 +47,7 @@ def listener(group: str, port: int) -> socket.socket:
 
 
 def speaker(channel: Channel) -> socket.socket:
-    """Return a socket at a port of its own that sends on the loopback interface and no farther."""
+    """Return a socket with its own port that sends only on the loopback interface."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         mouth.bind((LOOPBACK, 0))
@@ -61,9 +62,9 @@ def speaker(channel: Channel) -> socket.socket:
 
 
 def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
-    """Return a socket on a port of the group, 0 for one that nobody else uses, or None where multicast cannot be had.
+    """Return a socket on a port of the group (0 for any free port), or None if multicast is not available.
 
-    The port stays taken until the socket is closed. One datagram was sent to it and heard there.
+    The port stays reserved until the socket is closed. The function tests that a datagram sent to the port is received.
     """
     try:
         if not port:
@@ -92,14 +93,14 @@ class Radio:
     channel : str
         "multicast" or "unicast".
     sender : Sender
-        Makes its messages.
+        Creates the robot's messages.
     receiver : Receiver
-        Opens those of others.
+        Opens the other robots' messages.
     group : str
     port : int
-        Of the group; with unicast the robot takes a free port of its own.
+        Port of the group. With unicast, the robot uses a free port of its own.
     loss : float
-        Probability that a message that has come is thrown away unread.
+        Probability that a received message is discarded unread.
     random : random.Random
         Decides which.
     """
@@ -122,16 +123,16 @@ class Radio:
         self._forgiven = self.rest_until = 0.0
 
     def fileno(self) -> int:
-        """Return the descriptor on which messages come."""
+        """Return the file descriptor on which messages arrive."""
         return self._ear.fileno()
 
     def tell(self, ports: Sequence[int]) -> None:
-        """Take note of the ports of all robots; only without multicast they are needed."""
+        """Store the ports of all robots, which are needed only without multicast."""
         if self._channel == "unicast":
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
     def send(self, beacon: Beacon) -> None:
-        """Broadcast; what the system does not take is lost."""
+        """Broadcast a beacon. Messages that the system does not accept are lost."""
         for message in self._sender.messages(beacon, _clock()):
             self.sent += 1
             for other in self._others:
@@ -141,9 +142,9 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return what has come from robots of this search and is not lost; drop all else.
+        """Return the received messages of this search's robots that are not lost. All others are dropped.
 
-        Strangers get a small share of the time: after some messages that are refused it rests, until ``rest_until``.
+        Other senders get only a small share of the time: after a number of refused messages, the radio pauses until ``rest_until``.
         """
         beacons: list[Beacon] = []
         longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()
@@ -158,7 +159,7 @@ class Radio:
                 data, source = self._ear.recvfrom(longest)
             except BlockingIOError:
                 break
-            except ConnectionError:  # a system may report here that another robot's port is closed
+            except ConnectionError:  # some systems report here that another robot's port is closed
                 continue
             if source == self._own:
                 continue
@@ -186,5 +187,5 @@ class Radio:
 
 
 def _clock() -> int:
-    """Return the time of day, milliseconds: it goes on while a robot is switched off."""
+    """Return the time of day in milliseconds, which continues while a robot is switched off."""
     return time.time_ns() // 1_000_000

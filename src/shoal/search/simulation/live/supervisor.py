@@ -1,4 +1,4 @@
-"""Run a live search: start the robots, kill some, write down what they report, and leave nothing behind."""
+"""Supervisor of a live search: start the robots, kill some, record their reports, and clean up."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ from shoal.search.simulation.live.task import LiveTask
 from shoal.search.simulation.scenario import Scenario
 
 _STARTUP = 120.0  # seconds
-_AHEAD = 0.1  # seconds: the robots are told of time 0 before it comes, so that all are switched on at once
+_AHEAD = 0.1  # seconds: robots learn time 0 in advance, so that all start at once
 _LAST = ("declared", "killed", "stopped", "failed")  # events after which a process may end
-_SLACK = (60.0, 10.0)  # the time limit: seconds, and how many times what one robot takes to search all
+_SLACK = (60.0, 10.0)  # time limit: seconds, and multiple of the time that one robot needs for the whole search
 
 
 def run_live(
@@ -51,45 +51,45 @@ def run_live(
     timeout: float | None = None,
     on_event: Callable[[LiveEvent], None] | None = None,
 ) -> LiveOutcome:
-    """Search with one process per robot, that talk by UDP.
+    """Run a search with one process per robot and communication by UDP.
 
     Parameters
     ----------
     brief : Brief
-        With a ``hello`` of some tenths of a second (``0.3 * speed``) robots hear of one another in time even on a busy machine;
-        who does not is done later, but searches no less.
+        The robots' initial information. With a ``hello`` of some tenths of a second (``0.3 * speed``), robots find each other in
+        time even on a busy machine. Otherwise the search takes longer but is still complete.
     starts : sequence of int
-        The number on the tour of the cell in which each robot starts; robots are numbered from 1 on.
+        Tour index of each robot's start cell. Robots are numbered from 1.
     rates : sequence of float, optional
-        Their speeds; 1 if not given.
+        Speeds of the robots. The default is 1.
     loss : float
-        Probability that a message that has come is thrown away, at each receiver.
+        Probability that a received message is discarded, at each receiver.
     kill : sequence of Crash
-        Whose process is killed (SIGKILL), and when, in the time that a robot of speed 1 takes for a cell.
+        Robots whose processes are killed (SIGKILL), with the times in cell times of a robot of speed 1.
     slow : sequence of Slow
-        Whose vehicle is slower than its robot knows, and from when on.
+        Robots whose vehicles are slower than declared, with the start times.
     targets : sequence of int
-        Cells with something to find.
+        Cells that contain a target.
     obstacles : sequence of int
-        Cells that cannot be entered, as robots find out when they come to them; on a tour with ways from cell to cell.
+        Blocked cells, which robots discover when they reach them. They need a tour with paths from cell to cell.
     widths : sequence of int
-        How many cells wide the footprint of each robot is, odd; 1 if not given.
+        Width of each robot's footprint in cells, odd. The default is 1.
     speed : float
-        Cells a second of a robot of speed 1: the time itself is real.
+        Speed in cells per second of a robot of speed 1, in real time.
     channel : str
-        "multicast"; "unicast", to each robot's port; "auto", unicast where multicast cannot be had.
+        "multicast"; "unicast", to each robot's port; or "auto", which uses unicast if multicast is not available.
     port : int
-        Of the multicast group 239.83.72.76; 0 for a free one.
+        Port of the multicast group 239.83.72.76; 0 for a free port.
     key : bytes
-        By which messages are signed, together with the tour and the starts; a new one of this run if not given.
+        Secret from which the signing key is derived, together with the tour and the starts. The default is a new random secret.
     packet : int
-        Bytes that a message may have; longer ones go in several.
+        Maximum length of a message in bytes. Longer beacons are divided into several messages.
     seed : int
-        Of the losses. Which message meets which draw depends on the system: two runs are never alike.
+        Seed of the message losses. The assignment of random draws to messages depends on the system, so two runs always differ.
     timeout : float, optional
-        Seconds, from when all processes are ready, after which those that still run are killed.
+        Seconds after the start of the search at which running processes are killed.
     on_event : callable, optional
-        Called with each `LiveEvent` as it comes. What it raises ends the search.
+        Function that is called with each `LiveEvent` as it arrives. An exception in it ends the search.
 
     Raises
     ------
@@ -99,8 +99,8 @@ def run_live(
 
     Notes
     -----
-    Whatever ends the search, an exception and Ctrl-C included, no process, socket or file is left. If the calling process is killed
-    itself, the robots notice and end.
+    No process, socket or file remains when the search ends, even after an exception or Ctrl-C. If the calling process itself is
+    killed, the robots notice and end.
 
     Examples
     --------
@@ -122,7 +122,7 @@ def run_live(
     )
     _check(brief, speed=speed, kill=kill, targets=targets, port=port)
     check_integer(packet, what="packet", least=SHORTEST, most=LARGEST)
-    partition(brief.tour_cost, brief.allocator, ((1, starts[0], 1.0, 1),))  # compiled once, not by each process
+    partition(brief.tour_cost, brief.allocator, ((1, starts[0], 1.0, 1),))  # compiled once, not in each process
     if timeout is None:
         slowest = min(scenario.rates) / max([1.0, *(fault.factor for fault in slow)])
         timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / slowest / speed
@@ -165,14 +165,14 @@ def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequen
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key of one search: what is signed by it says nothing in another one that has the same file."""
+    """Return the key of one search. A signature by it is invalid in another search with the same key file."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
 
 
 def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
-    """Return the channel to be used and the port of the group, which is kept."""
+    """Return the channel and the port of the group, which stays reserved."""
     if channel not in ("auto", "multicast", "unicast"):
         raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
     if channel != "unicast":
@@ -186,7 +186,7 @@ def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
 
 
 class _Watch:
-    """Looks on while the robots search: only kills and writes down."""
+    """Observes the robots during the search: it only kills processes and records events."""
 
     def __init__(self, pool: ProcessPool, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
         self._pool, self._task, self._on_event, self._startup = pool, task, on_event, startup
@@ -198,7 +198,7 @@ class _Watch:
         return (time.monotonic() - self._epoch) * self._task.speed
 
     def run(self, kill: Sequence[Crash], timeout: float) -> LiveOutcome:
-        """Watch until all processes have ended, or the time is over."""
+        """Watch until all processes have ended, or the time limit is reached."""
         pool, speed = self._pool, self._task.speed
         pool.begin(self._epoch)
         due = sorted(kill, key=lambda crash: crash.time)
@@ -206,7 +206,7 @@ class _Watch:
         while pool.running and self._now < last:
             pool.collect((min([last, *(crash.time for crash in due[:1])]) - self._now) / speed, self._take)
             while due and due[0].time <= self._now:
-                pool.collect(0.0, self._take)  # it may have ended by itself
+                pool.collect(0.0, self._take)  # the process may have ended by itself
                 self._kill(due.pop(0).robot, "killed")
         seconds = self._now / speed
         timed_out = bool(pool.running)

@@ -1,4 +1,4 @@
-"""What the robots' processes are told at their beginning."""
+"""The initial data of the robots' processes."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from shoal.search.simulation.live.radio import Channel, Radio
 
 @dataclass(frozen=True)
 class LiveTask:
-    """What all robots' processes are told.
+    """The data that all robots' processes receive.
 
     Parameters
     ----------
     brief : Brief
     starts : tuple of int
     rates : tuple of float
-        Of each robot.
+        Speed of each robot.
     speed : float
-        Cells a second of a robot of speed 1.
+        Speed in cells per second of a robot of speed 1.
     channel : str
     port : int
-        Of the multicast group.
+        Port of the multicast group.
     loss : float
     seed : int
     targets : frozenset of int
-        Cells with something to find.
+        Cells that contain a target.
     blocked : int
-        Cells, as bits, that cannot be entered. The vehicle runs into them; its robot knows nothing of them.
+        Blocked cells as a bitset. Vehicles collide with them; the robots do not know them.
     widths : tuple of int
-        Of the footprint of each robot; 1 if there are none.
+        Width of each robot's footprint in cells. An empty tuple means 1.
     key : bytes
-        Of this run: messages without its signature come from somebody else.
+        Key of this run. Messages without its signature come from other senders.
     packet : int
-        Bytes that a message may have.
+        Maximum length of a message in bytes.
     slow : tuple of Slow
-        Whose vehicle is slower than its robot knows.
+        Robots whose vehicles are slower than declared.
     """
 
     brief: Brief
@@ -89,16 +89,16 @@ class LiveTask:
         return Radio(self.channel, sender, receiver, port=self.port, loss=self.loss, random=random)
 
     def robot(self, number: int) -> Robot:
-        """Return a robot as it is switched on."""
+        """Return a robot in its initial state."""
         return Robot(number, self.brief, *self._of(number))
 
     def seen(self, width: int, cell: int) -> tuple[int, ...]:
-        """Return the cells that are seen from one with a footprint of so many cells' width, without itself."""
+        """Return the cells visible from a cell with a footprint of the given width, without the cell itself."""
         return tuple(one for one in self.brief.tour_cost.seen(cell, width).tolist() if one != cell) if width > 1 else ()
 
     @property
     def goal(self) -> int:
-        """The cells, as bits, that some robot can reach."""
+        """The cells that some robot can reach, as a bitset."""
         distances = self.brief.tour_cost.distances
         if not isinstance(distances, CellDistances):
             return self.brief.everything

@@ -1,4 +1,4 @@
-"""The trace of a live search: what the robots' processes reported."""
+"""The trace of a live search from the reports of the robots' processes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog, SearchTrace, searched_at
 
-_HELLO, _BEAT = 0.3, 0.05  # seconds that live robots listen, and between their beacons, at the least
+_HELLO, _BEAT = 0.3, 0.05  # seconds: minimum listening time of live robots, and minimum interval of their beacons
 _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
     "killed": "dead",
     "stopped": "dead",
@@ -26,12 +26,12 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 
 
 def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
-    """Let processes search, ``live`` cells a second; return the scenario with the times that they need, and what they reported.
+    """Run a live search at ``live`` cells per second. Return the scenario with adapted times, and the trace.
 
     Raises
     ------
     InvalidInputError
-        For faults but crashes and slow robots.
+        If there are faults other than crashes and slow robots.
     """
     kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
     slow = [fault for fault in scenario.faults if isinstance(fault, Slow)]
@@ -62,7 +62,7 @@ def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b""
 
 
 def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
-    """Return what a robot has reported."""
+    """Return the log of a robot from its reports."""
     own = [event for event in events if event.robot == number]
     searched = [event for event in own if event.kind == "searched" and event.cell is not None]
     detours = tuple(event.through for event in searched)
@@ -79,7 +79,7 @@ def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
 
 
 def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
-    """Count how often a robot began with the part of one that had died."""
+    """Return how often a robot started with the part of a dead robot."""
     brief = scenario.brief
     numbers = range(1, len(logs) + 1)
     robots = tuple(zip(numbers, scenario.starts, scenario.rates, scenario.widths, strict=True))
