@@ -474,7 +474,7 @@ def test_a_full_disk_keeps_what_was_committed(tmp_path):
     )
     assert ended.returncode == 1
     assert "OutputError: cannot write" in ended.stderr
-    assert "the disk is full; every batch that was committed is kept" in ended.stderr
+    assert "the disk is full; every committed batch is kept" in ended.stderr
     sweep = numbers(problem=NUMBER | {"arguments": {"pause": 0.0}}, axes={"factor": [1, 2]}, trials=2000)
     told = []
     run_sweep(sweep, store, workers=0, on_progress=told.append)

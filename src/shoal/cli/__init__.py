@@ -1,4 +1,4 @@
-"""The command line: a thin skin over the public calls."""
+"""The command line interface, a thin layer over the public functions."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command; return its exit code: 0, 1 (a check failed), 2 (bad input or output), 130 (interrupted)."""
+    """Run one command and return its exit code: 0 success, 1 failed check, 2 bad input or output, 130 interrupted."""
     command = typer.main.get_command(app)
     if say not in listeners:
         listeners.append(say)
     given = list(sys.argv[1:] if arguments is None else arguments) or ["--help"]
     try:
-        # Not command(...): that would turn an interruption or a closed pipe into an exit without a word from us.
+        # Not command(...), which would turn an interruption or a closed pipe into a silent exit.
         with command_running(), command.make_context("shoal", given) as context:
             command.invoke(context)
         if sys.stdout is not None:
-            sys.stdout.flush()  # a full disk shows here, not when Python ends
+            sys.stdout.flush()  # a full disk is detected here, not when Python ends
     except typer.Exit as ended:
         return ended.exit_code
     except ShoalError as error:
@@ -43,7 +43,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except (KeyboardInterrupt, typer.Abort):
         say("shoal: interrupted")
         return INTERRUPTED
-    except BrokenPipeError:  # the reader of our output has gone, as in `shoal maps | head`
+    except BrokenPipeError:  # the reader of our output has closed the pipe, as in `shoal maps | head`
         _drop_output()
         return 0
     except OSError as error:
@@ -56,7 +56,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return what is wrong with the command line; for a value that does not convert what was expected and what came."""
+    """Return the error in a command line. If a value cannot be converted, name the expected and the given value."""
     from pydantic import ValidationError
 
     if not (isinstance(error, typer.BadParameter) and error.param and isinstance(error.__cause__, ValidationError)):
@@ -67,7 +67,7 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _drop_output() -> None:
-    """Send what is left of the standard output nowhere, so that Python does not try again when it ends."""
+    """Redirect the remaining standard output to nowhere, so that Python does not try to write it again when it ends."""
     with suppress(OSError), open(os.devnull, "w") as nowhere:  # a caller's own stdout may have no descriptor
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
@@ -79,13 +79,14 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Entry point of the ``shoal`` command."""
-    gc.set_threshold(100_000)  # what is imported stays: looking through it again and again is a sixth of a start
+    gc.set_threshold(100_000)  # imported objects stay: scanning them again for garbage takes a sixth of a start
     with suppress(OSError):  # the folder may have been deleted
-        look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, lies where the command is typed
+        look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")  # letters that a terminal or a pipe cannot take are no reason to stop
+            # characters that a terminal or a pipe cannot encode must not stop a command
+            stream.reconfigure(errors="backslashreplace")
     code = run()
     if code == INTERRUPTED:
-        end("")  # Python would go on ending for a while, and after some interruptions with another code
+        end("")  # Python's own exit takes a while, and after some interruptions it uses another code
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""The commands by name, each imported when it is asked for: no command waits for the libraries of another."""
+"""The commands by name. Each command is imported when it is used, so no command waits for the libraries of another."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):
-    """Where a command is: module below `shoal.cli`, function, and the constant with the example that ends its help."""
+    """Location of a command: module below `shoal.cli`, function, and the constant with the example for its help."""
 
     module: str
     function: str
@@ -46,14 +46,14 @@ COMMANDS = {
     "demo": _Entry("demo", "demo"),
 }
 GROUPS = {
-    "missions": "Look over mission files.",
-    "sweep": "Run sweeps of trials that survive anything, and look at their results.",
+    "missions": "Check mission files.",
+    "sweep": "Run sweeps of trials that can be continued after any interruption, and examine their results.",
 }
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
 def command(name: str) -> TyperCommand:
-    """Return a command by its whole name, as "sweep run"; its module is imported now."""
+    """Return a command by its full name, such as "sweep run". Its module is imported now."""
     module, function, example = COMMANDS[name]
     home = importlib.import_module(f"shoal.cli.{module}")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
@@ -62,7 +62,7 @@ def command(name: str) -> TyperCommand:
 
 
 def _summary(name: str) -> str:
-    """Return the first paragraph of a command's help; its module is read, not imported."""
+    """Return the first paragraph of a command's help from its source, without importing it."""
     module, function, _ = COMMANDS[name]
     place = Path(__file__).parent.joinpath(*module.split("."))
     source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
@@ -82,7 +82,7 @@ class _Commands(TyperGroup):
         return list(dict.fromkeys(name.split()[0] for name in names))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command; while help is printed only its name and what it does."""
+        """Return a command. While help is printed, the command contains only its name and its summary."""
         whole = self.prefix + cmd_name
         if whole in GROUPS:
             group = _Commands(
@@ -97,7 +97,7 @@ class _Commands(TyperGroup):
         return command(whole)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return name, command and the rest of a command line; a wrong name gets the nearest ones suggested."""
+        """Return name, command and the rest of a command line. A wrong name raises an error that suggests the nearest names."""
         self.commands = dict.fromkeys(self.list_commands(ctx), cast("Any", None))
         return super().resolve_command(ctx, args)
 
@@ -130,4 +130,4 @@ def _print_version(wanted: bool) -> None:
 def _shoal(
     version: Annotated[bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=_print_version)] = False,
 ) -> None:
-    """Plan, simulate and measure groups of simple bodies that must explore a space exhaustively."""
+    """Plan, simulate and measure how groups of simple robots explore a space completely."""

@@ -1,4 +1,4 @@
-"""The options of commands: those that they share, and those that are made from the declarations of a problem."""
+"""The options of commands: common options, and options made from the fields of a problem."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shoal.core.checks import parse_json, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import LARGEST_PROBLEM, Declaration, Problem
 
-Trials = Annotated[int, typer.Option("--trials", help="Number of trials, each from another start.")]
+Trials = Annotated[int, typer.Option("--trials", help="Number of trials, each with another random start.")]
 Seed = Annotated[
     int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
 ]
@@ -36,7 +36,7 @@ Film = Annotated[
     typer.Option(
         "--film",
         metavar="FILE",
-        help="Write a film (of several trials the first): .gif, .mp4 or .html (the player). May be given again.",
+        help="Write a film (of the first of several trials): .gif, .mp4 or .html (the player). The option can be repeated.",
         show_default=False,
     ),
 ]
@@ -60,13 +60,13 @@ def takes_problem(
     ----------
     kind : type
     from_file : bool
-        Whether the argument may also be a problem file: the options that are given then replace its fields.
+        Whether the argument may also be a problem file, whose fields the given options replace.
     only : tuple of str
-        The fields that are options; all if empty.
+        The fields that become options; all if empty.
     options : type, optional
-        What the command's second parameter is: its fields become options, too.
+        Class of the command's second parameter, whose fields also become options.
     **fixed
-        Fields that the command settles itself; they are no options.
+        Fields that the command sets itself. They are no options.
 
     Examples
     --------
@@ -108,7 +108,7 @@ def takes_problem(
         made = [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in [*made, *own]]
         vars(wrapped)["__signature__"] = inspect.Signature(made)
         wrapped.__annotations__ = {one.name: one.annotation for one in made}
-        del vars(wrapped)["__wrapped__"]  # else the signature of the command itself would be read
+        del vars(wrapped)["__wrapped__"]  # otherwise Typer reads the signature of the command itself
         return wrapped
 
     return decorate
@@ -117,7 +117,7 @@ def takes_problem(
 def _problem_of(
     kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
 ) -> Problem:
-    """Return the problem of a file with the options that were given in place of its fields, or the one of the options alone."""
+    """Return the problem of a file with the given options in place of its fields, or the problem of the options alone."""
     given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
     place = next(name for name, declared in taken.items() if declared.option.argument)
     source = given.get(place)
@@ -161,7 +161,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
 
 
 def help_of(declared: Declaration) -> str:
-    """Return the help of an option: what it is, its values, its unit and its range."""
+    """Return the help of an option: its sentence, values, unit and range."""
     option = declared.option
     unit = f" Unit: {option.unit}." if option.unit else ""
     choices = f" One of {', '.join(option.choices)}." if option.choices else ""
@@ -174,7 +174,7 @@ def _flags(declared: Declaration, *, both: bool) -> str:
 
 
 def _default(declared: Declaration) -> Any:
-    """Return the default as the command line writes it; None for one that has no text."""
+    """Return the default as written on the command line, or None if it has no text."""
     option, default = declared.option, declared.default
     if option.parse is None or isinstance(default, str):
         return default
@@ -182,7 +182,7 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value that a text of the command line means."""
+    """Return the value of a command line text."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
     if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):

@@ -1,4 +1,4 @@
-"""How commands talk: results on stdout, all else on stderr."""
+"""Output of commands: results on stdout, everything else on stderr."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in 
 
 
 def visible(text: str) -> str:
-    r"""Return a text without characters that a terminal obeys: names of files and of things in them are strangers'.
+    r"""Return a text without terminal control characters, because file names and their content may be hostile.
 
     Examples
     --------
@@ -35,8 +35,8 @@ def visible(text: str) -> str:
 
 
 def say(text: str) -> None:
-    """Print a message for people on stderr."""
-    if sys.stderr is not None:  # None would mean stdout to print()
+    """Print a message on stderr."""
+    if sys.stderr is not None:  # None would mean stdout for print()
         print(visible(text), file=sys.stderr, flush=True)
 
 
@@ -46,7 +46,7 @@ def print_json(result: dict[str, Any]) -> None:
 
 
 def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
-    """Print a summary for people on stdout."""
+    """Print a summary on stdout."""
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -58,7 +58,7 @@ def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
 
 
 def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
-    """Print rows with named columns on stdout; where the terminal is narrow the first ones are wrapped, never the last."""
+    """Print rows with named columns on stdout. On a narrow terminal, the first columns are wrapped, but never the last."""
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
@@ -72,7 +72,7 @@ def print_columns(names: list[str], values: list[str], rows: list[list[str]], *,
 
 
 def _titled(title: str, table: Any) -> Any:
-    """Return a table beneath its title, which is not wrapped where the table is narrow."""
+    """Return a table below its title. The title is not wrapped even if the table is narrow."""
     from rich.console import Group
     from rich.text import Text
 
@@ -80,14 +80,14 @@ def _titled(title: str, table: Any) -> Any:
 
 
 def cell(text: str) -> str:
-    """Return a text as it stands in a table: none of it is an order to Rich or to the terminal."""
+    """Return a text for a table cell, without markup for Rich or control characters."""
     from rich.markup import escape
 
     return escape(visible(text))
 
 
 def print_drawn(drawn: Any) -> None:
-    """Print on stdout what Rich draws."""
+    """Print Rich output on stdout."""
     from rich.console import Console
 
     console = Console(soft_wrap=False)
@@ -98,10 +98,10 @@ def print_drawn(drawn: Any) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep what C libraries print on stderr off it while the block runs: libtiff prints a line a fault, our error says it once."""
+    """Suppress output of C libraries on stderr inside the block. libtiff prints a line per fault, which our error reports once."""
     try:
         kept = os.dup(2)
-    except OSError:  # closed: there is nothing to keep clean
+    except OSError:  # closed: there is nothing to protect
         yield
         return
     with open(os.devnull, "w") as nowhere:
@@ -115,9 +115,9 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
-    """Show a bar on stderr while the block runs; gives a function that takes how much is done.
+    """Show a progress bar on stderr during the block. Yields a function that takes the amount done.
 
-    Where stderr is no terminal a line is printed every tenth of the way instead.
+    Without a terminal, a line is printed after every tenth of the progress instead.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None
@@ -142,7 +142,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
 
 @contextmanager
 def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
-    """Say ``text`` on stderr if the block takes longer than ``after`` seconds."""
+    """Print ``text`` on stderr if the block takes longer than ``after`` seconds."""
     timer = Timer(after, say, [text])
     timer.daemon = True
     timer.start()
@@ -154,7 +154,7 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
 
 @contextmanager
 def warnings_said(category: type[Warning]) -> Iterator[None]:
-    """Print warnings of a kind on stderr as our sentences while the block runs."""
+    """Print warnings of a category on stderr as sentences during the block."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
@@ -162,7 +162,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
 
 
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
-    """Return a function that takes (moves, frontier cells left) and says so on stderr now and then, for long episodes."""
+    """Return a function that takes (moves, frontier cells left) and prints them on stderr at intervals, for long episodes."""
     last = [time.monotonic()]
 
     def tell(moves: int, frontier: int) -> None:
@@ -174,7 +174,7 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
 
 
 def check_folder(folder: Path) -> Path:
-    """See that an output folder can be written, or made where it is to be, before any work is done; make nothing yet.
+    """Check that an output folder is writable, or can be created, before any work is done. Nothing is created yet.
 
     Raises
     ------
@@ -192,12 +192,12 @@ def check_folder(folder: Path) -> Path:
 
 
 def check_outputs(out: Path | None, film: list[Path] | None) -> None:
-    """Refuse outputs that cannot be written before the work is done.
+    """Refuse outputs that cannot be written, before the work is done.
 
     Raises
     ------
     InvalidInputError
-        For a film with another suffix.
+        If a film has an unsupported suffix.
     OutputError
     """
     if film:
@@ -209,11 +209,11 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
-SHORT_FILM = 200  # frames; their progress is not worth a line
+SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 
 
 def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
-    """Write the films of an episode, each with a bar; return their paths."""
+    """Write the films of an episode with progress bars. Return their paths."""
     for path in paths or []:
         _write_film(episode, path)
     return [*(paths or [])]
@@ -222,13 +222,13 @@ def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
 def _write_film(episode: Any, path: Path) -> None:
     from shoal.views import film
 
-    frames = 1000  # of the bar: how many a film has is known only once it is being written
+    frames = 1000  # length of the bar, because the number of frames is known only when the film is being written
     with progress(f"film {path.name}", frames, shown=path.suffix.lower() != ".html") as advance:
         film(episode, path, on_frame=lambda done, total: advance(frames * done // total) if total > SHORT_FILM else None)
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
-    """Refuse an episode that was not played with the seed that is wanted.
+    """Refuse an episode with another seed than the requested one.
 
     Raises
     ------

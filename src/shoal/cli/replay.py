@@ -1,4 +1,4 @@
-"""shoal replay: an episode of any part, checked, drawn and filmed."""
+"""shoal replay: verify an episode of any part, and draw or film it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def replay(
     trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
-    """Replay an episode file, check that it is what it says, and draw or film it. Exit code 1 if it is not."""
+    """Replay an episode file, verify it, and draw or film it. The exit code is 1 if the replay differs."""
     check_outputs(out, film)
     if is_search(episode_file):
         from shoal.cli.search.searching import replay_search
@@ -60,7 +60,7 @@ def replay(
 
 
 def is_search(path: Path) -> bool:
-    """Tell whether a file says at its beginning that it is the episode of a search."""
+    """Return whether the beginning of a file identifies a search episode."""
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     with path.open("rb") as file:

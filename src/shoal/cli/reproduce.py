@@ -1,4 +1,4 @@
-"""shoal reproduce: the papers' figures."""
+"""shoal reproduce: reproduce the papers' figures."""
 
 from __future__ import annotations
 
@@ -31,7 +31,8 @@ def reproduce(
     ] = False,
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps.")] = False,
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Number of trials at each point, instead of the figure's.", show_default=False)
+        int | None,
+        typer.Option("--trials", help="Number of trials at each point, instead of the figure's own number.", show_default=False),
     ] = None,
     map_: Annotated[
         str | None,
@@ -56,7 +57,7 @@ def reproduce(
 ) -> None:
     """Reproduce figures of the papers and compare the printed numbers with ours: they agree, differ, or are not comparable.
 
-    Exit code 1 if one of all figures could not be made; that ours differ from a paper is an answer, not an error.
+    The exit code is 1 if a figure could not be made. A difference from a paper is a result, not an error.
     """
     from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one

@@ -1,4 +1,4 @@
-"""shoal steer, shoal reach: two particles, one shared input, walls that hold."""
+"""shoal steer, shoal reach: steer particles by one shared input and walls."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def steer(
         typer.Option(
             "--film",
             metavar="FILE",
-            help="Write a film of the plan: .gif, .mp4 or .html (the player). May be given again.",
+            help="Write a film of the plan: .gif, .mp4 or .html (the player). The option can be repeated.",
             show_default=False,
         ),
     ] = None,
@@ -43,9 +43,9 @@ def steer(
 ) -> None:
     """Bring two particles to two goals with one shared input, using walls that hold particles.
 
-    A problem file holds an object with "workspace" (a name, a file, or what docs/concepts/steering.md says of polygons, disks,
-    prisms, cylinders and regions), "start" and "goal" (lists of points), and any other option as a field. Options replace what the
-    file says. Exit code 1 if the problem was not solved; the status says why.
+    A problem file contains an object with "workspace" (a name, a file, or a polygon, disk, prism, cylinder or region as described
+    in docs/concepts/steering.md), "start" and "goal" (lists of points), and any other option as a field. Options replace the fields
+    of the file. The exit code is 1 if the problem was not solved; the status gives the reason.
     """
     from shoal.steering.run import run
 
@@ -63,7 +63,7 @@ def steer(
 
 
 def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, str]) -> None:
-    """Print the moves and figures of a plan for people."""
+    """Print the moves and metrics of a plan."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
     shown = [", ".join(f"{number:+.6g}" for number in move) for move in episode.inputs[:24]]
     rows = [
@@ -81,7 +81,7 @@ def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, 
 
 
 def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write what --out and --film ask for; return the files."""
+    """Write the outputs for --out and --film. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json
@@ -122,7 +122,7 @@ def reach(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute which differences of two particles 2, 4, ... moves can make, as a share of all differences."""
+    """Compute which differences of two particles 2, 4, ... moves can reach, as a fraction of all differences."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place

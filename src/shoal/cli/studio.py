@@ -1,4 +1,4 @@
-"""shoal studio: everything in the browser, on one's own machine."""
+"""shoal studio: the graphical user interface in the browser."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ def studio(
 ) -> None:
     """Open the studio in the browser: find vessels, place particles, watch and compare policies, steer by hand.
 
-    It is served to this machine only, at an address that nobody else knows. Nothing is kept anywhere but in the folder.
+    The server accepts connections from this machine only, at a secret address. All data stays in the folder.
     """
     if port is not None:
         check_integer(port, what="port", least=1, most=65535)
     from shoal.studio.jobs.processes import warm_up
 
-    warm_up("shoal.studio.warm")  # beside what follows, since its end is waited for
+    warm_up("shoal.studio.warm")  # at the same time as the following, because its end is awaited
     try:
         from shoal.studio.server import serve
     except ModuleNotFoundError as error:

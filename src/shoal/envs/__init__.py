@@ -1,7 +1,7 @@
-"""Environments for learning: Gymnasium's for swarms and steering, PettingZoo's for searches (extra ``envs``).
+"""Environments for learning: Gymnasium for swarms and steering, PettingZoo for searches (extra ``envs``).
 
-Importing this module registers ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``;
-``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports it itself.
+Importing this module registers ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``.
+``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports the module itself.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
-"""By id: the class, and the options that are not at the default of their field; each may be given anew in `gymnasium.make`."""
+"""For each id: the class, and the options that differ from the defaults of their fields.
+
+Each option can be changed in `gymnasium.make`.
+"""
 
 for _name, (_entry, _options) in REGISTERED.items():
     gymnasium.register(id=_name, entry_point=_entry, vector_entry_point=_VECTORS.get(_entry), kwargs=_options)

@@ -1,4 +1,4 @@
-"""record_episodes: play a policy into a dataset of Minari, for imitation and offline learning."""
+"""record_episodes: record episodes of a policy as a Minari dataset, for imitation and offline learning."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ def record_episodes(
     seed: int = 0,
     name: str | None = None,
 ) -> Any:
-    """Play a policy in an environment, and store observations and actions in Minari's layout (HDF5).
+    """Run a policy in an environment, and store observations and actions in Minari's layout (HDF5).
 
     Parameters
     ----------
     env : gymnasium.Env
-        Made by ``gymnasium.make`` with one of Shoal's ids.
+        An environment made by ``gymnasium.make`` with one of Shoal's ids.
     policy : str, object or callable
-        A policy of `shoal.swarm` (for steering a planner), by name or as an object, or a function (observation, info) -> action.
-        What ends before the task is done is truncated there.
+        A policy of `shoal.swarm` (for steering a planner), by name or as an object, or a function (observation, info) -> action. An
+        episode that ends before the task is done is stored as truncated.
     path : path
-        Folder of the dataset, which must not exist yet; `minari.MinariDataset` opens it again.
+        Folder of the dataset, which must not exist yet. `minari.MinariDataset` can open it.
     episodes : int
     seed : int
-        Episode k has the seed ``seed + k``.
+        Seed of the first episode. Episode k has the seed ``seed + k``.
     name : str, optional
-        Of the dataset, ``NAMESPACE/NAME-v0``.
+        Name of the dataset, ``NAMESPACE/NAME-v0``.
 
     Returns
     -------
     minari.MinariDataset
-        Each of its episodes has ``observations`` (one more than moves), ``actions``, ``rewards``, ``terminations``, ``truncations``
-        and ``infos``.
+        The dataset. Each episode has ``observations`` (one more than moves), ``actions``, ``rewards``, ``terminations``,
+        ``truncations`` and ``infos``.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def record_episodes(
 
 
 def _episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int) -> dict[str, Any]:
-    """Play one episode; return it as Minari wants it."""
+    """Run one episode. Return it in Minari's form."""
     observation, info = env.reset(seed=seed)
     observations, infos, actions, rewards = [observation], [info], [], []
     ends: list[tuple[bool, bool]] = []
@@ -132,17 +132,20 @@ def _next_action(plan: Iterator[Any] | None, policy: Any, observation: Any, info
 
 
 def _stacked(steps: list[Any]) -> Any:
-    """Return what each step told as arrays with one more axis, the steps."""
+    """Return the data of all steps as arrays with an additional first axis for the steps."""
     return {key: _stacked([step[key] for step in steps]) for key in steps[0]} if isinstance(steps[0], dict) else np.array(steps)
 
 
 def _plain(text: str) -> str:
-    """Return a text as names of datasets can be."""
+    """Return a text with only the characters that dataset names may have."""
     return "".join(letter if letter.isalnum() or letter in "-_/" else "-" for letter in text).strip("-/").lower() or "policy"
 
 
 def _spec_of(env: gymnasium.Env[Any, Any]) -> Any:
-    """Return the spec of an environment, if JSON can hold its options; the dataset can then make the environment again."""
+    """Return the spec of an environment if JSON can represent its options.
+
+    With the spec, the dataset can recreate the environment.
+    """
     try:
         if env.spec is not None:
             env.spec.to_json()

@@ -1,4 +1,4 @@
-"""Observations and rewards of swarms, for any number of worlds at once: one environment and thousands share them."""
+"""Observations and rewards of swarms for any number of worlds, used by the single and the vector environment."""
 
 from __future__ import annotations
 
@@ -12,13 +12,15 @@ from shoal.envs.options import SwarmEnvOptions
 from shoal.swarm.batch import WorldBatch
 
 PLANES = ("particles", "free", "obstacles", "frontier")
-"""Particles of each cell; known to be free; known to be obstacles; left to do: unknown beside free ones, or not yet covered."""
+"""Planes of an observation: particles per cell; known free cells; known obstacles; frontier cells (unknown cells beside free cells,
+or cells not yet covered).
+"""
 
 PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
 
 
 def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str) -> gymnasium.spaces.Box:
-    """Return the space of one world's observations; ``window`` is the shape of its planes, rim included."""
+    """Return the observation space of one world. ``window`` is the shape of its planes, including the rim."""
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)
         return gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float32)
@@ -27,7 +29,7 @@ def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule
 
 
 def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-    """Return the observations of worlds as the options say; ``out`` is filled with planes, if it is given."""
+    """Return the observations of worlds according to the options. If ``out`` is given, it receives the planes."""
     if options.observation == "planes":
         return batch.planes(PLANES, where=where, out=out)
     if options.observation == "compact":
@@ -40,15 +42,17 @@ def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool
 
 
 def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-    """Return a few numbers from -1 to 1 for each world.
+    """Return the compact observation of each world, a few numbers from -1 to 1.
 
     Returns
     -------
     ndarray of float32, shape (worlds, 9 ndim + 3)
-        By command the share of particles that would enter a frontier cell; by command the share whose next cell is no known
-        obstacle and holds no particle; by command 1 for the first one of the shortest path to the frontier; 1 over the length of
-        that path; from the particles' middle to the frontier cell where it ends, the middle, and the spread, by axis, over the size
-        of the map; the share of the frontier among all cells that are known or frontier; the share of moves used up.
+        The values are, in order: for each command, the fraction of particles that would enter a frontier cell; for each command,
+        the fraction of particles whose next cell is not a known obstacle and holds no particle; for each command, 1 if it is the
+        first command of the shortest path to the frontier; 1 divided by the length of that path; for each axis, the vector from the
+        particles' mean position to the frontier cell at the end of the path, the mean position, and the standard deviation, each
+        relative to the size of the map; the frontier cells as a fraction of all known or frontier cells; the fraction of moves
+        used.
     """
     sums, (lengths, commands, ends) = batch.measures(where=where), batch.nearest_frontier(where=where)
     size, count = np.array(batch.layout.window, dtype=np.float64), np.maximum(sums.particles, 1)[:, None]
@@ -66,5 +70,5 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
 def rewards_of(
     classified: NDArray[Any], moves: NDArray[Any], done: NDArray[np.bool_], options: SwarmEnvOptions
 ) -> NDArray[np.float64]:
-    """Return the rewards of a step: for the cells classified, less the price of its commands, and a bonus at the end."""
+    """Return the rewards of a step: a reward per classified cell, minus the price of the commands, plus a bonus at the end."""
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

@@ -1,4 +1,4 @@
-"""Options of environments: the fields of a part's problem, and what only an environment has, declared in the same way."""
+"""Options of environments: the fields of a problem, and additional fields of the environment, declared in the same way."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ P = TypeVar("P", bound=Problem)
 O = TypeVar("O", bound="EnvOptions")  # noqa: E741 - an option
 
 SEEDS = 2**31
-"""Seeds of episodes that nobody gave one are drawn below this."""
+"""Exclusive upper limit of random seeds for episodes."""
 
 OBSERVATIONS = ("planes", "window", "compact")
 CENTERS = ("particles", "frontier")
 
 
 class OptionError(InvalidInputError, gymnasium.error.Error):
-    """An option of an environment, or of its reset, is not as expected; a ValueError, and an error of Gymnasium."""
+    """An option of an environment, or of its reset, is invalid. It is a ValueError and also an error of Gymnasium."""
 
 
 @dataclass(frozen=True, eq=False)
 class EnvOptions(Problem):
-    """What an environment has beyond the fields of its problem."""
+    """Base class of the fields that an environment has in addition to its problem."""
 
     decided: ClassVar[tuple[str, ...]] = ()
-    """Fields of the problem that an environment has not, as whoever steps it decides that."""
+    """Fields of the problem that the environment does not have, because the user's actions determine them."""
 
 
 def _check_maps(given: Any) -> tuple[str, ...]:
@@ -50,13 +50,13 @@ def _check_window(given: Any) -> int:
 
 @dataclass(frozen=True, eq=False)
 class SwarmEnvOptions(EnvOptions):
-    """Options of the swarm environments beside the fields of a SwarmProblem: observation and reward."""
+    """Additional fields of the swarm environments: observation and reward."""
 
     part: ClassVar[str] = "swarm-environment"
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
 
     maps: tuple[str, ...] = option(
-        (), help="Maps of which each episode draws one, in place of MAP; observations have the size of the largest.",
+        (), help="Maps from which each episode draws one, instead of MAP. Observations have the size of the largest map.",
         metavar="MAP ...", check=_check_maps, dump=list,
     )  # fmt: skip
     observation: str = option(
@@ -64,44 +64,48 @@ class SwarmEnvOptions(EnvOptions):
     )
     window: int = option(33, help="Side of the window.", unit="cells", least=3, check=_check_window)
     center: str = option(
-        "particles", help="Middle of the window: of the particles, or the frontier cell that is nearest to one.", choices=CENTERS
+        "particles",
+        help="Centre of the window: the mean position of the particles, or the frontier cell nearest to a particle.",
+        choices=CENTERS,
     )
-    classified_reward: float = option(1.0, help="Reward for each cell that is newly classified; in coverage, covered.")
-    move_price: float = option(1.0, help="What is taken from the reward for each command.")
+    classified_reward: float = option(1.0, help="Reward for each newly classified cell; for coverage, for each newly covered cell.")
+    move_price: float = option(1.0, help="Penalty for each command, subtracted from the reward.")
     final_bonus: float = option(100.0, help="Reward when the task is done.")
 
 
 @dataclass(frozen=True, eq=False)
 class SteeringEnvOptions(EnvOptions):
-    """Options of the steering environment beside the fields of a SteeringProblem: input and reward."""
+    """Additional fields of the steering environment: input and reward."""
 
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")
 
     longest_move: float = option(1.0, help="Length along each axis of the action 1, in multiples of the workspace's size.", above=0)
     progress_reward: float = option(
-        1.0, help="Reward for each size of the workspace by which the particle that is farthest from its goal comes nearer."
+        1.0, help="Reward for each size of the workspace by which the particle farthest from its goal comes closer."
     )
-    move_price: float = option(0.01, help="What is taken from the reward for each move.")
+    move_price: float = option(0.01, help="Penalty for each move, subtracted from the reward.")
     final_bonus: float = option(1.0, help="Reward when all particles are at their goals.")
 
 
 @dataclass(frozen=True, eq=False)
 class SearchEnvOptions(EnvOptions):
-    """What the environment of a search has beyond the fields of a SearchProblem: action, reward and limit."""
+    """Additional fields of the search environment: actions, rewards and maximum number of steps."""
 
     part: ClassVar[str] = "search-environment"
     decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
 
     action: str = option(
-        "direction", help="direction (one cell on, or stay) or cell (any one of all).", choices=("direction", "cell")
+        "direction", help="direction (move one cell, or stay) or cell (move to any cell).", choices=("direction", "cell")
     )
-    reward: str = option("shared", help="shared (all agents get the mean of all) or own.", choices=("shared", "own"))
-    searched_reward: float = option(1.0, help="Reward for each cell that nobody had searched before.")
-    step_price: float = option(0.1, help="What is taken from an agent's reward for each step.")
-    final_bonus: float = option(10.0, help="Reward of each agent that lives when all is searched.")
+    reward: str = option("shared", help="shared (all agents get the mean reward) or own.", choices=("shared", "own"))
+    searched_reward: float = option(1.0, help="Reward for each cell that no robot had searched before.")
+    step_price: float = option(0.1, help="Penalty for each step, subtracted from an agent's reward.")
+    final_bonus: float = option(10.0, help="Reward of each live agent when all cells are searched.")
     max_steps: int = option(
-        10_000, help="Stop an episode there; a step takes as long as a robot of speed 1 takes for a cell.", least=1
+        10_000,
+        help="Maximum number of steps of an episode. A step takes the time that a robot of speed 1 needs for a cell.",
+        least=1,
     )
 
 
@@ -109,12 +113,12 @@ ENVIRONMENTS: tuple[type[EnvOptions], ...] = (SwarmEnvOptions, SteeringEnvOption
 
 
 def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) -> tuple[P, O]:
-    """Return the problem and the options that keyword arguments make.
+    """Return the problem and the options for keyword arguments.
 
     Raises
     ------
     OptionError
-        In one sentence: for a field that is unknown or not as expected.
+        If a field is unknown or invalid.
     """
     offered = [name for name in problem.declarations() if name not in options.decided] + list(options.declarations())
     for name, value in fields.items():
@@ -130,7 +134,7 @@ def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) 
 
 @contextmanager
 def option_errors() -> Iterator[None]:
-    """Raise what Shoal finds wrong with options as an `OptionError`."""
+    """Convert Shoal's errors about options to `OptionError`."""
     try:
         yield
     except ShoalError as error:
@@ -138,7 +142,7 @@ def option_errors() -> Iterator[None]:
 
 
 def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] = ()) -> None:
-    """Refuse options of a reset that are not known."""
+    """Refuse unknown options of a reset."""
     for name in options or {}:
         if name not in known:
             offered = f"one of {', '.join(known)}" if known else "none"
@@ -146,13 +150,13 @@ def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] =
 
 
 def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
-    """Return a render mode; raise UnsupportedMode, as Gymnasium's users expect, for one that is unknown."""
+    """Return a render mode. An unknown mode raises UnsupportedMode, as in Gymnasium."""
     if render_mode is not None and render_mode not in known:
         raise gymnasium.error.UnsupportedMode(f"render_mode: expected one of {', '.join(known)}, got {shortened(render_mode)}")
     return render_mode
 
 
 def check_running(running: bool) -> None:
-    """Refuse a step in an environment that is not between reset and the end of its episode."""
+    """Refuse a step before a reset or after the end of the episode."""
     if not running:
         raise gymnasium.error.ResetNeeded("step: expected a reset first, as no episode is going on, got an action")

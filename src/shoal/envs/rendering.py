@@ -1,4 +1,4 @@
-"""What environments show: pictures, texts, and a window that keeps up with the episode."""
+"""Rendering of environments: pictures, texts, and a window that follows the episode."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ Picture = NDArray[np.uint8]
 
 MODES = ["rgb_array", "ansi", "human"]
 SIDE = 480
-"""Pixels of the larger side of a picture, about."""
+"""Approximate length in pixels of a picture's larger side."""
 
 
 def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) -> Any:
-    """Return what ``env.render()`` returns in the environment's mode; in mode human the window shows the picture.
+    """Return the result of ``env.render()`` in the environment's mode. In mode human, show the picture in the window.
 
     Raises
     ------
     gymnasium.error.UnsupportedMode
-        If the environment was made without a mode.
+        If the environment was made without a render mode.
     """
     if env.render_mode == "rgb_array":
         return picture()
@@ -41,13 +41,13 @@ def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) 
 
 
 def close_window(env: Any) -> None:
-    """Close the window of an environment, if it has one."""
+    """Close the window of an environment if it exists."""
     if getattr(env, "_live_window", None) is not None:
         env._live_window.close()
         env._live_window = None
 
 
 def enlarged(raster: Picture) -> Picture:
-    """Return a picture of one pixel a cell with the pixels repeated, until it is about `SIDE` wide or high."""
+    """Return a picture of one pixel per cell, enlarged by whole pixels to about `SIDE`."""
     times = max(1, SIDE // max(raster.shape[:2]))
     return raster.repeat(times, axis=0).repeat(times, axis=1)

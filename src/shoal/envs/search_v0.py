@@ -1,6 +1,6 @@
-"""A search as a parallel environment of PettingZoo: each robot is an agent that hears lossy messages and may die.
+"""A search as a parallel PettingZoo environment. Each robot is an agent that receives lossy messages and may die.
 
-``search_v0.parallel_env(**options)`` makes it, ``search_v0.env(**options)`` its turn-based form.
+``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` its turn-based form.
 """
 
 from __future__ import annotations
@@ -29,40 +29,42 @@ from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bits_to_array
 
 PLANES = ("region", "own", "searched", "obstacles", "found")
-"""Planes of an agent's observation: cells of the region; where it is; as far as it knows: searched, obstacles, something found."""
+"""Planes of an agent's observation: cells of the region; the agent's position; and, according to its knowledge, searched cells,
+obstacles, and cells with findings.
+"""
 
 DIRECTIONS = ((0, 0, 0), (0, 0, -1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
-"""Of the actions 1 to 5: here, left, up, right, down; with several layers 6 and 7, to the layer above and to that beneath."""
+"""Meaning of the actions 1 to 5: stay, left, up, right, down. With several layers, 6 and 7 move to the layer above and below."""
 
 Observation = dict[str, NDArray[Any]]
 
 
 class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type: ignore[misc]  # PettingZoo has no types
-    """Robots without a coordinator search a region; each is an agent, ``robot_1``, ``robot_2``, ....
+    """Robots without a coordinator search a region. Each robot is an agent ``robot_1``, ``robot_2``, ....
 
-    A step takes as long as the fastest robot takes for a cell. Action 0 is to wait, or to go on with what an agent is about. Others
-    are a cell to go to and search: the own one or one beside it (``action="direction"``, see `DIRECTIONS`), or with
-    ``action="cell"`` any, 1 and its number on the tour. An action outside of ``infos[agent]["action_mask"]`` counts as 0: an agent
-    that is on its way, or at a search, goes on. Cells already occupied, obstacles, energy, faults and messages are those of the
-    simulation of `shoal.search`; after ``reset(seed=s)`` starts and faults are those of ``shoal.run(problem, seed=s)``.
+    A step takes the time that the fastest robot needs for a cell. Action 0 means wait, or continue. With ``action="direction"``,
+    the other actions select the own cell or a neighbour to move to and search (see `DIRECTIONS`). With ``action="cell"``, they
+    select any cell: 1 plus its tour index. An action that ``infos[agent]["action_mask"]`` excludes counts as 0: an agent that is
+    moving or searching continues. Occupied cells, obstacles, energy, faults and messages are simulated as in `shoal.search`. After
+    ``reset(seed=s)``, starts and faults are those of ``shoal.run(problem, seed=s)``.
 
-    An agent sees what its robot knows: ``planes``, uint8, shape (5, H, W) or (5, L, H, W), one after another `PLANES`;
-    ``position``, its row and column, before them its layer if there are several; ``heard``, how long ago it heard of each robot,
-    directly or from others, in steps, -1 if never; ``told``, how many cells each is said to have searched; ``energy``, the share
-    that is left; ``time``, in steps. A robot that dies is terminated and leaves ``agents``. All are terminated when all cells that
-    can be reached are searched, and truncated after ``max_steps``.
+    An agent observes the knowledge of its robot. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes `PLANES`.
+    ``position``: row and column, preceded by the layer if there are several. ``heard``: number of steps since the last direct or
+    indirect news of each robot, -1 if never. ``told``: number of cells that each robot reports as searched. ``energy``: remaining
+    fraction. ``time``: in steps. A robot that dies is terminated and leaves ``agents``. All agents are terminated when all
+    reachable cells are searched, and truncated after ``max_steps``.
 
     Parameters
     ----------
     render_mode : str, optional
         "rgb_array", "ansi" or "human".
     **fields
-        Of `SearchProblem` and `SearchEnvOptions`.
+        Fields of `SearchProblem` and `SearchEnvOptions`.
 
     Raises
     ------
     OptionError
-        For options that cannot be; a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
 
     Notes
     -----
@@ -114,7 +116,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Begin an episode; nothing is done with ``options``.
+        """Start an episode. ``options`` has no effect.
 
         Raises
         ------
@@ -139,14 +141,14 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Let all agents act, and time go on.
+        """Apply the actions of all agents, and advance the time.
 
         Raises
         ------
         gymnasium.error.ResetNeeded
             Before a reset, and when no agents are left.
         gymnasium.error.InvalidAction
-            Also for an agent without an action.
+            If an action is invalid or missing.
         """
         check_running(bool(self.agents))
         assert self._world is not None
@@ -179,7 +181,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return int(choice)
 
     def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
-        """Return the reward of each agent for the cells that it searched and nobody before; shared ones are the mean."""
+        """Return the reward of each agent for newly searched cells. Shared rewards are the mean of all."""
         assert self._world is not None
         found: dict[str, float] = {}
         for agent in agents:
@@ -191,10 +193,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         mean = sum(found.values()) / len(agents)
         return dict.fromkeys(agents, mean) if self.options.reward == "shared" else found
 
-    # What agents decide, and what they know.
+    # Decisions and knowledge of the agents.
 
     def _decide(self, robot: Robot, time: float) -> Decision:
-        """Send a robot where its agent has chosen; see `shoal.search.protocol.robot.advance`."""
+        """Send a robot to the cell that its agent chose; see `shoal.search.protocol.robot.advance`."""
         cell = self._orders.pop(robot.number, None)
         return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell, time)
 
@@ -203,7 +205,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return self._world.vehicles[number].robot
 
     def _cell(self, number: int, choice: int) -> int:
-        """Return the cell, as a number on the tour, that an action means; -1 if there is none."""
+        """Return the cell of an action as a tour index; -1 for no cell."""
         if self.options.action == "cell":
             return choice - 1
         position = self._tour.position
@@ -252,14 +254,14 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def _infos(self, agents: list[str]) -> dict[str, dict[str, Any]]:
         return {agent: {"action_mask": self._mask(self._numbers[agent]), "seed": self._drawn} for agent in agents}
 
-    # What people see.
+    # Rendering.
 
     def _watch(self) -> None:
         if self.render_mode == "human":
             self.render()
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human: a window shows it).
+        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
 
         Raises
         ------
@@ -270,9 +272,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return for each cell 0 outside, 1 unsearched, 2 searched, 2 + k with robot k in it, 2 + k + robots if that is dead.
+        """Return a code per cell: 0 outside, 1 unsearched, 2 searched, 2 + k robot k, 2 + k + robots dead robot k.
 
-        Layers stand one under the other, the lowest on top, with an empty row between.
+        Layers are stacked vertically with the lowest on top and an empty row between.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)
@@ -283,7 +285,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return codes if codes.ndim == 2 else np.pad(codes, ((0, 0), (0, 1), (0, 0))).reshape(-1, codes.shape[2])[:-1]
 
     def _text(self) -> str:
-        """Return one character a cell: blank outside, ? unsearched, . searched, a digit for a robot, x for a dead one."""
+        """Return one character per cell: blank outside, ? unsearched, . searched, a digit for a robot, x for a dead robot."""
         robots = self.problem.robots
         signs = np.array([*" ?.", *(str(number % 10) for number in range(1, robots + 1)), *"x" * robots])
         return "\n".join("".join(row) for row in signs[self._codes()])
@@ -298,17 +300,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return enlarged(rgb[self._codes()])
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window if it exists."""
         close_window(self)
 
 
 def parallel_env(**fields: Any) -> SearchParallelEnv:
-    """Return the environment; the options are those of `SearchParallelEnv`."""
+    """Return the environment. The options are those of `SearchParallelEnv`."""
     return SearchParallelEnv(**fields)
 
 
 def env(**fields: Any) -> Any:
-    """Return the environment in PettingZoo's turn-based form; the options are those of `SearchParallelEnv`."""
+    """Return the environment in PettingZoo's turn-based form. The options are those of `SearchParallelEnv`."""
     from pettingzoo.utils.conversions import parallel_to_aec
 
     return parallel_to_aec(parallel_env(**fields))

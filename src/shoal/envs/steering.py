@@ -1,4 +1,4 @@
-"""SteeringEnv: two particles or more with one shared input, continuous, as a Gymnasium environment, one move a step."""
+"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, one move per step."""
 
 from __future__ import annotations
 
@@ -36,23 +36,23 @@ Observation = dict[str, Points]
 class SteeringEnv(gymnasium.Env[Observation, Any]):
     """Particles in a workspace that one shared input brings to their goals.
 
-    An action is a move, one number from -1 to 1 an axis, of which 1 is ``longest_move`` times the size of the workspace. After
-    ``reset(seed=s)`` start, goal and noise are those of ``shoal.run(problem, seed=s)``; later resets draw their seeds, which
-    ``info["seed"]`` tells. Observations are what the camera sees: a dict of float64 arrays with ``particles``, ``goals``, shape
-    (particles, dimensions), and ``delta``, ``goal_delta``, shape (particles - 1, dimensions): the differences of all others to the
-    first one, which walls alone can change, now and at the goals.
+    An action is a move, with one number from -1 to 1 per axis, where 1 means ``longest_move`` times the size of the workspace.
+    After ``reset(seed=s)``, start, goal and noise are those of ``shoal.run(problem, seed=s)``. Later resets draw their seeds, which
+    are in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays. ``particles`` and ``goals`` have shape
+    (particles, dimensions). ``delta`` and ``goal_delta``, shape (particles - 1, dimensions), are the differences of all other
+    particles from the first one, now and at the goals. Only walls can change these differences.
 
     Parameters
     ----------
     render_mode : str, optional
         "rgb_array", "ansi" or "human".
     **fields
-        Of `SteeringProblem` and `SteeringEnvOptions`.
+        Fields of `SteeringProblem` and `SteeringEnvOptions`.
 
     Raises
     ------
     OptionError
-        For options that cannot be; a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
 
     Notes
     -----
@@ -91,7 +91,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         self._running = False
 
     def _bounds(self) -> tuple[Points, Points]:
-        """Return the least and the greatest coordinates that a particle or a goal can have."""
+        """Return the smallest and the largest possible coordinates of a particle or a goal."""
         place = self.problem.place
         if place.round:
             low, high = place.center - place.radius, place.center + place.radius
@@ -101,14 +101,14 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         if place.dimensions == 3:
             caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
             low, high = np.append(low, caps[0]), np.append(high, caps[1])
-        if self.problem.goal_x is not None:  # it may be outside
+        if self.problem.goal_x is not None:  # a goal may be outside
             goal = np.array([self.problem.goal_x, self.problem.goal_y])
             low[:2], high[:2] = np.minimum(low[:2], goal), np.maximum(high[:2], goal)
-        room = TOUCH * place.size  # who is on a wall is so far outside of it at most
+        room = TOUCH * place.size  # maximum distance outside of a particle on a wall
         return low - room, high + room
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; there are no ``options``.
+        """Start an episode. ``options`` must be empty.
 
         Raises
         ------
@@ -124,11 +124,11 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         orders = permutations(range(len(start))) if self.problem.interchangeable else [range(len(start))]
         self._goals = np.array([goal[list(order)] for order in orders])
         self._drawn, self._running = drawn, True
-        self._trajectories: list[Any] = []  # of the moves that a picture has shown
+        self._trajectories: list[Any] = []  # number of moves that the window has shown
         return self._told()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Move the particles, and look.
+        """Move the particles and observe.
 
         Raises
         ------
@@ -157,12 +157,12 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
 
     @property
     def error(self) -> float:
-        """The distance to its goal of the particle that is farthest from it; with interchangeable ones, of the best matching."""
+        """Largest distance of a particle from its goal. For interchangeable goals, the best assignment counts."""
         assert self._apparatus is not None
         return float(np.linalg.norm(self._goals - self._apparatus.states[-1], axis=2).max(axis=1).min())
 
     def _told(self) -> tuple[Observation, dict[str, Any]]:
-        """Return observation and info, and show them to people who watch."""
+        """Return observation and info, and update the window."""
         assert self._apparatus is not None
         if self.render_mode == "human":
             self.render()
@@ -176,7 +176,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         Raises
         ------
         OptionError
-            For a planner that cannot do it, and for moves that are longer than an action can be.
+            If the planner cannot do the task, or a move is longer than an action can be.
         """
         check_running(self._running)
         with option_errors():
@@ -191,7 +191,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         return list(episode.inputs / longest)
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human: a window shows it).
+        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
 
         Raises
         ------
@@ -230,10 +230,10 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         )  # fmt: skip
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window if it exists."""
         close_window(self)
 
 
 def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
-    """Return the space of so many points."""
+    """Return the space of ``count`` points."""
     return gymnasium.spaces.Box(np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64)

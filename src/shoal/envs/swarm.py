@@ -1,4 +1,4 @@
-"""SwarmEnv: mapping and coverage of a map by a swarm as a Gymnasium environment, one command a step."""
+"""SwarmEnv: mapping and coverage by a swarm as a Gymnasium environment, one command per step."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ from shoal.swarm.run import run
 
 
 class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
-    """A swarm that explores a map. An action is one command to all particles: its number, from 0, in ``lurd`` (in 3-D ``lurdio``).
+    """A swarm that explores a map. An action is one command to all particles: its index in ``lurd`` (in 3-D ``lurdio``), from 0.
 
-    After ``reset(seed=s)`` particles, targets and noise are those of ``shoal.run(problem, seed=s)``; later resets draw their seeds,
-    which ``info["seed"]`` tells. With ``scan_every`` an action is a run of so many equal commands, with a scan after it.
+    After ``reset(seed=s)``, particles, targets and noise are those of ``shoal.run(problem, seed=s)``. Later resets draw their
+    seeds, which are in ``info["seed"]``. With ``scan_every``, an action is a run of equal commands followed by a scan.
 
     Parameters
     ----------
     render_mode : str, optional
         "rgb_array", "ansi" or "human".
     **fields
-        Of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
     OptionError
-        For options that cannot be; a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
 
     Notes
     -----
@@ -65,7 +65,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         ----------
         seed : int, optional
         options : dict, optional
-            ``{"map": k}`` takes map k of ``maps`` instead of a random one.
+            ``{"map": k}`` selects map k of ``maps`` instead of a random one.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         return self._told()
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """Send one command, or a run of equal ones, and look.
+        """Send one command, or a run of equal commands, and observe.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         return observation, float(reward[0]), terminated, truncated, info
 
     def _told(self) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Return observation and info, and show them to people who watch."""
+        """Return observation and info, and update the window."""
         if self.render_mode == "human":
             self.render()
         info = {name: values[0] if values.ndim > 1 else int(values[0]) for name, values in self._worlds.info().items()}
@@ -107,12 +107,12 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
 
     @property
     def planes(self) -> NDArray[np.uint8]:
-        """What is known of all cells; uint8, shape (4, ...), one plane after another `shoal.envs.observations.PLANES`."""
+        """The belief about all cells; uint8, shape (4, ...), with the planes `shoal.envs.observations.PLANES`."""
         return np.asarray(self._worlds.batch.planes()[0])
 
     @property
     def view(self) -> View:
-        """What a policy of `shoal.swarm` may see now."""
+        """The current view of a policy of `shoal.swarm`."""
         batch, rule = self._worlds.batch, self.problem.rule
         mapping = bool(getattr(self.problem.chosen_task, "mapping", True))
         return View(batch.belief(0), batch.state(0).occupied, rule, mapping, int(batch.moves[0]), *self._last_row)
@@ -127,7 +127,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         Raises
         ------
         OptionError
-            For a policy that cannot do it, and with ``scan_every``, since policies choose the lengths of their runs.
+            If the policy cannot do the task, or ``scan_every`` is not 1, because policies choose the lengths of their runs.
         """
         check_running(self._running)
         with option_errors():
@@ -138,7 +138,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
             return [LETTERS.index(letter) for letter in run(problem, seed=int(batch.seeds[0])).commands]
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human: a window shows it).
+        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
 
         Raises
         ------
@@ -149,5 +149,5 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
         return rendered(self, lambda: self._worlds.picture(0), lambda: self._worlds.characters(0))
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window if it exists."""
         close_window(self)

@@ -1,4 +1,4 @@
-"""SwarmVectorEnv: as many worlds as wanted behind Gymnasium's vector interface, stepped at once in compiled code."""
+"""SwarmVectorEnv: many worlds behind Gymnasium's vector interface, stepped together in compiled code."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ Stepped = tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np
 
 
 class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
-    """Environments that each do exactly what a `shoal.envs.SwarmEnv` of the same seed does; `gymnasium.make_vec` returns it.
+    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds. `gymnasium.make_vec` returns this class.
 
     Parameters
     ----------
     num_envs : int
     autoreset_mode : str or gymnasium.vector.AutoresetMode
-        When an environment that has ended begins its next episode: "NextStep", "SameStep", or "Disabled" (by ``reset`` with the
-        option ``reset_mask``, as in Gymnasium's own vector environments).
+        When an ended environment starts its next episode: "NextStep", "SameStep", or "Disabled". With "Disabled", ``reset`` with
+        the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
     copy : bool
-        Whether each observation is an array of its own; otherwise those of planes are written into the same one again.
+        Whether each observation is a separate array. Otherwise planes are written to the same array again.
     render_mode : str, optional
         "rgb_array" or "ansi".
     **fields
-        Of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
     OptionError
-        For options that cannot be; a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
 
     Notes
     -----
@@ -85,15 +85,15 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], Infos]:
-        """Begin episodes in all environments, or those of a mask.
+        """Start episodes in all environments, or in those of a mask.
 
         Parameters
         ----------
         seed : int, or sequence of int or None, optional
-            ``seed + i`` for environment i, or one for each.
+            Seed ``seed + i`` for environment i, or one seed per environment.
         options : dict, optional
-            ``reset_mask``: ndarray of bool, shape (num_envs,), which environments. ``map``: number of the map, one for all or one
-            for each.
+            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map``: index of the map, one
+            for all environments or one per environment.
 
         Raises
         ------
@@ -151,7 +151,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return np.asarray(self._buffer)
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
-        """Return infos as Gymnasium has them of vectors: zeros where a mask leaves an environment out, and the masks."""
+        """Return infos in Gymnasium's form for vectors: zeros for environments outside a mask, and the masks."""
         told: Infos = {}
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
         for name, values in self._worlds.info(mask).items():
@@ -161,7 +161,7 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return told
 
     def _final(self, ended: NDArray[np.bool_]) -> Infos:
-        """Return what is told of the last step of episodes that have ended."""
+        """Return the final infos of episodes that have ended."""
         last = np.full(self.num_envs, None, dtype=object)
         for world, observation in zip(np.flatnonzero(ended), self._worlds.observed(ended), strict=True):
             last[world] = observation

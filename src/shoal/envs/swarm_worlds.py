@@ -1,4 +1,4 @@
-"""SwarmWorlds: what one environment of a swarm and a vector of them share, a batch with observations, rewards and infos."""
+"""SwarmWorlds: the common basis of the single and the vector environment, a batch with observations, rewards and infos."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class SwarmWorlds:
     count : int
         How many.
     **fields
-        Of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class SwarmWorlds:
         self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
-        """Begin episodes; see `WorldBatch.reset`. The option map says on which map, one for all or one a world."""
+        """Start episodes; see `WorldBatch.reset`. The option map selects the map, one index for all worlds or one per world."""
         check_no_options(options or {}, ("map",))
         maps = (options or {}).get("map")
         try:
@@ -62,7 +62,10 @@ class SwarmWorlds:
         self._last[slice(None) if where is None else where] = -1
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
-        """Send an action to each world: a command, or a run of equal ones; return the rewards, and what the commands did."""
+        """Send an action (a command, or a run of equal commands) to each world.
+
+        Return the rewards and the effects of the commands.
+        """
         batch, given = self.batch, np.asarray(actions)
         chosen: Any = slice(None) if where is None else where
         self._check_actions(given, where)
@@ -91,7 +94,7 @@ class SwarmWorlds:
         return observations.observed(self.batch, self.options, where, out)
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return what else is told of worlds: action masks, moves, cells of the frontier, and with what they began."""
+        """Return the infos of worlds: action masks, moves, number of frontier cells, seeds and maps."""
         batch, chosen = self.batch, slice(None) if where is None else where
         columns: dict[str, NDArray[Any]] = {
             "moves": batch.moves,
@@ -113,7 +116,7 @@ class SwarmWorlds:
         return sheet(codes, Slices.of(place), azimuth=CORNER, side=SIDE, spacing=place.spacing, fit=Fit.of(place))
 
     def characters(self, world: int) -> str:
-        """Return what is known as text, one character a cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
+        """Return the belief as text, one character per cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
         codes = self._codes(world)
         layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
         return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)

@@ -1,4 +1,7 @@
-"""Many runs: trials of one problem, sweeps over many; the same result for any number of workers."""
+"""Experiments with many runs: trials of one problem, and sweeps over many problems.
+
+Results do not depend on the number of workers.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ if TYPE_CHECKING:
     from shoal.lab.sweeps.sweep import Point, Sweep, sweep_of
     from shoal.lab.trials import run_trials
 
-# Loaded when first used: `shoal map` needs trials only, the studio's server a lock, and their starts are felt.
+# Names are imported on first use, because `shoal map` needs only trials and the studio's server only a lock.
 _HOMES = {
     "Point": "sweeps.sweep",
     "Store": "storage.store",

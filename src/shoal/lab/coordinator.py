@@ -1,4 +1,4 @@
-"""run_sweep(): give out what is missing, commit what comes back, survive what dies."""
+"""Run a sweep: distribute missing trials to workers, commit their results, and recover from dead workers."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from shoal.lab.worker_pools import WorkerPool, make_worker_pool
 from shoal.swarm.problem import SwarmProblem
 
 BATCH_SECONDS = 0.5
-_LARGEST = 20_000  # trials in a batch
-_PIECES = 2_000  # points in a batch
-_FIRST_ROUND = 4  # trials of each point that are played first
-_LOOK = 5.0  # seconds between two looks at whether there are workers at all
-_DEATHS = 3  # of workers with the same batch, before it is tried alone
+_LARGEST = 20_000  # maximum number of trials per batch
+_PIECES = 2_000  # maximum number of points per batch
+_FIRST_ROUND = 4  # number of trials of each point in the first round
+_LOOK = 5.0  # seconds between two checks for workers
+_DEATHS = 3  # number of workers that die with a batch before its trials are run alone
 
 
 OnProgress = Callable[[SweepProgress], None]
@@ -44,23 +44,23 @@ def run_sweep(
     on_progress: OnProgress | None = None,
     batch_seconds: float = BATCH_SECONDS,
 ) -> SweepStatus:
-    """Run a sweep, or the missing part of it, into a store.
+    """Run a sweep, or its missing trials, and write the results to a store.
 
     Parameters
     ----------
     sweep : Sweep
     store : path
-        A file; made if it is not there. Other sweeps may be in it.
+        The store file, which is created if it does not exist. It may contain other sweeps.
     workers : int, optional
-        Processes on this machine; default one a processor; 0: all in this process.
+        Number of processes on this machine. The default is one per processor; 0 runs everything in this process.
     dask : str, optional
-        The address of a Dask scheduler, instead of processes here.
+        Address of a Dask scheduler, whose workers replace processes on this machine.
     extend : bool
-        Take a sweep that only adds trials or points to the one of that name.
+        Accept a sweep that only adds trials or points to the stored sweep of the same name.
     on_progress : callable, optional
-        Told a `SweepProgress` after every batch.
+        Function that receives a `SweepProgress` after every batch.
     batch_seconds : float
-        How long a worker should be busy with one batch; each is committed whole. No result depends on it.
+        Desired duration of a batch in seconds. Each batch is committed as a whole. Results do not depend on this value.
 
     Returns
     -------
@@ -69,16 +69,16 @@ def run_sweep(
     Raises
     ------
     InvalidInputError
-        If the sweep of that name is another one, another process runs it, no trial of a point could be played, or a worker has
-        other versions. Errors within trials are kept as their failures.
+        If the stored sweep of this name differs, another process runs it, no trial of a point can run, or a worker has other
+        versions. An error inside a trial does not raise; it is stored as the trial's failure.
     OutputError
-        If the store cannot be written; what was committed is kept.
+        If the store cannot be written. Committed results are kept.
     MissingExtraError
 
     Warns
     -----
     MixedVersionsWarning
-        If other versions of Shoal, Python, NumPy or Numba wrote rows that are there.
+        If existing rows were written by other versions of Shoal, Python, NumPy or Numba.
 
     Examples
     --------
@@ -108,9 +108,9 @@ def _warn_of_others(store: Store, name: str) -> None:
     mixed = mixture(store.versions(name))
     if mixed:
         warnings.warn(
-            f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. Every row stays, and this version plays "
-            "what is missing; if it plays otherwise, they do not fit together. For rows of one version go on with the one that "
-            "began, or give the sweep another name or store",
+            f"{store.path}: sweep {name}: expected rows of this version, got {mixed}. All rows are kept, and this version runs "
+            "the missing trials. If its results differ, the rows are not comparable. To get rows of one version, continue with "
+            "the version that began, or use another name or store for the sweep",
             MixedVersionsWarning,
             stacklevel=3,
         )
@@ -128,12 +128,12 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """See that every point can be played, and return the digests of what it opens.
+    """Check that every point can run, and return the digests of the files that it opens.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        With the values of the first point that cannot.
+        If a point cannot run. The message gives the values of the first such point.
     """
     inputs: dict[str, str] = {}
     for point in distinct_places(sweep.points):
@@ -150,7 +150,7 @@ def prepare(sweep: Sweep) -> dict[str, str]:
 
 
 def _load_kernels(sweep: Sweep) -> None:
-    """Compile what the trials of a sweep need, or load it, before workers do so all at once."""
+    """Compile or load the kernels that a sweep needs, before all workers would do it at once."""
     for point in sweep.points:
         if isinstance(point.problem, SwarmProblem):
             from shoal.swarm.run import load_kernels
@@ -160,16 +160,16 @@ def _load_kernels(sweep: Sweep) -> None:
 
 @dataclass
 class _Job:
-    """A batch that has been given out."""
+    """A batch that a worker is processing."""
 
     batch: Batch
     deaths: int = 0
-    doubted: Answer | None = None  # in which all failed
+    doubted: Answer | None = None  # workers on which all trials of the batch failed
 
 
 @dataclass
 class _Run:
-    """One run of a sweep: what is given out, and what is known of how long trials take."""
+    """One run of a sweep: the batches in progress, and the measured duration of trials."""
 
     sweep: Sweep
     store: Store
@@ -178,7 +178,7 @@ class _Run:
     on_progress: OnProgress | None
     paces: dict[int, float] = field(default_factory=dict)
     pace: float | None = None
-    sound: set[str] = field(default_factory=set)  # workers with which batches fail that fail with others, too
+    sound: set[str] = field(default_factory=set)  # workers on which batches fail that also fail on others
     fresh: int = 0
     failures: int = 0
     deaths: int = 0
@@ -186,17 +186,17 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     def all(self, gaps: list[Gap]) -> None:
-        """Run everything that is missing."""
+        """Run all missing trials."""
         self.done = self.sweep.total - sum(gap.stop - gap.first for gap in gaps)
         self._tell()
         suspects = self._give_out(self._batches(_rounds(gaps)), at_once=2)
-        # What workers died with three times: one trial at a time, alone, so that a death tells whose it is.
+        # A batch whose workers died three times is run trial by trial, so that a death can be assigned to a trial.
         for single in [single for job in suspects for single in _singles(job.batch)]:
             for again in self._give_out(iter([single]), at_once=0, most=1):
                 self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
 
     def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
-        """Play batches, ``at_once`` for each worker (0: one in all); return those with which workers died too often."""
+        """Run batches, ``at_once`` per worker (0: only one in total). Return the batches whose workers died too often."""
         pending: dict[Future[Answer], _Job] = {}
         again: deque[_Job] = deque()
         suspects: list[_Job] = []
@@ -217,19 +217,19 @@ class _Run:
                 return suspects
             ready = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED).done
             if not ready and not self.pool.workers:
-                tell_once(f"shoal: sweep {self.sweep.name}: no workers are left; it goes on when others come")
+                tell_once(f"shoal: sweep {self.sweep.name}: no workers are left; the sweep continues when workers connect")
             for job in self._collect(pending, ready):
                 (suspects if job.deaths >= most else again).append(job)
 
     def _collect(self, pending: dict[Future[Answer], _Job], ready: Iterable[Future[Answer]]) -> Iterator[_Job]:
-        """Commit what is done; yield what was lost with a worker."""
+        """Commit finished batches. Yield batches that were lost with their worker."""
         broken = False
         for future in ready:
             job = pending.pop(future)
             error = future.exception()
             if error is None:
                 answer = future.result()
-                check_versions(answer.versions, worker=answer.worker)  # a cluster's workers come and go
+                check_versions(answer.versions, worker=answer.worker)  # workers of a cluster may join and leave
                 if self._doubts(job, answer):
                     yield job
                 else:
@@ -245,7 +245,10 @@ class _Run:
             self._tell()
 
     def _doubts(self, job: _Job, answer: Answer) -> bool:
-        """Tell whether a batch goes to another worker first, as all of it has failed; one that alone fails so is set aside."""
+        """Return whether another worker should repeat a batch because all its trials failed.
+
+        A worker that alone fails is set aside.
+        """
         first, job.doubted = job.doubted, answer
         if first is None:
             return not answer.rows and answer.worker not in self.sound and self.pool.has_others(answer.worker)
@@ -272,7 +275,7 @@ class _Run:
             self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
     def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
-        """Cut what is missing into batches of about the wanted time, by what trials have taken so far."""
+        """Divide the missing trials into batches of about the desired duration, based on the durations so far."""
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
         for gap in gaps:
@@ -296,7 +299,10 @@ class _Run:
 
 
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
-    """Yield what is missing in rounds over all points, so that something is known of each soon; a round is four times the last."""
+    """Yield the missing trials in rounds over all points, so that each point gets early results.
+
+    Each round is four times as large.
+    """
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:
         rest: list[Gap] = []
@@ -311,7 +317,7 @@ def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
 
 
 def _singles(batch: Batch) -> Iterator[Batch]:
-    """Yield a batch for each trial of a batch."""
+    """Yield a separate batch for each trial of a batch."""
     for piece in batch.pieces:
         for trial in range(piece.first, piece.stop):
             yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.place),))

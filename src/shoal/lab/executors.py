@@ -1,4 +1,4 @@
-"""Where trials run: all as `concurrent.futures.Executor`."""
+"""Executors for trials, all with the interface `concurrent.futures.Executor`."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.core.registry import load_users_modules, users_modules
 
 
 def default_workers() -> int:
-    """Return the number of processors this process may use."""
+    """Return the number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def make_executor(workers: int, *, compiled: bool) -> Executor:
-    """Return an executor of that many workers.
+    """Return an executor with the given number of workers.
 
-    Compiled episodes hold no lock, so threads serve and start at once; policies written in Python need processes of their own.
+    Compiled episodes release the interpreter lock, so fast-starting threads are enough. Policies written in Python need processes.
 
     Raises
     ------
@@ -35,12 +35,12 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
 
 
 def begin_worker(folders: list[str], modules: list[str]) -> None:
-    """Ignore Ctrl-C in a worker, which a terminal sends to all processes; import the user's own modules, as the starter did."""
+    """Initialize a worker: ignore Ctrl-C, which a terminal sends to all processes, and import the user's modules."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     load_users_modules(folders, modules)
 
 
 def give_up(executor: Executor) -> None:
-    """End the worker processes of an executor at once, in the middle of what they play."""
+    """End the worker processes of an executor immediately, even in the middle of a trial."""
     for process in list((getattr(executor, "_processes", None) or {}).values()):
         process.terminate()

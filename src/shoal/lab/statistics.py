@@ -1,4 +1,4 @@
-"""Means with how sure they are: confidence intervals, paired comparisons, effect sizes."""
+"""Statistics of trials: means with confidence intervals, paired comparisons, effect sizes."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ class Estimate:
     ----------
     mean : float
     low, high : float
-        Ends of the interval; not numbers for a single value, of which nothing is known.
+        Ends of the confidence interval; NaN for a single value.
     std : float
-        Sample standard deviation; not a number for a single value.
+        Sample standard deviation; NaN for a single value.
     count : int
     level : float
         Of confidence.
@@ -49,25 +49,26 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What a measure is more for b than for a, trial by trial on the same seeds.
+    """Paired comparison of a measure for two settings a and b, whose trials have the same seeds.
 
     Parameters
     ----------
     difference : Estimate
-        Of b - a.
+        Estimate of the mean of b - a.
     ratio : float
-        Mean of b by mean of a.
+        Mean of b divided by the mean of a.
     effect : float
-        Cohen's d of paired values: mean of the differences by their standard deviation; 0 if all are 0, infinite if all are equal
-        otherwise.
+        Cohen's d of paired values: mean of the differences divided by their standard deviation; 0 if all differences are 0,
+        infinite if all are equal and not 0.
     smaller : float
-        Share of the pairs in which b is smaller; ties count a half.
+        Fraction of the pairs in which b is smaller. Ties count one half.
     p_value : float
-        Of Wilcoxon's signed-rank test, two-sided; 1 if all differences are 0.
+        P-value of Wilcoxon's signed-rank test, two-sided; 1 if all differences are 0.
     unfinished : int
-        Pairs of which a trial, or both, ended before its task was done.
+        Number of pairs in which at least one trial ended before its task was done.
     bound : float, optional
-        Values above it were compared as equal to it: the least at which an unfinished trial ended.
+        Restriction of the values: larger values were compared as equal to this one, the smallest value at which an unfinished trial
+        ended.
     """
 
     difference: Estimate
@@ -92,16 +93,16 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     Parameters
     ----------
     values : array_like of float, shape (n,)
-        One or more, finite.
+        At least one finite value.
     level : float
-        Above 0 and below 1.
+        Confidence level, above 0 and below 1.
     method : str
-        "t": Student's interval, right for means of many values or of normal ones. "log": Student's interval of the logarithm of
-        the mean, whose standard error is std / (mean * sqrt(n)), the delta method. It never goes below zero, and holds a skewed
-        mean more often than "t" does. "bootstrap": the bias-corrected and accelerated bootstrap. "auto": "log" if no value is
-        below zero, as of counts and times, else "t".
+        "t": Student's interval, for means of many values or of normally distributed values. "log": Student's interval of the
+        logarithm of the mean, whose standard error is std / (mean * sqrt(n)) by the delta method; it never extends below zero, and
+        has better coverage for skewed values than "t". "bootstrap": the bias-corrected and accelerated bootstrap. "auto": "log" if
+        no value is below zero, as for counts and times, otherwise "t".
     seed : int
-        Of the bootstrap.
+        Seed of the bootstrap.
 
     Raises
     ------
@@ -126,7 +127,7 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
 
 
 def _interval(array: NDArray[np.float64], std: float, level: float, method: Method, seed: int) -> tuple[float, float]:
-    """Return the ends of the interval of values that differ."""
+    """Return the ends of the interval of values that are not all equal."""
     from scipy import stats
 
     mean, count = float(array.mean()), len(array)
@@ -154,12 +155,12 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
 
 
 def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare two rows of values of which the k-th of each were made with the same seed.
+    """Compare two rows of values. The k-th values of both rows must come from the same seed.
 
     Parameters
     ----------
     a, b : array_like of float, shape (n,)
-        Two or more.
+        The values, at least two in each row.
     level, method, seed
         As for `estimate`.
 

@@ -1,4 +1,4 @@
-"""What a sweep shows: means at its points with who finished, and comparisons along paired axes."""
+"""Summaries of a sweep: means at its points with numbers of completed trials, and comparisons along paired axes."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ _DONE = tuple(str(status) for status in Status if status.done)
 
 @dataclass(frozen=True)
 class Row:
-    """A point of a sweep and what is known of one measure there.
+    """A point of a sweep and the statistics of one measure there.
 
     Parameters
     ----------
     values : dict
         By axis.
     estimate : Estimate or None
-        Of the mean; None if no trial has the measure, or if it grows until the task is done and no trial has done it.
+        Estimate of the mean. None if no trial has the measure, or if the measure grows until the task is done and no trial
+        completed it.
     missing : int
-        Trials that have it not: not played yet, failed, or None.
+        Number of trials without the measure: not yet run, failed, or None.
     counted : int
-        Trials that have it.
+        Number of trials with the measure.
     completed : int or None
-        Those of them whose task is done; None if trials have no status.
+        Number of these trials whose task is done, or None if trials have no status.
     bound : float or None
-        If not all are done and the measure grows until then: the estimate is of a restricted mean, in which larger values count
-        as this one, the least at which an unfinished trial ended. The mean is larger.
+        Restriction of the mean, if some trials are unfinished and the measure grows until the task is done. The bound is the
+        smallest value at which an unfinished trial ended, and larger values count as the bound. The true mean is larger.
     """
 
     values: dict[str, Any]
@@ -67,13 +68,13 @@ class Measured:
     values : dict
         By axis.
     trials : dict of int to float
-        By trial; those without a number are left out.
+        Values by trial, without trials that have no number.
     unfinished : set of int
         Trials whose task was not done.
     has_status : bool
-        Whether trials say so.
+        Whether trials have a status.
     censored : bool
-        Whether the measure grows until the task is done: what an unfinished trial has is a lower bound.
+        Whether the measure grows until the task is done. The value of an unfinished trial is then a lower bound.
     """
 
     values: dict[str, Any]
@@ -83,12 +84,15 @@ class Measured:
     censored: bool
 
     def bound(self) -> float | None:
-        """Return the least value at which an unfinished trial ended; None if none did or its value is none of a bound."""
+        """Return the smallest value at which an unfinished trial ended.
+
+        None without unfinished trials, or if that value is no bound.
+        """
         return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
 
 
 def measured(store: Store, name: str, measure: str) -> list[Measured]:
-    """Return what was measured at each point of a sweep, in its order. No code that the store names is imported.
+    """Return the measured values at each point of a sweep in order. No third-party code is imported.
 
     Raises
     ------
@@ -122,15 +126,15 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
 
 
 def first_measure(measures: Sequence[str]) -> str:
-    """Return the measure to look at first."""
+    """Return the measure that is shown by default."""
     return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
 
 
 def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
     """Return the mean of a measure with its interval at each point of a sweep.
 
-    A measure that grows until the task is done is known of unfinished trials as a lower bound only: then the estimate is of the
-    restricted mean, and the row says so.
+    For a measure that grows until the task is done, unfinished trials give only lower bounds. The estimate is then a restricted
+    mean, as the row states.
 
     Raises
     ------
@@ -149,24 +153,24 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
 
 
 def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
-    """Return the values of trials, none above the bound."""
+    """Return the values of trials, limited to the bound."""
     return [point.trials[trial] if bound is None else min(point.trials[trial], bound) for trial in trials]
 
 
 def compare_along(
     store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
-    """Compare the values of a paired axis with its first one, at each combination of the other axes.
+    """Compare the values of a paired axis with its first value, for each combination of the other axes.
 
     Returns
     -------
     list of (values of the other axes, first value, other value, Comparison)
-        None instead of a comparison if fewer than two trials have both, or the task of no trial is done.
+        The comparison is None if fewer than two trials exist for both values, or no trial's task is done.
 
     Raises
     ------
     InvalidInputError
-        If the axis is not paired: then the seeds differ.
+        If the axis is not paired, because its points then have different seeds.
     UnknownNameError
     """
     paired = store.stored(name).form.paired
@@ -189,7 +193,7 @@ def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
 
 
 def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
-    """Compare two points on the trials that both have; None if these are fewer than two, or no trial of either is done."""
+    """Compare two points by their common trials. None if there are fewer than two, or no trial of either point is done."""
     both = sorted(first.trials.keys() & second.trials.keys())
     unfinished = [trial for trial in both if trial in first.unfinished or trial in second.unfinished]
     bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]

@@ -1,4 +1,4 @@
-"""run_trials(): the same problem many times, each trial with its own generator."""
+"""Run trials: the same problem many times, each trial with its own random generator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import OnMoves
 
 OnTrial = Callable[[int], None]
-"""Called with the number of trials finished so far."""
+"""Function that is called with the number of finished trials."""
 
 
 def run_trials(
@@ -30,31 +30,32 @@ def run_trials(
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
 ) -> list[SwarmEpisode]:
-    """Play ``trials`` episodes of one problem.
+    """Run ``trials`` episodes of one problem.
 
     Parameters
     ----------
     problem : SwarmProblem
     trials : int
-        1 or more. Trial k uses the generator of (seed, k), whatever the workers. Several trials of a policy written in Python run
-        in processes, which import it anew: it must lie in a module, or the script must be guarded as multiprocessing asks.
+        Number of trials, at least 1. Trial k uses the generator of (seed, k) for any number of workers. Several trials of a policy
+        written in Python run in processes that import it again. The policy must therefore be in a module, or the script must have
+        the guard that multiprocessing requires.
     workers : int, optional
-        How many run at once; default: one a processor.
+        Number of trials that run at once. The default is one per processor.
     seed : int
     on_trial : callable, optional
-        Told the number of trials finished.
+        Function that receives the number of finished trials.
     on_moves : callable, optional
-        Told the progress of the first trial, as by `shoal.swarm.run.run`, if it is played in this process.
+        Function that receives the progress of the first trial, as in `shoal.swarm.run.run`, if it runs in this process.
 
     Returns
     -------
     list of SwarmEpisode
-        In the order of the trials.
+        The episodes in the order of the trials.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        For arguments that do not fit.
+        If an argument is invalid.
 
     Examples
     --------
@@ -64,7 +65,7 @@ def run_trials(
     workers = default_workers() if workers is None else workers
     trials, workers = check_integer(trials, what="trials", least=1), check_integer(workers, what="workers", least=1)
     compiled = isinstance(problem.chosen_policy, Compiled)
-    alone = min(workers, trials) == 1  # then no process is worth its start
+    alone = min(workers, trials) == 1  # an extra process would cost more than it saves
     if not (compiled or alone):
         _check_importable(problem.policy)
     executor = make_executor(min(workers, trials), compiled=compiled or alone)
@@ -76,7 +77,7 @@ def run_trials(
             episodes[index] = episode
             if on_trial is not None:
                 on_trial(len(episodes))
-    except BrokenExecutor as error:  # as when a script without a guard is started again by each worker
+    except BrokenExecutor as error:  # for example if every worker starts a script without a guard again
         raise _not_importable(problem.policy, error) from error
     except BaseException:
         give_up(executor)
@@ -104,7 +105,7 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return what a trial in a thread calls now and then: it ends the trial when the others have been given up."""
+    """Return a progress function for a trial in a thread. It ends the trial when the other trials were stopped."""
 
     def watch(moves: int, frontier: int) -> None:
         if stop.is_set():
@@ -123,7 +124,7 @@ def _finished(
     watch: Callable[[int], OnMoves] | None,
     seed: int,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial, episode) as they finish, with no more than ``at_once`` waiting."""
+    """Yield (trial, episode) as they finish, with at most ``at_once`` trials waiting."""
     pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
     while following < trials or pending:

@@ -1,4 +1,4 @@
-"""What results may depend on besides a sweep: versions of Shoal, of its code, and of what it computes with."""
+"""Versions that results may depend on: Shoal, its code, and the libraries for computation."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from shoal.core.version import code_digest, versions
 
 
 class MixedVersionsWarning(UserWarning):
-    """A sweep goes on with other versions than those that wrote its rows."""
+    """A sweep continues with other versions than those that wrote its rows."""
 
 
 def worker_versions() -> dict[str, str]:
-    """Return what the rows of this process depend on: versions, and a digest of Shoal's code."""
+    """Return the versions that the rows of this process depend on, and a digest of Shoal's code."""
     return versions() | {"code": code_digest()}
 
 
 def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
-    """Refuse a worker that has other versions than this process.
+    """Refuse a worker with other versions than this process.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
 
 
 def written(found: Mapping[str, str]) -> str:
-    """Return versions as a store keeps them.
+    """Return versions in the form that a store contains.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def written(found: Mapping[str, str]) -> str:
 
 
 def parsed(text: str) -> dict[str, str]:
-    """Return the versions that a store keeps as text.
+    """Return the versions from a store's text.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def parsed(text: str) -> dict[str, str]:
 
 
 def told_apart(texts: Iterable[str]) -> dict[str, str]:
-    """Return a short name for each of some versions: Shoal's, and what else differs between them.
+    """Return a short name for each of several versions: Shoal's version, and the other differences between them.
 
     Examples
     --------
@@ -68,7 +68,7 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return which versions wrote how many rows, if any of them is not this process's; else nothing.
+    """Return the number of rows per version if some version differs from this process's; otherwise nothing.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Workers of a sweep: processes here, a Dask cluster elsewhere, both as `concurrent.futures.Executor`; a death is survived."""
+"""Workers of a sweep: local processes or a Dask cluster, both as `concurrent.futures.Executor`. The pool survives dead workers."""
 
 from __future__ import annotations
 
@@ -22,33 +22,33 @@ from shoal.lab.versions import check_versions, worker_versions
 
 
 class WorkerPool(Protocol):
-    """Workers of a sweep: an executor that is made anew when a worker's death has broken it."""
+    """Workers of a sweep: an executor that is replaced when a worker's death has broken it."""
 
     @property
     def workers(self) -> int:
-        """How many there are now."""
+        """Current number of workers."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Let a worker call a function, another than the one of a name if there is one."""
+        """Call a function in a worker, if possible another worker than ``apart_from``."""
 
     def has_others(self, worker: str) -> bool:
-        """Tell whether there are workers that may succeed where one of a name fails."""
+        """Return whether other workers may succeed where the given worker fails."""
 
     def set_aside(self, worker: str) -> None:
         """Give a worker no more work."""
 
     def lost(self, error: BaseException) -> bool:
-        """Tell whether an error means that a worker died; make the executor anew if that has broken it."""
+        """Return whether an error means that a worker died. Replace the executor if it is broken."""
 
     def close(self, *, at_once: bool) -> None:
-        """Let the workers go."""
+        """Release the workers."""
 
 
 class _OneMachine:
-    """Workers that have all the same: none fails alone."""
+    """Workers with the same environment: no worker fails alone."""
 
     def has_others(self, worker: str) -> bool:
-        """Tell that there are none."""
+        """Return False, because there are no other workers."""
         return False
 
     def set_aside(self, worker: str) -> None:
@@ -56,12 +56,12 @@ class _OneMachine:
 
 
 class InProcess(_OneMachine):
-    """No worker: all is done in this process, one after another."""
+    """No workers: all trials run in this process, one after another."""
 
     workers = 1
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function now."""
+        """Call the function immediately."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments))
@@ -70,7 +70,7 @@ class InProcess(_OneMachine):
         return future
 
     def lost(self, error: BaseException) -> bool:
-        """Tell that nobody died."""
+        """Return False, because no worker can die."""
         return False
 
     def close(self, *, at_once: bool) -> None:
@@ -79,7 +79,7 @@ class InProcess(_OneMachine):
 
 @dataclass
 class Processes(_OneMachine):
-    """Worker processes on this machine; they end with the coordinator, however that ends.
+    """Worker processes on this machine. They end with the coordinator, however it ends.
 
     Parameters
     ----------
@@ -99,34 +99,34 @@ class Processes(_OneMachine):
             raise
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Let a worker call a function."""
+        """Call a function in a worker."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             try:
                 self._pool = ProcessPoolExecutor(
                     self.workers, mp_context=context, initializer=_end_with_parent, initargs=users_modules()
                 )
-            except OSError as error:  # as where /dev/shm cannot be written
+            except OSError as error:  # for example if /dev/shm is not writable
                 raise InvalidInputError(
                     f"workers: expected processes that share memory, got {error.strerror or error}; 0 does without"
                 ) from None
         try:
             with _interruptions_kept():
                 return self._pool.submit(function, *arguments)
-        except BrokenExecutor as error:  # a worker died since the last one: said as the others say it
+        except BrokenExecutor as error:  # a worker died since the last call: reported like other deaths
             future: Future[Any] = Future()
             future.set_exception(error)
             return future
 
     def lost(self, error: BaseException) -> bool:
-        """Tell whether a worker died; then the pool is broken, and the next call makes another."""
+        """Return whether a worker died. The pool is then broken, and the next call creates another."""
         if not isinstance(error, BrokenExecutor):
             return False
         self.close(at_once=True)
         return True
 
     def close(self, *, at_once: bool) -> None:
-        """Let the workers end, or end them in the middle of what they do."""
+        """Let the workers finish, or end them immediately."""
         pool, self._pool = self._pool, None
         if pool is not None:
             if at_once:
@@ -136,9 +136,9 @@ class Processes(_OneMachine):
 
 @contextmanager
 def _interruptions_kept() -> Iterator[None]:
-    """Keep Ctrl-C for later while the block runs; processes that it starts never see one.
+    """Delay Ctrl-C inside the block. Processes started in the block never receive it.
 
-    A terminal sends it to all processes, and a worker would print a traceback until it has come so far as to ignore it.
+    A terminal sends Ctrl-C to all processes. A worker would print a traceback until it has started to ignore it.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -148,7 +148,7 @@ def _interruptions_kept() -> Iterator[None]:
 
 
 def _end_with_parent(folders: list[str], modules: list[str]) -> None:
-    """Begin a worker that ends when its coordinator is gone: else it would wait for work for ever."""
+    """Initialize a worker that ends when its coordinator is gone. Otherwise it would wait for work forever."""
     begin_worker(folders, modules)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -166,12 +166,12 @@ class Cluster:
     Parameters
     ----------
     address : str
-        Of the scheduler, "tcp://HOST:PORT".
+        Address of the scheduler, "tcp://HOST:PORT".
 
     Raises
     ------
     InvalidInputError
-        If nobody answers there, there are no workers, or one has other versions than this process.
+        If no scheduler answers, there are no workers, or a worker has other versions than this process.
     MissingExtraError
     """
 
@@ -195,7 +195,7 @@ class Cluster:
         self._executor = self._client.get_executor(pure=False, retries=0)
 
     def _check_workers(self, address: str) -> None:
-        """Compare what workers have with what is here, before any work."""
+        """Compare the workers' versions with this process's before any work."""
         if not self.workers:
             raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
         for worker, theirs in self._client.run(worker_versions, on_error="return").items():
@@ -206,7 +206,7 @@ class Cluster:
             self._share(name, file)
 
     def _share(self, name: str, file: str) -> None:
-        """See that all workers have a module that the sweep names as it is here; send it to them if not."""
+        """Check that all workers have the same source of a module as this process. Send the module to them if not."""
         ours = digest_of_module(name)
         for attempt in range(2):
             theirs = self._client.run(digest_of_module, name)
@@ -222,11 +222,11 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """How many threads all workers together have now."""
+        """Current number of threads of all workers."""
         return sum(self._client.nthreads().values())
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Let a worker call a function."""
+        """Call a function in a worker."""
         executor = self._executor
         if apart_from:
             others = self._addresses(apart_from, same=False)
@@ -235,25 +235,25 @@ class Cluster:
         return future
 
     def has_others(self, worker: str) -> bool:
-        """Tell whether there are other workers now."""
+        """Return whether there are other workers now."""
         return bool(self._addresses(worker, same=False))
 
     def set_aside(self, worker: str) -> None:
-        """Let a worker end; what it had to do goes to others."""
+        """Retire a worker. Its pending work goes to other workers."""
         if addresses := self._addresses(worker, same=True):
             self._client.retire_workers(addresses, close_workers=True)
 
     def _addresses(self, worker: str, *, same: bool) -> list[str]:
-        """Return the addresses of the worker of a name, or of all others."""
+        """Return the addresses of the worker of a name, or of all other workers."""
         names = self._client.run(worker_name, on_error="ignore")
         return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
-        """Tell whether Dask has given a batch up because workers died with it; it tries others by itself."""
+        """Return whether Dask has given up a batch because its workers died. Dask retries by itself before that."""
         return isinstance(error, self._killed)
 
     def close(self, *, at_once: bool) -> None:
-        """Leave the cluster; it goes on without us."""
+        """Disconnect from the cluster, which keeps running."""
         self._executor.shutdown(wait=not at_once)
         self._client.close()
 
@@ -264,9 +264,9 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     Parameters
     ----------
     workers : int, optional
-        Processes on this machine; default one a processor, 0 none: all is done in this process.
+        Number of processes on this machine. The default is one per processor; 0 runs everything in this process.
     dask : str, optional
-        The address of a Dask scheduler, instead.
+        Address of a Dask scheduler, whose workers are used instead.
 
     Raises
     ------

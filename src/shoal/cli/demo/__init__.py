@@ -1,4 +1,4 @@
-"""shoal demo: the main job on real input."""
+"""shoal demo: examples of all three parts on real or realistic input."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def demo(
         str,
         typer.Argument(
             metavar="[steer|search]",
-            help="steer (two particles, one input) or search (robots in a marsh). Default: the vessels of an eye.",
+            help="steer (two particles, one input) or search (robots in a marsh). Default: map the vessels of an eye.",
         ),
     ] = "vessels",
     particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")] = 300,
@@ -34,11 +34,10 @@ def demo(
 ) -> None:
     """Map the vessels of a real eye from a photograph with 300 particles that obey one shared command.
 
-    Writes the photograph, beside its vessels and with their outline, the vessel map, the picture at the end, the frontier by move,
-    a film (MP4), the HTML player and the episode.
-    'shoal demo steer' brings two particles to two goals in a square, a hexagon, a disk, a prism and a noisy field instead, and
-    writes figures, episodes and two players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of them die;
-    it writes figures, the player, the episode and missions.
+    It writes the photograph, beside its vessels and with their outline, the vessel map, the final picture, the frontier by move, a
+    film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles to two goals in a square, a hexagon, a
+    disk, a prism and a noisy field instead, and writes figures, episodes and two players. 'shoal demo search' sends 12 robots
+    through a marsh around a lake; three of them die. It writes figures, the player, the episode and missions.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer
@@ -94,7 +93,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
 
 
 def retina() -> NDArray[np.uint8]:
-    """Return the fundus photograph that scikit-image ships; uint8, shape (1411, 1411, 3)."""
+    """Return the fundus photograph that scikit-image contains; uint8, shape (1411, 1411, 3)."""
     try:
         from skimage import data
     except ImportError:

@@ -1,1 +1,1 @@
-"""Commands of the search: search, tour, missions."""
+"""Commands for searches: search, tour, missions."""

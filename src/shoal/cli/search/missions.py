@@ -1,4 +1,4 @@
-"""shoal missions: mission files, read back."""
+"""shoal missions: check mission files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
-_SHOWN = 3  # diagnostics of one kind in one file
+_SHOWN = 3  # maximum number of diagnostics of one kind in one file
 
 Folder = Annotated[
     Path,
@@ -40,8 +40,8 @@ Footprint = Annotated[
     typer.Option(
         "--footprint",
         metavar="METRES",
-        help="Side of the square that a robot sees around each point of its way, or a side a robot, with commas. Default: what the "
-        "camera or detector of --vehicle sees; without either coverage is not measured.",
+        help="Side of the square that a robot sees around each point of its path, or one side per robot, separated by commas. "
+        "Default: the view of --vehicle's camera or detector; without either, coverage is not measured.",
         show_default=False,
     ),
 ]
@@ -54,12 +54,12 @@ Angle = Annotated[
         show_default=False,
     ),
 ]
-Least = Annotated[float, typer.Option("--least", help="Least share of the region that must be seen, 0 to 1.")]
+Least = Annotated[float, typer.Option("--least", help="Minimum fraction of the region that must be seen, 0 to 1.")]
 Format = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Format of the files to fly: plan, wpl, geojson, kml, gpx or csv. Default: the first one found.",
+        help="Format of the files to check: plan, wpl, geojson, kml, gpx or csv. Default: the first one found.",
         show_default=False,
     ),
 ]
@@ -67,7 +67,7 @@ Cap = Annotated[
     int | None,
     typer.Option(
         "--cap",
-        help="Number of mission items that the autopilot stores. Default: 2000 for PX4, 700 for ArduPilot.",
+        help="Maximum number of mission items that the autopilot stores. Default: 2000 for PX4, 700 for ArduPilot.",
         show_default=False,
     ),
 ]
@@ -85,8 +85,8 @@ FlownBy = Annotated[
     typer.Option(
         "--vehicle",
         metavar="NAME|FILE[,FIELD=VALUE...]",
-        help="Vehicle whose climbs and turns are used for the nearest approach, and what it sees for coverage. "
-        "Default: the speed in the file for everything.",
+        help="Vehicle whose climbs and turns are used for the nearest approach, and whose camera is used for coverage. Default: "
+        "the speed in the file for all motion.",
         show_default=False,
     ),
 ]
@@ -95,7 +95,7 @@ Bands = Annotated[
     typer.Option(
         "--bands",
         metavar=_FIELDS["bands"].option.metavar,
-        help="Altitudes at each of which everything must be seen. Default for a box: those of its layers.",
+        help="Altitudes, from each of which the whole region must be seen. Default for a box: those of its layers.",
         show_default=False,
     ),
 ]
@@ -105,7 +105,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FOLDER",
-        help="Write check.json, map.png and, with --footprint, uncovered.geojson there.",
+        help="Write check.json, map.png and, with --footprint, uncovered.geojson into this folder.",
         show_default=False,
     ),
 ]
@@ -135,7 +135,7 @@ def check(
 ) -> None:
     """Check mission files: read them back, report mistakes, and measure how much of a region the vehicles see.
 
-    Nothing of the planner is asked. Exit code 1 if there are mistakes or less than --least is seen.
+    The check does not use the planner. The exit code is 1 if there are mistakes, or less than --least is seen.
     """
     from shoal.search import open_region
     from shoal.search.missions import check_missions
@@ -215,22 +215,22 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
 
 
 def area_text(area: float) -> str:
-    """Return an area for people: what is below a square millimetre is none."""
+    """Return an area as text. Less than a square millimetre counts as zero."""
     return f"{area:.3g} m²" if area >= 1e-6 else "0 m²"
 
 
 def zones_text(count: int) -> str:
-    """Return how many no-go zones there are, as the description of a region goes on; nothing if none."""
+    """Return the number of no-go zones as part of a region's description, or an empty text."""
     return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return the margin and what nobody sees who keeps it, as the description of a region goes on; nothing if there is none."""
+    """Return the margin and the unseen area as part of a region's description, or an empty text without a margin."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
 def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: float) -> str:
-    """Return the nearest approach for people."""
+    """Return the nearest approach as text."""
     if near is None:
         return f"no two vehicles in flight are nearer than {vertical:g} m in height"
     one, other = near["robots"]
@@ -251,7 +251,7 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the mistakes worth a line: of each kind in each mission the first few, and how many more; each once."""
+    """Return the diagnostics to print: the first few of each kind in each mission, and the number of the others."""
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
@@ -270,7 +270,7 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 
 
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
-    """Return mistakes, those together that the files of one mission have in common: the k-th of a kind and sentence in each."""
+    """Return diagnostics without duplicates from several files of one mission. The k-th of a kind in each file belong together."""
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
     for one in diagnostics:

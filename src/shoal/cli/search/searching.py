@@ -1,4 +1,4 @@
-"""shoal search: robots without a coordinator sweep a region."""
+"""shoal search: search a region with robots without a coordinator."""
 
 from __future__ import annotations
 
@@ -47,15 +47,17 @@ def search(
         typer.Option(
             "--film",
             metavar="FILE",
-            help="Write a film of the search: .gif, .mp4 or .html (the player). May be given again.",
+            help="Write a film of the search: .gif, .mp4 or .html (the player). The option can be repeated.",
             show_default=False,
         ),
     ] = None,
     json_: Json = False,
 ) -> None:
-    """Search a region with robots that have no coordinator: they share a closed tour, and live robots take over from dead ones.
+    """Search a region with robots that have no coordinator.
 
-    Exit code 1 if the search was not completed.
+    They share a closed tour, and live robots take over the parts of dead robots.
+
+    The exit code is 1 if the search was not completed.
     """
     from shoal.search.run import run
 
@@ -64,7 +66,7 @@ def search(
         problem = problem.replaced(vehicle="multirotor").at_place(problem.place)
     writer = None if missions is None else _mission_folder(missions, problem, options)
     check_outputs(out, film)
-    with nullcontext() if problem.live is None else patience("searching with one process a robot ..."):
+    with nullcontext() if problem.live is None else patience("searching with one process per robot ..."):
         episode = run(problem, seed=seed) if writer is None else writer.run(problem, seed=seed)
     finish(episode, [] if writer is None else writer.write(episode.plan), out, film, json_=json_, writer=writer)
 
@@ -78,7 +80,7 @@ def finish(
     json_: bool,
     writer: MissionFolder | None = None,
 ) -> None:
-    """Write and print what came of a search; exit code 1 if it was not completed."""
+    """Write and print the result of a search. The exit code is 1 if it was not completed."""
     result = episode.report() | ({} if writer is None else {"missions": writer.report(episode.plan)})
     written = written + write_outputs(episode, result, out, film)
     if json_:
@@ -97,7 +99,7 @@ def _mission_folder(folder: Path, problem: SearchProblem, options: MissionOption
 
 
 def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write what --out and --film ask for; return the files."""
+    """Write the outputs for --out and --film. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json

@@ -1,4 +1,4 @@
-"""What ``shoal search`` prints for people."""
+"""Printed summary of ``shoal search``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _ROWS = 12
 
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
-    """Print the figures of a search for people."""
+    """Print the summary of a search."""
     from shoal.search.episode import duration_text
 
     region = result["region"]
@@ -64,7 +64,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return for people what was searched in which layer, where there are several."""
+    """Return a row of text for each layer if there are several."""
     if len(layers) == 1:
         return []
     texts = [
@@ -77,7 +77,7 @@ def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
-    """Return for people which tours and which allocations were compared, and their times.
+    """Return texts about the compared tours and allocations with their times.
 
     Examples
     --------
@@ -93,7 +93,7 @@ def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
 
 
 def place_text(finding: dict[str, Any]) -> str:
-    """Return where something was found: latitude and longitude, or metres for a region of no place on Earth."""
+    """Return the position of a finding as text: latitude and longitude, or metres for a region without a position on Earth."""
     up = f", {finding['altitude']:.4g} m up" if "altitude" in finding else ""
     if "latitude" not in finding:
         return f"({finding['x']:.6g}, {finding['y']:.6g}) m{up}"
@@ -102,7 +102,7 @@ def place_text(finding: dict[str, Any]) -> str:
 
 
 def files_text(written: list[Path]) -> list[str]:
-    """Return files for people: the missions of one robot, in all formats and sorties, in one line.
+    """Return file names as text, with all missions of one robot in one line.
 
     Examples
     --------

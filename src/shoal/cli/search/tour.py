@@ -1,4 +1,4 @@
-"""shoal tour: a closed tour through all cells of a region."""
+"""shoal tour: compute a closed tour through all cells of a region."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ def tour(
         str,
         typer.Argument(
             metavar="SIZE",
-            help="Cells a side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers); or a map whose free cells are "
-            "to be searched, as 'shoal map' takes them: cave:64x48, a picture, text, .map, .npy or .csv.",
+            help="Cells per side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers); or a map whose free cells are "
+            "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or .csv.",
             show_default=False,
         ),
     ],
@@ -42,12 +42,15 @@ def tour(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FOLDER", help="Write tour.png, tour.csv (cells in order) and summary.json there.", show_default=False
+            "--out",
+            metavar="FOLDER",
+            help="Write tour.png, tour.csv (cells in order) and summary.json into this folder.",
+            show_default=False,
         ),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Lay a closed tour through all cells of a region and measure it: length, closing edge, turns, locality."""
+    """Compute a closed tour through all cells of a region and measure it: length, closing edge, turns, locality."""
     from shoal.search import make_tour
 
     region = parse_size(size)
@@ -65,7 +68,7 @@ def tour(
 
 
 def parse_size(text: str) -> Any:
-    """Return the shape, rows first, or the mask that SIZE means.
+    """Return the shape (rows first) or the mask for SIZE.
 
     Raises
     ------
@@ -87,7 +90,7 @@ def parse_size(text: str) -> Any:
 
 
 def report(made: Tour, *, region: str) -> dict[str, Any]:
-    """Return what is known of a tour, for JSON."""
+    """Return the metrics of a tour for JSON."""
     return {"tour": made.name, "region": region, "shape": list(made.shape), "closed": made.closed, **made.metrics().report()}
 
 

@@ -1,1 +1,1 @@
-"""Commands of the swarm: map, cover, maps, drive, line, schedule."""
+"""Commands for swarms: map, cover, maps, drive, line, schedule."""

@@ -1,4 +1,4 @@
-"""shoal drive: map what a rig moves in, in a closed loop; and the replay of its log."""
+"""shoal drive: map the workspace of a rig in a closed loop; and replay of its log."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def drive(
         typer.Option(
             "--rig",
             metavar="RIG",
-            help="simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that speaks the protocol on its "
+            help="Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that uses the protocol on its "
             "standard input and output).",
         ),
     ] = "simulated",
@@ -50,7 +50,7 @@ def drive(
         typer.Option(
             "--size",
             metavar="SIZE",
-            help="Number of cells that the rig must see, such as 40x60; any other rig is refused.",
+            help="Size of the rig's field of view in cells, such as 40x60. Any other rig is refused.",
             show_default=False,
         ),
     ] = None,
@@ -59,20 +59,20 @@ def drive(
         float, typer.Option("--timeout", help="Time to wait for an answer before a request is repeated, in seconds.")
     ] = 5.0,
     patience_: Annotated[
-        float, typer.Option("--patience", help="Time without an answer after which the drive ends, in seconds.")
+        float, typer.Option("--patience", help="Time without an answer after which the run ends, in seconds.")
     ] = 60.0,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written as things happen.", show_default=False),
+        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written during the run.", show_default=False),
     ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Drive a rig and map what its particles move in. The rig is stopped however the drive ends, also by Ctrl-C.
+    """Drive a rig and map the space in which its particles move. The rig is stopped however the run ends, also by Ctrl-C.
 
-    --particles, --placement, --start and --rule are those of a simulated rig; a rig says its own. --slip, --misplace and --miss say
-    how a rig fails, and make a simulated one fail so. The protocol is in docs/concepts/rigs.md.
+    --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own. --slip, --misplace and --miss
+    describe a rig's errors, and a simulated rig makes these errors. docs/concepts/rigs.md describes the protocol.
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.rigs.driving import drive as drive_rig
@@ -182,11 +182,16 @@ def _report(
         ("scans", str(result.scans)),
     ]
     if result.link is not None:
-        counts = "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects} cuts mended"
+        counts = "{requests} requests, {resent} sent again, {damaged} lines damaged, {reconnects} reconnections"
         rows.append(("link", counts.format(**vars(result.link))))
     if truth is not None:
         wrong = about["wrong"]
-        rows.append(("compared", f"{wrong['false_free']} walls taken for free, {wrong['false_obstacles']} free cells for walls"))
+        rows.append(
+            (
+                "compared",
+                f"{wrong['false_free']} walls classified as free, {wrong['false_obstacles']} free cells classified as walls",
+            )
+        )
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
     print_table(
@@ -195,7 +200,7 @@ def _report(
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Return an episode of a drive with noise with the true map, so that it shows what was classified wrongly."""
+    """Return the episode of a rig with noise, with the true map added, so that it shows classification errors."""
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 

@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: runs of the swarm part, and what shoal replay shows of them."""
+"""shoal map, shoal cover: runs of a swarm, and the output of shoal replay for swarms."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def cover(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Cover a known workspace: a particle must stand in every free cell, or in each cell of a random subset."""
+    """Cover a known workspace: at least one particle must visit every free cell, or every cell of a random subset."""
     _play(problem, trials, seed, workers, out, film, json_)
 
 
@@ -80,7 +80,7 @@ def _play(
     problem.check_at_place()  # before kernels are compiled
     load_kernels(problem)
     whole = isinstance(problem.chosen_policy, Offline)
-    planned = patience("making a whole plan before the first move ...") if whole else nullcontext()
+    planned = patience("computing the complete plan before the first move ...") if whole else nullcontext()
     with planned, progress("trials", trials, shown=trials > 1) as advance:
         episodes = run_trials(
             problem,
@@ -99,7 +99,7 @@ def _play(
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
-    """Return the JSON object of map and cover: what all trials have in common, and lists with an entry for each."""
+    """Return the JSON object of map and cover: the common values of all trials, and lists with one entry per trial."""
     reports = [episode.report() for episode in episodes]
     each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)
     rates = ("false_free_rate", "false_obstacle_rate")
@@ -116,12 +116,12 @@ def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
 
 
 def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return what runs with noise say to people beyond the others."""
+    """Return the additional rows of a summary with noise."""
     if "noise" not in result:
         return []
     noise, mean = result["noise"], {name: statistics.fmean(result[name]) for name in ("false_free", "false_obstacles", "undecided")}
     rates = ", ".join(f"{name} {rate:g}" for name, rate in noise.items())
-    wrong = f"{mean['false_free']:g} walls taken for free, {mean['false_obstacles']:g} free cells for walls"
+    wrong = f"{mean['false_free']:g} walls classified as free, {mean['false_obstacles']:g} free cells classified as walls"
     wrong += f", {mean['undecided']:g} undecided"
     worst = f", at worst {100 * min(result['right']):.2f} %" if len(episodes) > 1 else ""
     return [
@@ -151,7 +151,7 @@ def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[st
             *_noise_rows(episodes, result),
             ("cost", _cost(first)),
             ("distance", f"{first.distance} cells travelled by all particles"),
-            ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs a move"),
+            ("time", f"{first.seconds:.3f} s, {1e6 * first.seconds_per_move:.1f} µs per move"),
         ]
         return rows
     counts = {status: result["status"].count(status) for status in dict.fromkeys(result["status"])}
@@ -171,7 +171,7 @@ def _cost(episode: SwarmEpisode) -> str:
 
 def _prices(episode: SwarmEpisode) -> str:
     rule = episode.problem.scanning
-    return f"{rule.move_cost:g} a move, {rule.scan_cost:g} a scan, scan-every {rule.every}"
+    return f"{rule.move_cost:g} per move, {rule.scan_cost:g} per scan, scan-every {rule.every}"
 
 
 def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
@@ -185,7 +185,7 @@ def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
 
 
 def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
-    """Return what was done, in words: cells found free and walls found, or cells covered."""
+    """Return the result in words: free cells and walls found, or cells covered."""
     if episode.targets is not None:
         wanted = int(episode.targets.sum())
         return (
@@ -198,7 +198,7 @@ def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
 
 
 def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write what --out and --film ask for; return the files."""
+    """Write the outputs for --out and --film. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json
@@ -208,7 +208,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
         save_figure(figure(episodes, kind="frontier"), out / "frontier.png")
         written += [out / "map.png", out / "frontier.png", *overlay(episodes[0].problem, out)]
         _remove_earlier(out)
-        kept = [episode for episode in episodes if episode.observations is None]  # of a drive with noise its log is kept
+        kept = [episode for episode in episodes if episode.observations is None]  # the run of a rig with noise is kept in its log
         names = ["episode.npz"] if len(episodes) == 1 else [f"episodes/{e.trial:05d}.npz" for e in episodes]
         with progress("episodes", len(episodes), shown=len(episodes) > 100) as advance:
             for done, (episode, name) in enumerate(zip(kept, names, strict=False), start=1):
@@ -222,7 +222,7 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
 
 
 def warn_of_no_vessels(problem: SwarmProblem) -> None:
-    """Say so if the photograph of a problem may show no vessels."""
+    """Print a warning if the photograph of a problem may show no vessels."""
     if problem.vessels and problem.place_is_file() and (warning := vessels_of(problem).warning):
         say(f"shoal: warning: {problem.map}: {warning}")
 
@@ -235,7 +235,7 @@ def vessels_of(problem: SwarmProblem) -> Vessels:
 
 
 def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
-    """Write what was taken for vessels on the photograph, where the map is one."""
+    """Write the found vessels on the photograph, if the map is a photograph."""
     if not (problem.vessels and problem.place_is_file()):
         return []
     from shoal.swarm.maps.pictures import read_pixels
@@ -246,7 +246,7 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
 
 
 def _remove_earlier(out: Path) -> None:
-    """Remove the episodes of an earlier run from an output folder: with those of this one they would make no sense."""
+    """Remove the episodes of an earlier run from an output folder, because they would not belong to the new results."""
     for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
         path.unlink(missing_ok=True)
 

@@ -1,4 +1,4 @@
-"""shoal maps: the generated maps."""
+"""shoal maps: list, show and write generated maps; find vessels in photographs."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def maps(
         typer.Option(
             "--out",
             metavar="FILE",
-            help="Write it: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels a folder: mask.png (in the "
-            "photograph's own pixels), overlay.png and map.png.",
+            help="Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels a folder for mask.png (at "
+            "the photograph's resolution), overlay.png and map.png.",
             show_default=False,
         ),
     ] = None,
@@ -44,7 +44,7 @@ def maps(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """List the generated maps; show one, or write it to a file. With --vessels: find the vessels in a photograph."""
+    """List the generated maps, show one, or write it to a file. With --vessels, find the vessels in a photograph."""
     if name is None:
         for option, value in (("--out", out), ("--seed", seed), ("--vessels", problem.vessels or None)):
             if value is not None:
@@ -57,7 +57,7 @@ def maps(
 
 
 def _show(name: str, out: Path | None, seed: int | None, json_: bool) -> None:
-    """Show a generated map, or write it."""
+    """Show a generated map, or write it to a file."""
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.open import open_map
 
@@ -78,7 +78,7 @@ def _show(name: str, out: Path | None, seed: int | None, json_: bool) -> None:
 
 
 def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
-    """Find the vessels in a photograph; say how sure they are, and write pictures of them."""
+    """Find the vessels in a photograph, print the confidence, and write pictures of the vessels."""
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import pixels_a_cell
@@ -107,10 +107,10 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         print_json(_told(workspace) | result)
         return
     rows = [
-        ("vessels", f"{'brighter' if found.bright else 'darker'} than the ground, {100 * share:.1f} % of the photograph"),
+        ("vessels", f"{'brighter' if found.bright else 'darker'} than the background, {100 * share:.1f} % of the photograph"),
         ("confidence", f"{found.confidence:.2f} of 1"),
         ("map", _size(workspace)),
-        ("cell", f"{side:.4g} pixels a side"),
+        ("cell", f"{side:.4g} pixels per side"),
         *(("written", str(path)) for path in written),
     ]
     print_table(rows, title=workspace.name)

@@ -1,4 +1,4 @@
-"""shoal line, shoal schedule: the theory of one dimension."""
+"""shoal line, shoal schedule: the theory in one dimension."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ EXACT_CELLS = 10_000
 PRINTED_IN = {
     "boundary": "paper D, eq. 2", "coverage": "papers M and D, section III.A.2", "largest_gap": "the data of paper M, Fig. 5",
 }  # fmt: skip
-_LISTED = 20_000  # positions of a schedule in the JSON
+_LISTED = 20_000  # maximum number of schedule positions in the JSON
 _DIGITS = 1_000
 
 _Out = Annotated[
@@ -77,7 +77,7 @@ def line(
 
 
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
-    """Return the JSON object of ``shoal line``; exact values of long lines are left out, as they take too long."""
+    """Return the JSON object of ``shoal line``. Exact values for long lines are left out because they take too long."""
     short = line.cells <= EXACT_CELLS
     means: dict[str, tuple[float | None, float | None]] = {
         "boundary": (line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles))
@@ -129,7 +129,7 @@ def schedule(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Find the best schedule of scans on the way to a wall at an unknown distance, for your prices, beside the classic ones."""
+    """Find the best scan schedule for a wall at unknown distance at your prices, and compare it with the classic schedules."""
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 
     scan, move = check_prices(scan_cost, move_cost)
@@ -160,12 +160,12 @@ def schedule(
         ("scan after", ", ".join(_short(position) for position in shown[:12]) + more + " moves"),
         *((entry["name"], _ratio(entry)) for entry in (result["optimal"], *result["schedules"])),
     ]
-    title = f"a wall at most {_short(distance)} away, {scan_cost} a scan, {move_cost} a move"
+    title = f"a wall at a distance of at most {_short(distance)}, {scan_cost} per scan, {move_cost} per move"
     print_table([*rows, *(("written", str(path)) for path in written)], title=title)
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
-    """Return name, moves and scans at the largest distance, and the worst case over all up to it."""
+    """Return name, moves and scans at the largest distance, and the worst case over all smaller distances."""
     cost = schedule.cost(best.max_distance)
     worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
     return {
@@ -178,7 +178,7 @@ def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, 
 
 
 def _float(ratio: Any) -> float | None:
-    """Return a ratio as a float, None if it is too large for one."""
+    """Return a ratio as a float, or None if it is too large."""
     try:
         return float(ratio)
     except OverflowError:
@@ -186,7 +186,7 @@ def _float(ratio: Any) -> float | None:
 
 
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
-    """Return all positions, None if there are too many to list: then they are equal steps."""
+    """Return all positions, or None if there are too many to list; the steps are equal then."""
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None
 
@@ -204,12 +204,12 @@ def _short(number: int) -> str:
 
 
 def whole_number(text: str, *, option: str) -> int:
-    """Return a whole number written as 1000, 1e100 or 10^100.
+    """Return a whole number from a text such as 1000, 1e100 or 10^100.
 
     Raises
     ------
     InvalidInputError
-        For other texts, and for numbers of more than a thousand digits.
+        If the text is not such a number, or the number has more than a thousand digits.
 
     Examples
     --------

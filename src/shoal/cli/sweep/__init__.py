@@ -1,1 +1,1 @@
-"""Commands of sweeps: run, status, summary, export, check."""
+"""Commands for sweeps: run, status, summary, export, check."""

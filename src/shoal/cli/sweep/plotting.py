@@ -1,4 +1,4 @@
-"""shoal sweep plot: means with their intervals as a figure."""
+"""shoal sweep plot: plot means with their intervals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def plot(
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
-    """Draw means with 95 % intervals over the first axis of numbers, a line for each combination of the other axes."""
+    """Plot means with 95 % intervals against the first numeric axis, with one line for each combination of the other axes."""
     if out.suffix not in FIGURES:
         raise InvalidInputError(f"{out}: expected the suffix {', '.join(FIGURES)}, got {out.suffix!r}")
     check_folder(out.parent)

@@ -1,4 +1,4 @@
-"""shoal sweep summary, export, check: what is in a store."""
+"""shoal sweep summary, export, check: the results in a store."""
 
 from __future__ import annotations
 
@@ -27,13 +27,14 @@ CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
 StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
 SweepName = Annotated[
-    str | None, typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store holds several.", show_default=False)
+    str | None,
+    typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store contains several.", show_default=False),
 ]
 Unused = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 
 
 def check_table(out: Path) -> None:
-    """Refuse a table that cannot be written."""
+    """Refuse a table file that cannot be written."""
     from shoal.lab.storage.export import SUFFIXES
 
     if out.suffix not in SUFFIXES:
@@ -50,7 +51,7 @@ def summary(
     compare: Annotated[
         str | None,
         typer.Option(
-            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first.", show_default=False
+            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first value.", show_default=False
         ),
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
@@ -58,8 +59,8 @@ def summary(
         str,
         typer.Option(
             "--method",
-            help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto"
-            " is log for counts.",
+            help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto means "
+            "log for counts.",
         ),
     ] = "auto",
     seed: Annotated[int, typer.Option("--seed", help="Not used, because the bootstrap draws the same numbers each time.")] = 0,
@@ -70,8 +71,8 @@ def summary(
 ) -> None:
     """Show means with confidence intervals, and differences along a paired axis.
 
-    Where trials ended before their task was done, it says how many, and a mean of what they needed is a restricted one: it counts
-    no value above the least at which one ended.
+    If some trials ended before their task was done, the summary gives their number. For measures that grow until the end of a
+    trial, the mean is then a restricted mean: larger values count as the smallest value at which a trial ended unfinished.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store
@@ -136,7 +137,7 @@ def _compared(names: str, found: Comparison | None) -> list[str]:
 
 
 def _say_if_mixed(store: Store, name: str) -> None:
-    """Say on stderr that not all rows of a sweep were written by one version."""
+    """Print a warning on stderr if several versions wrote the rows of a sweep."""
     from shoal.lab.versions import told_apart
 
     rows = store.versions(name)
@@ -147,7 +148,7 @@ def _say_if_mixed(store: Store, name: str) -> None:
 
 
 def _numbers(found: Any) -> Any:
-    """Return what JSON can hold: None for what is not a number."""
+    """Return values for JSON, with None instead of NaN."""
     if isinstance(found, dict):
         return {name: _numbers(value) for name, value in found.items()}
     return None if isinstance(found, float) and not isfinite(found) else found
@@ -181,9 +182,9 @@ def merge(
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
-    """Merge stores of the same sweeps, run in several places, into a new one.
+    """Merge stores of the same sweeps, run in several places, into a new store.
 
-    A trial that several stores have must have ended in the same way.
+    A trial that several stores contain must have the same result in all of them.
     """
     from shoal.lab import Store
     from shoal.lab.storage.merging import merge_stores
@@ -206,7 +207,7 @@ def check(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Check that a store is whole: its structure, keys, seeds and rows. Exit code 1 if it is not."""
+    """Check the integrity of a store: its structure, keys, seeds and rows. The exit code is 1 if a check fails."""
     from shoal.lab import Store
     from shoal.lab.storage.integrity import faults_of
 

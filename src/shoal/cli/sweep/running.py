@@ -1,4 +1,4 @@
-"""shoal sweep run, status: many trials into a store, and how far they are."""
+"""shoal sweep run, status: run trials into a store, and show the progress."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
-_EVERY = 2.0  # seconds between two looks of --watch
+_EVERY = 2.0  # seconds between two updates of --watch
 
 
 def run(
@@ -53,16 +53,16 @@ def run(
         int | None, typer.Option("--trials", help="Number of trials at each point, instead of the file's.", show_default=False)
     ] = None,
     seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.", show_default=False)] = None,
-    extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is in the store already.")] = False,
+    extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is already in the store.")] = False,
     out: Annotated[
         Path | None,
         typer.Option("--out", metavar="FILE", help="Write the table at the end: .csv or .parquet.", show_default=False),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Run a sweep, or the missing part of it. The same command continues a sweep that was stopped.
+    """Run a sweep, or its missing trials. The same command continues a sweep that was stopped.
 
-    Exit code 1 if trials failed.
+    The exit code is 1 if trials failed.
     """
     from shoal.lab import Store, Sweep, run_sweep
     from shoal.lab.versions import MixedVersionsWarning
@@ -101,7 +101,7 @@ def run(
 
 @contextmanager
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
-    """Show one line on the terminal while the block runs: done, rate, time left, failures; nothing where stderr is none."""
+    """Show one line on the terminal during the block: done, rate, time left, failures. Without a terminal, show nothing."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -154,7 +154,7 @@ def _provenance(status: SweepStatus) -> str:
 
 
 def _rows(status: SweepStatus) -> list[tuple[str, str]]:
-    state = "complete" if status.complete else "running" if status.running else "stopped: the same command goes on"
+    state = "complete" if status.complete else "running" if status.running else "stopped: the same command continues"
     rows = [
         ("done", f"{status.done} of {status.total} trials at {status.points} points"),
         ("state", state),

@@ -1,7 +1,7 @@
-"""What a sweep plays: the problems of the three parts, and three kinds of its own.
+"""The problems of sweeps: the problems of the three parts, and three further kinds.
 
-A problem of a sweep holds nothing but what a text can say, so that it has one canonical form and goes to any worker. The map,
-workspace or region that it names is opened once a process.
+A sweep's problem contains only values that can be written as text. It therefore has one canonical form and can be sent to any
+worker. Each process opens the map, workspace or region only once.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ KINDS = (*parts.PARTS, *_OWN)
 
 
 def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
-    """Return the problem that fields describe; ``kind`` is one of `KINDS`.
+    """Return the problem for a mapping of fields, where ``kind`` is one of `KINDS`.
 
     Raises
     ------
     InvalidInputError
-        In one sentence that says where.
+        If a field is invalid. The message gives its location.
     """
     kind = fields.get("kind")
     if kind not in KINDS:
@@ -45,6 +45,6 @@ def trial_problem_type(kind: str) -> type[Problem]:
 
 
 def trial(problem: Problem, seed: int) -> list[Any]:
-    """Play one trial; return what ``problem.measures`` names: texts, numbers, truth values or None."""
+    """Run one trial. Return the values named by ``problem.measures``: texts, numbers, booleans or None."""
     measured = problem.trial(seed) if isinstance(problem, MeasuredProblem) else parts.run(problem, seed=seed).metrics
     return [measured[name] for name in problem.measures]

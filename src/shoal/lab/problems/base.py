@@ -1,4 +1,4 @@
-"""Problems of the lab itself: they play no episode, and a trial of one is what it measures."""
+"""Base class of problems whose trials return measures instead of episodes."""
 
 from __future__ import annotations
 
@@ -15,4 +15,4 @@ class MeasuredProblem(Problem, ABC):
 
     @abstractmethod
     def trial(self, seed: int) -> dict[str, Any]:
-        """Play one trial; return what was measured by name."""
+        """Run one trial. Return its measures by name."""

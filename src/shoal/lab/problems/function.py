@@ -1,4 +1,4 @@
-"""Trials of anybody's function."""
+"""Trials of a third-party function."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(MeasuredProblem):
-    """Anybody's function, "module:attribute": called with ``seed`` and ``arguments``, it returns a dict of what it measured.
+    """A third-party function "module:attribute". It is called with ``seed`` and ``arguments`` and returns a dict of measures.
 
-    The function names its measures: it has an attribute ``measures``, a tuple of the keys of what it returns.
+    The function has an attribute ``measures``, a tuple of the keys of the dict that it returns.
     """
 
     part = "function"
@@ -35,12 +35,10 @@ class FunctionProblem(MeasuredProblem):
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it
-        """The names of what the function measures."""
+        """The names of the function's measures."""
         found = getattr(self.called, "measures", ())
         if not found or not all(isinstance(name, str) for name in found):
-            raise InvalidInputError(
-                f"function {self.function}: expected an attribute measures that names what it returns, got none"
-            )
+            raise InvalidInputError(f"function {self.function}: expected an attribute measures that names its results, got none")
         return tuple(found)
 
     @cached_property
@@ -52,14 +50,14 @@ class FunctionProblem(MeasuredProblem):
         return found
 
     def check_at_place(self) -> None:
-        """Refuse arguments that the function does not take."""
+        """Refuse arguments that the function does not accept."""
         try:
             inspect.signature(self.called).bind(seed=0, **(self.arguments or {}))
         except TypeError as error:
             raise InvalidInputError(f"function {self.function}: {error}") from None
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Call the function; return what it measured."""
+        """Call the function and return its measures."""
         found = self.called(seed=seed, **(self.arguments or {}))
         if not isinstance(found, dict) or {*found} != {*self.measures}:
             raise InvalidInputError(

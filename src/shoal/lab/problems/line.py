@@ -1,4 +1,4 @@
-"""Trials in one dimension: random placements, and walls at unknown distances."""
+"""Problems in one dimension: random placements, and walls at unknown distances."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJu
 
 @dataclass(frozen=True, eq=False)
 class LineProblem(MeasuredProblem):
-    """Random placements on a line: means over ``placements`` of them (paper M, section III.A)."""
+    """Random placements on a line. A trial gives means over ``placements`` placements (paper M, section III.A)."""
 
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
@@ -36,29 +36,29 @@ class LineProblem(MeasuredProblem):
         _ = self.line
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw the placements; ``shoal line`` with this seed draws the same."""
+        """Draw the placements. ``shoal line`` with the same seed draws the same placements."""
         drawn = sample(self.line, self.placements, seed=seed, workers=1)
         return {name: float(getattr(drawn, name).mean()) for name in self.measures}
 
 
 @dataclass(frozen=True, eq=False)
 class ScheduleProblem(MeasuredProblem):
-    """A wall at an unknown distance on a line, and a schedule of scans (paper M, section III.A.3)."""
+    """A scan schedule for a wall at an unknown distance on a line (paper M, section III.A.3)."""
 
     part = "schedule"
     measures = ("distance", "moves", "scans", "move_ratio", "scan_ratio", "weighted_ratio")
 
     schedule: str = option("i^i", help="Schedule of scans: every-step, i^i, powers:K or one-jump:M.")
     max_distance: int = option(
-        1000, help="Largest distance of the wall. The distance is drawn between 0 and this.", least=0, most=10**15
+        1000, help="Maximum distance of the wall. The distance is drawn between 0 and this value.", least=0, most=10**15
     )
     distance: int | None = option(None, help="Distance of the wall, instead of a random one.", least=0, most=10**15)
     scan_cost: float = option(10.0, help="Price of a scan.", least=0)
-    move_cost: float = option(1.0, help="Price of a move, in the same unit.", least=0)
+    move_cost: float = option(1.0, help="Price of a move, in the same unit as the price of a scan.", least=0)
 
     @cached_property
     def scans(self) -> ScanSchedule:
-        """The schedule itself."""
+        """The scan schedule as an object."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
             return made()
@@ -68,12 +68,12 @@ class ScheduleProblem(MeasuredProblem):
         raise InvalidInputError(f"schedule: expected every-step, i^i, powers:K or one-jump:M, got {self.schedule!r}")
 
     def check_at_place(self) -> None:
-        """Refuse prices that are both zero, and schedules that end before the wall."""
+        """Refuse prices that are both zero, and schedules that end before the maximum distance."""
         farthest = self.max_distance if self.distance is None else self.distance
         self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw a distance from 0 to ``max_distance``, if none is given, and find the wall."""
+        """Draw a distance from 0 to ``max_distance`` unless one is given, and find the wall."""
         at = self.distance
         cost = self.scans.cost(int(np.random.default_rng(seed).integers(self.max_distance + 1)) if at is None else at)
         weighted = cost.weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)

@@ -1,1 +1,1 @@
-"""The store of a sweep: one SQLite file, its lock, its checks, its tables."""
+"""The store of a sweep: an SQLite file with its lock, its checks and its tables."""

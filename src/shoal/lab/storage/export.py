@@ -1,4 +1,4 @@
-"""A sweep's table for other programs: CSV, Parquet, a data frame."""
+"""Export of a sweep's table to CSV, Parquet or a data frame."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ def _needed(module: str, what: str) -> Any:
 
 
 def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
-    """Write the table of a sweep: axes, trial, seed and what was measured, ordered by point and trial; return the number of rows.
+    """Write the table of a sweep: axes, trial, seed and measures, sorted by point and trial. Return the number of rows.
 
     Parameters
     ----------
     store : Store
     name : str
-        Of the sweep.
+        Name of the sweep.
     path : path
-        ``.csv`` or ``.parquet`` (with the sweep as JSON in its metadata, under "shoal").
+        A ``.csv`` file, or a ``.parquet`` file, whose metadata contain the sweep as JSON under "shoal".
 
     Raises
     ------
     InvalidInputError, UnknownNameError, OutputError
     MissingExtraError
-        For Parquet without ``shoal[lab]``.
+        If the file is Parquet and ``shoal[lab]`` is not installed.
     """
     target = Path(path)
     if target.suffix not in SUFFIXES:
@@ -63,7 +63,7 @@ def _write_csv(store: Store, name: str, columns: list[str], path: Path) -> int:
 
 
 def _defused(value: Any) -> Any:
-    """Return what stands in a cell of a CSV file: a text that a spreadsheet would take for a formula begins with an apostrophe."""
+    """Return the content of a CSV cell. A text that a spreadsheet would read as a formula gets a leading apostrophe."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
@@ -79,7 +79,7 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
                 writer = parquet.ParquetWriter(path, schema)
             writer.write_table(table.cast(schema))
             count += len(chunk[-1])
-        if writer is None:  # nothing is done yet: the columns all the same
+        if writer is None:  # without finished trials, the columns are the same
             empty = arrow.schema([(column, arrow.null()) for column in columns])
             parquet.write_table(empty.empty_table(), path)
     finally:
@@ -89,7 +89,10 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
 
 
 def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
-    """Return the types of a table, as all of its parts must have them: whole numbers in one may be broken ones in the next."""
+    """Return the column types of a table.
+
+    All parts must have the same types, and a column of whole numbers may later have fractions.
+    """
     fields = []
     sweep = store.sweep(name)
     whole = {"trial", "seed", *(axis for axis, values in sweep.axes.items() if all(isinstance(value, int) for value in values))}

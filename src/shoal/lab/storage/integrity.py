@@ -1,4 +1,4 @@
-"""Whether a store is whole: SQLite's own structure, every key, every seed, every row."""
+"""Integrity checks of a store: SQLite's structure, keys, seeds and rows."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from shoal.lab.sweeps.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:
-    """Return what is wrong with a store, one sentence each; nothing if all is well.
+    """Return the faults of a store, one sentence each. An intact store has none.
 
-    Looked at are SQLite's own structure, that every key and seed is the one that its sweep gives, and that every row has as many
-    values as there are measures.
+    The checks cover SQLite's own structure, the keys and seeds, which must be those of the sweep, and the number of values in each
+    row.
     """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]

@@ -1,4 +1,4 @@
-"""One coordinator a sweep: a lock that ends with the process that holds it, however that ends."""
+"""A lock that allows one coordinator per sweep. It ends with the process that holds it, however that process ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.interruption import half_written
 
 _TRIES = 5
-_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a link, or a pipe, may be a stranger's: nothing is written to it
+_PLAIN = os.O_CLOEXEC | os.O_NOFOLLOW | os.O_NONBLOCK  # a link or a pipe may be an attack: nothing is written to it
 
 
 def _lock_file(store: Path, name: str) -> Path:
@@ -24,14 +24,14 @@ def _lock_file(store: Path, name: str) -> Path:
 
 @contextmanager
 def locked(store: Path, name: str) -> Iterator[None]:
-    """Hold a sweep of a store while the block runs.
+    """Hold the lock of a sweep inside the block.
 
     Raises
     ------
     InvalidInputError
-        If another process holds it; the sentence says which.
+        If another process holds the lock. The message names the process.
     OutputError
-        If the folder cannot be written.
+        If the folder is not writable.
     """
     path, tries = _lock_file(store, name), 0
     while True:
@@ -46,7 +46,7 @@ def locked(store: Path, name: str) -> Iterator[None]:
             holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
             os.close(descriptor)
             tries += 1
-            if tries < _TRIES:  # it may be somebody who only asks whether the sweep is held
+            if tries < _TRIES:  # the holder may be a process that only tests the lock
                 time.sleep(0.02)
                 continue
             raise InvalidInputError(
@@ -55,11 +55,11 @@ def locked(store: Path, name: str) -> Iterator[None]:
             ) from None
         if _is_still(descriptor, path):
             break
-        os.close(descriptor)  # its last holder removed it between our two calls
+        os.close(descriptor)  # its last holder removed the file between our two calls
     half_written.add(path)
     try:
-        with suppress(OSError):  # a full disk: the lock holds all the same, only nobody is told whose it is
-            os.ftruncate(descriptor, 0)  # of what is no plain file it fails, and nothing is written
+        with suppress(OSError):  # on a full disk the lock still works, but it does not name its holder
+            os.ftruncate(descriptor, 0)  # fails for anything but a plain file, and nothing is written
             os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()} since {time.strftime('%F %T')}".encode())
         yield
     finally:
@@ -76,7 +76,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 
 
 def is_locked(store: Path, name: str) -> bool:
-    """Tell whether a process runs a sweep of a store now."""
+    """Return whether a process currently runs a sweep of a store."""
     try:
         descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
     except OSError:

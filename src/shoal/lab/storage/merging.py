@@ -1,4 +1,4 @@
-"""Stores into one: the same sweeps, run in several places."""
+"""Merging of stores: results of the same sweeps from several places."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ Write = Callable[[str, Sequence[Any]], int]
 
 
 def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
-    """Merge stores into a new one; return the names of its sweeps.
+    """Merge stores into a new one. Return the names of its sweeps.
 
-    Sweeps of one name must be the same one. A trial that several stores have must have ended in the same way.
+    Sweeps with the same name must be equal. A trial that several stores contain must have the same result in all of them.
 
     Parameters
     ----------
     sources : sequence of path
     out : path
-        Of the new store.
+        File of the new store.
 
     Raises
     ------
     InvalidInputError
-        If sweeps or trials differ, a store is damaged, or ``out`` is there; then nothing is written.
+        If sweeps or trials differ, a store is damaged, or ``out`` exists. Nothing is written then.
     OutputError
     """
     target = Path(out)
@@ -44,7 +44,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
 
 
 def _take(merged: Store, opened: Store, name: str) -> None:
-    """Copy a sweep, or the part of it that is not there yet."""
+    """Copy a sweep, or those of its rows that are not in the merged store yet."""
     stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
     if name in merged.names:
         there = merged.stored(name)
@@ -54,7 +54,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy a row of a store, its first columns changed; return its number."""
+            """Copy a row of a store with changed first columns. Return its number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which others refer to, got none")
@@ -83,5 +83,5 @@ def _take(merged: Store, opened: Store, name: str) -> None:
 
 
 def _insert(write: Write, table: str, columns: str, values: tuple[Any, ...]) -> int:
-    """Insert a row unless it is there; return its number."""
+    """Insert a row unless it exists. Return its number."""
     return write(f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({', '.join('?' * len(values))})", values)

@@ -1,4 +1,4 @@
-"""What the tables of a store say, checked: a sweep, and the columns of its results."""
+"""Validated rows of a store: sweeps, and the columns of results."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """A sweep as a store has it. No problem is made of it before `sweep` is called.
+    """A sweep as it is stored. Its problem is created only when `sweep` is called.
 
     Parameters
     ----------
     id : int
-        Of its row.
+        Number of the sweep's row.
     where : str
         File and sweep, for messages.
     spec : dict
-        What `shoal.lab.Sweep.describe` returned.
+        The result of `shoal.lab.Sweep.describe`.
     inputs : mapping of str to str
-        Digests of what it opened.
+        Digests of the files that the sweep opens.
     measures : tuple of str
     trials, n_points : int
-        Trials of a point, and points.
+        Number of trials per point, and number of points.
     """
 
     id: int
@@ -41,7 +41,7 @@ class StoredSweep:
 
     @cached_property
     def form(self) -> SweepForm:
-        """The fields of the sweep, each of its type."""
+        """The fields of the sweep with their types."""
         return form_of(self.spec, where=self.where)
 
     @property
@@ -54,7 +54,7 @@ class StoredSweep:
         return sweep_of(self.spec, where=self.where)
 
     def values(self, text: str) -> dict[str, Any]:
-        """Return the values by axis of a point's row."""
+        """Return the axis values in a point's row."""
         values = parse_json(text, where=f"{self.where}: point")
         if not isinstance(values, list) or len(values) != len(self.axes):
             raise InvalidInputError(f"{self.where}: expected {len(self.axes)} values of axes at a point, got {shortened(values)}")
@@ -67,7 +67,7 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
     Raises
     ------
     InvalidInputError
-        If it is damaged.
+        If the row is damaged.
     """
     number, *texts, trials, points = row
     spec, inputs, measures = (
@@ -84,7 +84,7 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
 
 
 def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
-    """Return the columns of a chunk; axes come as (values, how many rows).
+    """Return the columns of a chunk. Axes are given as (values, number of rows).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The file of a store: its tables, how it is opened, and what its faults are called."""
+"""The file format of a store: its tables, how it is opened, and the names of its errors."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _RANGES: dict[str, dict[str, tuple[float, float]]] = {
     "sweeps": {"trials": (0, 10**18), "points": (0, 10**18)},
     "points": {"id": (0, 10**18), "number": (0, 10**18)},
     "batches": {"trials": (0, 10**18), "seconds": (0, 1e12), "finished": (0, 1e12)},
-}  # a damaged file may have anything in a column, and text is above every number
+}  # a damaged file may have any type in a column, and a text compares larger than every number
 _TEXTS = {
     "sweeps": ("name", "spec", "inputs", "measures", "version"),
     "points": ("key", "axes"),
     "batches": ("spec", "version", "worker"),
 }
 _AT_ONCE = 2**16  # bytes
-_WAIT = 30.0  # seconds for another process to finish its commit
+_WAIT = 30.0  # seconds to wait for another process's commit
 
 TABLES = """
 CREATE TABLE sweeps (
@@ -60,14 +60,14 @@ CREATE INDEX batches_of_sweep ON batches (sweep, finished);
 
 
 def connect(path: Path, *, write: bool) -> sqlite3.Connection:
-    """Open a store; make it if it is to be written and is not there.
+    """Open a store. With ``write``, create it if it does not exist.
 
     Raises
     ------
     InvalidInputError
-        If the file is no store, is damaged, or comes from a newer version.
+        If the file is not a store, is damaged, or comes from a newer version.
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     try:
         existing = path.exists()
@@ -97,12 +97,12 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _create(path: Path) -> None:
-    """Make an empty store under another name, then give it its own: it is whole from the first moment, and made once.
+    """Create an empty store under a temporary name and rename it, so that it is complete from the beginning and created only once.
 
     Raises
     ------
     OutputError
-        Nothing is left behind then.
+        If the file cannot be written. No partial file remains.
     """
     with unfinished_store(path, shared=True) as temporary, told(path), closing(_connected(temporary)) as connection:
         _make_durable(connection)
@@ -115,19 +115,21 @@ def _create(path: Path) -> None:
 
 @contextmanager
 def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
-    """Yield a name beside that of a store, under which it is made whole before it has its own; else nothing is left there.
+    """Yield a temporary name beside a store's, for a new store that is renamed when it is complete.
+
+    Otherwise the file is removed.
 
     Raises
     ------
     OutputError
-        If it cannot be written, or the name is taken meanwhile; with ``shared`` the store that has it then stays.
+        If the file cannot be written, or the name was taken in the meantime. With ``shared``, the store that took the name is kept.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
     made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
     half_written.update(made)
     try:
         yield temporary
-        # What does not fit into the file stays in its log, and SQLite says nothing of it when it closes.
+        # Data that does not fit on the disk stays in the log, and SQLite reports no error when it closes.
         if any(file.stat().st_size for file in made - {temporary} if file.exists()):
             raise OSError(errno.ENOSPC, "the disk is full")
         with suppress(*[FileExistsError] * shared):
@@ -143,12 +145,12 @@ def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
 
 
 def _named(temporary: Path, path: Path) -> None:
-    """Give a file its name unless that is taken."""
+    """Rename a file unless the name is taken."""
     try:
         os.link(temporary, path)
     except FileExistsError:
         raise
-    except OSError:  # a file system without links
+    except OSError:  # a file system without hard links
         if not path.exists():
             temporary.rename(path)
 
@@ -156,7 +158,7 @@ def _named(temporary: Path, path: Path) -> None:
 def _connected(path: Path, *, options: str = "") -> sqlite3.Connection:
     where = f"{path.resolve().as_uri()}?{options}"
     connection = sqlite3.connect(where, uri=True, timeout=_WAIT, isolation_level=None, check_same_thread=False)
-    connection.set_progress_handler(lambda: 0, 100_000)  # Python's code: there Ctrl-C comes through
+    connection.set_progress_handler(lambda: 0, 100_000)  # Python code, in which Ctrl-C takes effect
     return connection
 
 
@@ -170,11 +172,11 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
         connection.close()
         if error.sqlite_errorcode & 0xFF not in {sqlite3.SQLITE_CANTOPEN, sqlite3.SQLITE_READONLY}:
             raise
-        # In a folder that cannot be written no shared memory can be made beside the file; then nobody writes it either.
+        # In a read-only folder, SQLite cannot create shared memory beside the file. Then no other process writes the file either.
         log = path.with_name(f"{path.name}-wal")
         if not log.exists() or not log.stat().st_size:
             return _connected(path, options="immutable=1")
-        with tempfile.TemporaryDirectory() as folder:  # which may be gone as soon as the copy is open
+        with tempfile.TemporaryDirectory() as folder:  # the file may disappear as soon as the copy is open
             copy = Path(folder) / "store"
             shutil.copyfile(path, copy)
             shutil.copyfile(log, copy.with_name("store-wal"))
@@ -184,11 +186,11 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse what is no store, or one that this version cannot read."""
+    """Refuse a file that is not a store, or one from a newer version."""
     application, number = (connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version"))
     if application != APPLICATION:
         raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
-    # Views and triggers would run in place of what we ask for, without end if somebody wishes.
+    # Views and triggers could run arbitrary code in place of our queries, even endless loops.
     strange = connection.execute(
         f"SELECT type, name FROM sqlite_master WHERE NOT (type = 'table' AND name IN ({', '.join('?' * len(_NAMES))})) "
         "AND NOT (type = 'index' AND (name = 'batches_of_sweep' OR name LIKE 'sqlite_autoindex_%')) LIMIT 1",
@@ -211,28 +213,28 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _make_durable(connection: sqlite3.Connection) -> None:
-    """Let every commit reach the disk."""
+    """Make every commit durable on the disk."""
     connection.execute("PRAGMA journal_mode = WAL")
-    connection.execute("PRAGMA synchronous = FULL")  # with NORMAL a power cut would take the last commits
+    connection.execute("PRAGMA synchronous = FULL")  # with NORMAL, a power failure could lose the last commits
     connection.execute("PRAGMA foreign_keys = ON")
 
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Write all or nothing of what the block does."""
+    """Run the block as one transaction: all its changes are written, or none."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
         connection.execute("COMMIT")
     except BaseException:
-        with suppress(sqlite3.Error):  # SQLite has rolled back itself after some errors
+        with suppress(sqlite3.Error):  # SQLite has already rolled back after some errors
             connection.execute("ROLLBACK")
         raise
 
 
 @contextmanager
 def told(path: Path) -> Iterator[None]:
-    """Say SQLite's errors in one sentence each."""
+    """Convert SQLite's errors to one sentence each."""
     try:
         yield
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
@@ -240,7 +242,7 @@ def told(path: Path) -> Iterator[None]:
 
 
 def _is_full(path: Path) -> bool:
-    """Tell whether there is no room for what SQLite writes at once beside a file: it tells a full disk as any error of a disk."""
+    """Return whether the disk has no space for SQLite's log. SQLite reports a full disk like any other disk error."""
     with suppress(OSError):
         return shutil.disk_usage(path.parent).free < _AT_ONCE
     return False
@@ -250,7 +252,7 @@ def _said(path: Path, error: Exception) -> Exception:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_INTERRUPT:
         raise KeyboardInterrupt from error
-    kept = "every batch that was committed is kept, and the same command goes on from there"
+    kept = "every committed batch is kept, and the same command continues from there"
     too_large = getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE
     if code == sqlite3.SQLITE_FULL or too_large or (code == sqlite3.SQLITE_IOERR and _is_full(path)):
         return OutputError(f"cannot write {path}: the disk is full; {kept}")

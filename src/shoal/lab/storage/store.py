@@ -1,4 +1,4 @@
-"""Store: one SQLite file with every finished trial of any number of sweeps."""
+"""Store: one SQLite file with all finished trials of any number of sweeps."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ _AT_ONCE = 10_000  # rows read at once
 
 
 class Store:
-    """The store of a sweep: every finished trial, committed as soon as its batch is done.
+    """The store of sweeps. Each finished trial is committed as soon as its batch is done.
 
     Parameters
     ----------
     path : path
     write : bool
-        Open it for writing, and make it if it is not there.
+        Open the store for writing, and create it if it does not exist.
 
     Raises
     ------
     InvalidInputError
-        If the file is no store, is damaged or comes from a newer version.
+        If the file is not a store, is damaged or comes from a newer version.
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
 
     Notes
     -----
-    SQLite in WAL mode: one process writes, others may read at the same time. The file must lie on a disk of the machine that runs
-    the sweep, not on a network share; workers elsewhere never touch it.
+    SQLite runs in WAL mode: one process writes while others may read. The file must be on a local disk of the machine that runs the
+    sweep, not on a network share. Workers on other machines never access it.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, write: bool = False) -> None:
@@ -60,35 +60,35 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file; the last to write leaves all in it, also while others read."""
+        """Close the file. The last writer moves all data from the log to the file, even while others read."""
         if self.write:
-            with suppress(sqlite3.Error):  # what others still read stays beside it, in the log
+            with suppress(sqlite3.Error):  # data that others still read stays in the log beside the file
                 self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
         self._connection.close()
 
     def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
-        """Return what SQLite answers; for reading."""
+        """Return the result of a read-only query."""
         with told(self.path):
             return self._connection.execute(query, values).fetchall()
 
     @contextmanager
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
-        """Give a function that runs a statement and returns the last row's number; all or nothing of the block is written."""
+        """Yield a function that runs a statement and returns the last row's number. The block is one transaction."""
         with told(self.path), transaction(self._connection):
             yield lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
 
     @property
     def names(self) -> list[str]:
-        """The sweeps in it, in the order in which they began."""
+        """The names of all sweeps, in the order in which they began."""
         return [name for (name,) in self.ask("SELECT name FROM sweeps ORDER BY id")]
 
     def stored(self, name: str) -> StoredSweep:
-        """Return what the file says of a sweep; no problem is made of it, so no code that it names is imported.
+        """Return a stored sweep. Its problem is not created, so no third-party code is imported.
 
         Raises
         ------
         InvalidInputError
-            If what the file says is damaged.
+            If the stored sweep is damaged.
         UnknownNameError
         """
         found = self.ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
@@ -97,7 +97,7 @@ class Store:
         return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
-        """Return the name of a sweep that is there; without one that of the only one.
+        """Return the name of an existing sweep. Without a name, return the only sweep's name.
 
         Raises
         ------
@@ -116,27 +116,27 @@ class Store:
         return self.stored(name).sweep()
 
     def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield (id, values by axis) of the points of a sweep, in its order."""
+        """Yield (id, values by axis) of a sweep's points in order."""
         stored = self.stored(name)
         query = "SELECT id, axes FROM points WHERE sweep = ? ORDER BY number"
         for number, text in self.ask(query, stored.id):
             yield number, stored.values(text)
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
-        """Enter a sweep, or see that it is the one that is there.
+        """Enter a sweep, or check that it equals the stored sweep.
 
         Parameters
         ----------
         sweep : Sweep
         inputs : mapping of str to str
-            Digests of the maps, workspaces and regions that it opens.
+            Digests of the maps, workspaces and regions that the sweep opens.
         extend : bool
-            Take a sweep that only adds trials or points to the one that is there.
+            Accept a sweep that only adds trials or points to the stored one.
 
         Raises
         ------
         InvalidInputError
-            If another sweep of that name is there; the sentence says what differs.
+            If a different sweep of this name exists. The message lists the differences.
         """
         description = sweep.describe()
         self._forget_untouched(sweep.name, description)
@@ -170,7 +170,7 @@ class Store:
         )
 
     def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:
-        """Drop another sweep of that name of which no trial was ever played: its workers never came."""
+        """Delete a different sweep of this name if none of its trials ever ran."""
         if name not in self.names:
             return
         stored = self.stored(name)
@@ -188,7 +188,7 @@ class Store:
         )
 
     def missing(self, sweep: Sweep) -> list[Gap]:
-        """Return which trials of a sweep are not there, in order."""
+        """Return the missing trials of a sweep in order."""
         points = {point.key: point for point in sweep.points}
         rows = self.ask(
             "SELECT p.id, p.key, (SELECT count(*) FROM trials t WHERE t.point = p.id) FROM points p "
@@ -210,7 +210,7 @@ class Store:
         return gaps
 
     def commit(self, sweep: Sweep, answer: Answer) -> None:
-        """Write what a worker has finished; all of it or nothing."""
+        """Write a worker's results in one transaction."""
         with told(self.path), transaction(self._connection):
             batch = self._connection.execute(
                 "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures, seconds, finished) "
@@ -237,7 +237,7 @@ class Store:
         return found.fetchone() is not None
 
     def status(self, name: str) -> SweepStatus:
-        """Return how far a sweep is; also while another process runs it."""
+        """Return the progress of a sweep, also while another process runs it."""
         stored = self.stored(name)
         number, total = stored.id, stored.trials * stored.n_points
         versions = self.versions(name)
@@ -248,12 +248,12 @@ class Store:
         return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
-        """Return which versions wrote the rows of a sweep, and how many; the first first."""
+        """Return the versions that wrote the rows of a sweep with their numbers of rows, oldest first."""
         number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)
         ]
-        if len(found) == 1:  # as nearly always: no need to look at every row
+        if len(found) == 1:  # the usual case: no need to read every row
             query = "SELECT count(*) FROM trials WHERE point IN (SELECT id FROM points WHERE sweep = ?)"
             counts = {found[0]: self.ask(query, number)[0][0]}
         else:
@@ -273,7 +273,7 @@ class Store:
         return count / max(1e-3, now - max(first, now - _RECENT)) if count else 0.0
 
     def failures(self, name: str, *, limit: int = 1_000_000) -> list[tuple[dict[str, Any], int, int, str]]:
-        """Return (values by axis, trial, seed, error) of the trials that failed."""
+        """Return (values by axis, trial, seed, error) of failed trials."""
         stored = self.stored(name)
         rows = self.ask(
             "SELECT p.axes, f.trial, f.seed, f.error FROM failures f JOIN points p ON p.id = f.point "
@@ -284,13 +284,13 @@ class Store:
         return [(stored.values(text), trial, seed, error) for text, trial, seed, error in rows]
 
     def columns(self, name: str) -> list[str]:
-        """Return the names of the columns of a sweep's table: its axes, trial, seed, and what was measured."""
+        """Return the column names of a sweep's table: axes, trial, seed and measures."""
         stored = self.stored(name)
         taken = ["trial", "seed", *stored.measures]
         return [f"axis_{axis}" if axis in taken else axis for axis in stored.axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
-        """Yield the columns of a sweep's table, some ten thousand rows at a time, ordered by point and trial.
+        """Yield the columns of a sweep's table in chunks of some ten thousand rows, sorted by point and trial.
 
         Raises
         ------
@@ -304,7 +304,7 @@ class Store:
         for point, values in self.points(name):
             last = -1
             while True:
-                # Joined by SQLite: two and a half times as fast as a tuple for each row.
+                # Joined by SQLite, which is two and a half times as fast as one tuple per row.
                 ((count, newest, *texts),) = self.ask(
                     "SELECT count(*), max(trial), group_concat(trial), group_concat(seed), group_concat(result) FROM "
                     "(SELECT * FROM trials WHERE point = ? AND trial > ? ORDER BY trial LIMIT ?)",
@@ -328,6 +328,6 @@ class Store:
             yield columns_of(axes, parts, stored)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the rows of a sweep's table, ordered by point and trial."""
+        """Yield the rows of a sweep's table, sorted by point and trial."""
         for chunk in self.chunks(name):
             yield from zip(*chunk, strict=True)

@@ -1,1 +1,1 @@
-"""Sweeps as declared: their axes, points, seeds, batches and progress."""
+"""Declarations of sweeps: axes, points, seeds, batches and progress."""

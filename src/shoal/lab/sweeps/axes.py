@@ -1,4 +1,4 @@
-"""The axes of a sweep: lists as they are, ranges written out."""
+"""The axes of a sweep: lists of values, and ranges that are expanded to lists."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_POINTS = 100_000
 
 
 class RangeForm(BaseModel):
-    """An axis as a range: from, to and step, or from, to and count; the end belongs to it."""
+    """An axis as a range: from, to and step, or from, to and count. The end is included."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -29,7 +29,7 @@ class RangeForm(BaseModel):
 
 
 def axis_values(name: str, given: Any) -> tuple[Any, ...]:
-    """Return the values of an axis: a list as it is, a range written out.
+    """Return the values of an axis: a list unchanged, or the expanded range.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
     assert form.step is not None  # one of the two is given
     if form.scale == "log" or form.step == 0 or (form.stop - form.start) / form.step < 0:
         raise InvalidInputError(f"{where}: expected a step that leads from {form.start} to {form.stop}, got {form.step}")
-    # In decimals, so that 0.1, 0.2, 0.3 are these and not 0.30000000000000004.
+    # Computed in decimals, so that the values are 0.1, 0.2, 0.3 and not 0.30000000000000004.
     start, stop, step = (Decimal(str(number)) for number in (form.start, form.stop, form.step))
     steps = int((stop - start) / step)
     if steps > MAX_POINTS:
@@ -89,7 +89,7 @@ def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
 
 
 def _spaced(form: RangeForm, *, whole: bool, where: str) -> tuple[Any, ...]:
-    """Return ``count`` values; between whole numbers the nearest whole ones, each once."""
+    """Return ``count`` values. Between whole numbers, return the nearest whole numbers without repetition."""
     count = form.count or 1
     if form.scale == "log" and not (form.start > 0 and form.stop > 0):
         raise InvalidInputError(f"{where}: expected a logarithmic range between numbers above 0, got {form.start} to {form.stop}")

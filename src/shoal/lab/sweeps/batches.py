@@ -1,4 +1,4 @@
-"""What goes to a worker and comes back: a batch of trials, and its answer."""
+"""Batches of trials that workers process, and their answers."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from shoal.lab import problems
 from shoal.lab.sweeps.sweep import trial_seed
 from shoal.lab.versions import worker_versions
 
-_LONGEST_TEXT = 1000  # characters of a text that a trial measures
-_OPEN = 8  # maps, workspaces and regions that a worker keeps open
+_LONGEST_TEXT = 1000  # maximum characters of a text that a trial measures
+_OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 
 @dataclass(frozen=True)
 class Piece:
-    """Trials of one point, from ``first`` on, up to but without ``stop``.
+    """Trials of one point, from ``first`` up to but not including ``stop``.
 
     Parameters
     ----------
     point : int
-        Its number in the store.
+        Number of the point in the store.
     problem : Problem
     seeds : str
-        What the seeds of its trials are made of.
+        Text from which the seeds of the trials are derived.
     first, stop : int
     place : object, optional
-        The opened map, workspace or region, if a worker may not have the file.
+        The opened map, workspace or region, for workers that do not have the file.
     """
 
     point: int
@@ -49,7 +49,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Batch:
-    """Some pieces, played one after another by one worker."""
+    """Several pieces that one worker runs in order."""
 
     sweep_seed: int
     pieces: tuple[Piece, ...]
@@ -62,16 +62,16 @@ class Batch:
 
 @dataclass(frozen=True)
 class Answer:
-    """What a worker has finished.
+    """The results of a worker for one batch.
 
     Parameters
     ----------
     rows : list of (point, trial, seed, result)
-        The result as JSON.
+        Results as JSON.
     failures : list of (point, trial, seed, error)
     seconds : float
     paces : list of (point, float)
-        Seconds a trial, by piece.
+        Seconds per trial, for each piece.
     versions : dict
         See `shoal.lab.versions`.
     worker : str
@@ -89,7 +89,7 @@ _places: dict[tuple[str, str], Any] = {}
 
 
 def placed(problem: Problem) -> Problem:
-    """Return a problem with its place opened; problems about the same place share it."""
+    """Return a problem with its place opened. Problems about the same place share it."""
     name = problem.place_key()
     if name is None:
         return problem
@@ -102,7 +102,7 @@ def placed(problem: Problem) -> Problem:
 
 
 def play_batch(batch: Batch) -> Answer:
-    """Play a batch: what runs in a worker. An error in a trial is its failure, and the others go on."""
+    """Run a batch in a worker. An error in one trial becomes its failure, and the other trials continue."""
     began = time.perf_counter()
     rows, failures, paces = [], [], []
     for piece in batch.pieces:
@@ -112,7 +112,7 @@ def play_batch(batch: Batch) -> Answer:
             try:
                 problem = placed(piece.problem) if piece.place is None else piece.problem.at_place(piece.place)
                 rows.append((piece.point, trial, seed, _written(problems.trial(problem, seed))))
-            except (Exception, SystemExit) as error:  # a third party's policy or function: anything may happen in it
+            except (Exception, SystemExit) as error:  # third-party code may raise any exception
                 what = " ".join(str(error).split())[:500]
                 failures.append(
                     (piece.point, trial, seed, what if isinstance(error, ShoalError) else f"{type(error).__name__}: {what}")
@@ -123,12 +123,12 @@ def play_batch(batch: Batch) -> Answer:
 
 
 def worker_name() -> str:
-    """Return what this process is called among workers: machine and process."""
+    """Return the name of this process among the workers: machine and process number."""
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
 def _written(values: list[Any]) -> str:
-    """Return a result as JSON, NumPy's numbers as Python's."""
+    """Return a result as JSON, with NumPy's numbers converted to Python's."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     for value in plain:
         if not is_storable(value):
@@ -137,14 +137,14 @@ def _written(values: list[Any]) -> str:
 
 
 def is_storable(value: Any) -> bool:
-    """Tell whether a store takes a value of a result."""
+    """Return whether a store accepts a value as a result."""
     if isinstance(value, str):
         return len(value) <= _LONGEST_TEXT and value.isprintable()
     return value is None or (isinstance(value, int) and abs(value) < 2**63) or (isinstance(value, float) and isfinite(value))
 
 
 def lost_batch(batch: Batch, why: str) -> Answer:
-    """Return the answer of a batch that no worker survived: all of its trials have failed."""
+    """Return an answer in which all trials of a batch failed, because no worker survived the batch."""
     failures = [
         (piece.point, trial, trial_seed(batch.sweep_seed, piece.seeds, trial), why)
         for piece in batch.pieces

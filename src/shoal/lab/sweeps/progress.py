@@ -1,4 +1,4 @@
-"""How far a sweep is, and what is missing of it."""
+"""The progress of a sweep, and its missing trials."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ class SweepStatus:
     done, total : int
         Trials.
     failures : int
-        Trials that ended with an error; a later run tries them again.
+        Number of trials that ended with an error. A later run tries them again.
     points : int
     running : bool
-        Whether a process on this machine runs it now.
+        Whether a process on this machine currently runs the sweep.
     rate : float
-        Trials a second, over the last minute of work; 0 if there was none.
+        Trials per second over the last minute of work; 0 if there was none.
     seconds : float
-        Time that all workers together have spent.
+        Total time in seconds that all workers spent.
     versions : dict
-        What wrote the rows -> how many of them; see `shoal.lab.versions`.
+        Number of rows for each combination of versions; see `shoal.lab.versions`.
     """
 
     name: str
@@ -40,18 +40,18 @@ class SweepStatus:
 
     @property
     def complete(self) -> bool:
-        """Whether every trial is there."""
+        """Whether all trials are finished."""
         return self.done == self.total
 
     @property
     def left(self) -> float | None:
-        """Seconds until all is done at this rate; None if it is not known."""
+        """Estimated remaining time in seconds, or None if unknown."""
         return (self.total - self.done) / self.rate if self.rate else None
 
 
 @dataclass(frozen=True)
 class Gap:
-    """Trials of a point that are not there: from ``first`` on, up to but without ``stop``."""
+    """Missing trials of a point, from ``first`` up to but not including ``stop``."""
 
     point: Point
     id: int
@@ -66,15 +66,15 @@ class SweepProgress:
     Parameters
     ----------
     done, total : int
-        Trials; those done before this run are among them.
+        Number of finished trials, including those of earlier runs, and number of all trials.
     fresh : int
-        Trials done by this run.
+        Number of trials finished by this run.
     failures : int
-        Of this run.
+        Number of failed trials in this run.
     deaths : int
-        Workers that died.
+        Number of workers that died.
     seconds : float
-        Since this run began.
+        Seconds since the start of this run.
     """
 
     done: int
@@ -86,5 +86,5 @@ class SweepProgress:
 
     @property
     def rate(self) -> float:
-        """Trials a second in this run."""
+        """Trials per second in this run."""
         return self.fresh / self.seconds if self.seconds > 0 else 0.0

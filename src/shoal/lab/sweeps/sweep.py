@@ -1,4 +1,4 @@
-"""Sweep: what to run, as a declaration; its points, their keys and the seeds of their trials."""
+"""Sweep: the declaration of an experiment with its points, their keys and the seeds of the trials."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from shoal.lab.sweeps.toml_location import line_of
 
 MAX_TRIALS = 1_000_000_000
 LARGEST_SWEEP = 10_000_000
-"""Bytes of a sweep file."""
+"""Maximum size of a sweep file in bytes."""
 
 
 class SweepForm(BaseModel):
-    """A sweep file."""
+    """The content of a sweep file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -44,19 +44,19 @@ class SweepForm(BaseModel):
 
 @dataclass(frozen=True)
 class Point:
-    """One point of a sweep: a problem, played ``trials`` times.
+    """One point of a sweep: a problem that is run ``trials`` times.
 
     Parameters
     ----------
     number : int
-        Its place in the sweep.
+        Index of the point in the sweep.
     values : dict
         By axis.
     problem : Problem
     key : str
-        A digest of the problem: what its trials are stored under.
+        Digest of the problem, under which its trials are stored.
     seeds : str
-        What the seeds of its trials are made of, besides the seed of the sweep: the problem without the paired axes.
+        Text from which the seeds are derived together with the sweep's seed: the problem without the paired axes.
     """
 
     number: int
@@ -68,24 +68,24 @@ class Point:
 
 @dataclass(frozen=True)
 class Sweep:
-    """Trials of one problem at every combination of values on some axes.
+    """Trials of one problem at every combination of values on several axes.
 
     Parameters
     ----------
     name : str
-        Letters, digits, ``.``, ``_`` and ``-``.
+        Name of letters, digits, ``.``, ``_`` and ``-``.
     problem : dict
-        ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of that kind
+        ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of this kind
         (`shoal.lab.problems`).
     axes : dict
-        Field -> list of values, or a range ``{"from": 100, "to": 5000, "step": 100}``; ``count`` instead of ``step``, with
-        ``"scale": "log"`` if wished. Of a function its arguments.
+        For each field, a list of values or a range ``{"from": 100, "to": 5000, "step": 100}``. A range may have ``count`` instead
+        of ``step``, and ``"scale": "log"``. For a function, axes are its arguments.
     trials : int
-        At each point.
+        Number of trials at each point.
     seed : int
-        Trial k of a point has a seed that depends on this one, the point's problem and k, and on nothing else.
+        Seed of the sweep. The seed of trial k of a point depends only on this seed, the point's problem and k.
     paired : sequence of str
-        Axes that have no part in the seeds: points that differ in these only play trial k with the same seed.
+        Axes that do not influence the seeds. Points that differ only in these axes run trial k with the same seed.
 
     Raises
     ------
@@ -136,7 +136,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """All points, the last axis running fastest."""
+        """All points; the last axis varies fastest."""
         kind = self.problem.get("kind")
         made = tuple(
             self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")
@@ -151,7 +151,7 @@ class Sweep:
 
     def _point(self, number: int, values: dict[str, Any], *, function: bool) -> Point:
         fields = dict(self.problem)
-        if function:  # its axes are its arguments
+        if function:  # the axes are the function's arguments
             fields["arguments"] = dict(fields.get("arguments", {})) | values
         else:
             fields |= values
@@ -165,11 +165,11 @@ class Sweep:
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """What a trial measures."""
+        """Names of the measures of a trial."""
         return self.points[0].problem.measures
 
     def describe(self) -> dict[str, Any]:
-        """Return the sweep as JSON can hold it, one way for equal sweeps."""
+        """Return the sweep as JSON data. Equal sweeps give equal data."""
         return {
             "name": self.name,
             "problem": self.problem,
@@ -186,27 +186,27 @@ class Sweep:
         Raises
         ------
         InvalidInputError
-            With the file, the line and the field.
+            If the file is invalid. The message names the file, the line and the field.
         """
         return sweep_in(read_text(Path(path), what="sweep file", most=LARGEST_SWEEP), where=str(path))
 
 
 def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] | None = None) -> Sweep:
-    """Return the sweep that the text of a sweep file describes.
+    """Return the sweep in the text of a sweep file.
 
     Parameters
     ----------
     text : str
         TOML.
     where : str
-        What messages begin with, as the name of the file.
+        Beginning of error messages, such as the name of the file.
     check : callable, optional
-        Given the fields before anything is made of them; what it raises gets its line, too.
+        Function that checks the fields before they are used. Its exceptions also get a line number.
 
     Raises
     ------
     InvalidInputError
-        With the line and the field.
+        If the text is invalid. The message names the line and the field.
     """
     data = parse_toml(text, where=where)
     try:
@@ -220,7 +220,7 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
 
 
 def parse_toml(text: str, *, where: str) -> dict[str, Any]:
-    """Return the fields of the text of a sweep file.
+    """Return the fields in the text of a sweep file.
 
     Raises
     ------
@@ -245,7 +245,7 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
     data : mapping
         The fields of a sweep file.
     where : str
-        What messages begin with, as the name of the file.
+        Beginning of error messages, such as the name of the file.
 
     Raises
     ------
@@ -259,7 +259,7 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
 
 
 def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:
-    """Return the fields of a sweep, each of its type; no problem is made of them.
+    """Return the fields of a sweep with their types. No problem is created.
 
     Raises
     ------
@@ -276,12 +276,12 @@ def _words(values: Mapping[str, Any]) -> str:
 
 
 def digest_of(content: str | bytes) -> str:
-    """Return a short digest of a text, or of bytes."""
+    """Return a short digest of a text or of bytes."""
     return hashlib.blake2b(content.encode() if isinstance(content, str) else content, digest_size=16).hexdigest()
 
 
 def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
-    """Return the seed of a trial: 63 bits of a digest of (seed of the sweep, problem without paired axes, trial).
+    """Return the seed of a trial: 63 bits of a digest of (sweep's seed, problem without paired axes, trial).
 
     Examples
     --------
@@ -293,7 +293,7 @@ def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], *, path: str = "") -> Iterator[str]:
-    """Yield what differs between two descriptions, as "trials: 10 -> 20".
+    """Yield the differences between two descriptions, such as "trials: 10 -> 20".
 
     Examples
     --------
@@ -325,7 +325,7 @@ def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
 
 
 def is_extended(old: Sweep, new: Sweep) -> bool:
-    """Tell whether all trials of a sweep are trials of another."""
+    """Return whether all trials of one sweep are also trials of another."""
     seeds = {point.key: point.seeds for point in new.points}
     kept = all(seeds.get(point.key) == point.seeds for point in old.points)
     return kept and new.trials >= old.trials and new.seed == old.seed

@@ -1,4 +1,4 @@
-"""Where in a TOML file the field is that a message is about."""
+"""Location of a field in a TOML file, for error messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _FIELD = re.compile(r"""(["']?)([\w.-]+)\1\s*=""")
 
 
 def line_of(text: str, message: str) -> int | None:
-    r"""Return the line of the field that a message names, "problem: mpa: expected ..."; None if none of its names is in the file.
+    r"""Return the line of the field that a message names ("problem: mpa: expected ..."), or None if it is not in the file.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def line_of(text: str, message: str) -> int | None:
 
 
 def _lines(text: str) -> dict[str, int]:
-    """Return the lines of headers and fields, by dotted name."""
+    """Return the lines of headers and fields by dotted name."""
     found: dict[str, int] = {}
     section = ""
     for number, line in enumerate(text.splitlines(), 1):

@@ -1,4 +1,4 @@
-"""A sweep as the text of its file: TOML with the problem and the axes as tables."""
+"""Writing of a sweep as TOML, with the problem and the axes as tables."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _TABLES = ("problem", "axes")
 
 
 def as_toml(sweep: Mapping[str, Any]) -> str:
-    """Return the text of a sweep file; None and empty tables are left out.
+    """Return the text of a sweep file, without None and empty tables.
 
     Parameters
     ----------
     sweep : mapping
-        The fields of a sweep file, as `shoal.lab.Sweep.describe` returns them; ranges may stay ranges.
+        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. Ranges may stay ranges.
 
     Raises
     ------
     InvalidInputError
-        If TOML cannot say a value.
+        If TOML cannot represent a value.
 
     Examples
     --------
