@@ -13,9 +13,9 @@ from shoal.papers.errata import Erratum, record
 PAGE = Path(__file__).parent / "index.md"
 HEAD = """# Errata of the papers
 
-This page lists what the four papers print and what does not hold, or needs a remark. It is for readers who compare their own
-numbers with the papers. Every erratum has a check, which computes the numbers under "Found by it". The checks lie in `docs/errata`
-of the repository, and `shoal reproduce --all` runs them. `python -m docs.errata` writes this page.
+This page is for people who compare their own numbers with the four papers. It lists the statements in the papers that are wrong
+or need a remark. For each statement, a program checks the correction and computes the numbers under "Result". These programs are in
+`docs/errata` of the repository, and `shoal reproduce --all` runs them. `python -m docs.errata` writes this page.
 
 | letter | paper | errata |
 |---|---|---|
@@ -36,7 +36,7 @@ def page(errata: Iterable[Erratum]) -> str:
     parts = [HEAD + "".join(rows)]
     for one in errata:
         parts.append(f"## {one.source[0].upper()}{one.source[1:]}\n")
-        parts.append(f"- Printed: {one.printed}.\n- Holds: {one.holds}.\n- Check: {one.check}.\n- Found by it: {one.found}.\n")
+        parts.append(f"- Printed: {one.printed}.\n- Correct: {one.holds}.\n- Check: {one.check}.\n- Result: {one.found}.\n")
     return "\n".join(parts)
 
 

@@ -86,8 +86,10 @@ def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
 @erratum(
     "paper W, algorithm 2",
     "line 3: p'_i = s1 + s2 - p_i; line 11: [l_i ... p_i] - p'_i and [p_i+1 ... l_i+1] - p'_i+1",
-    "line 3: p_i + s_a - s_b, b the particle nearer to the edge; line 11: each chain less the other end; skip edges out of reach",
-    "share that the set of the algorithm and the exact one have in common, of what either has: 4 polygons, 6 random starts each",
+    "line 3: p_i + s_a - s_b, where b is the particle nearer to the edge; line 11: each chain minus the other "
+    "end; edges out of reach "
+    "must be skipped",
+    "the overlap (intersection over union) of the algorithm's set and the exact set, in 4 polygons with 6 random starts each",
 )
 def _algorithm() -> tuple[str, bool]:
     from shoal.steering import open_workspace, polygon, polygon_reach, regular_polygon
@@ -107,6 +109,6 @@ def _algorithm() -> tuple[str, bool]:
                 pieces = [_piece(corners, i, s, line3=line3, line11=line11) for i in range(len(corners))]
                 told = np.any([_within(piece, grid) for piece in pieces if piece is not None] or [np.zeros_like(exact)], axis=0)
                 shares[line3, line11].append(float(np.sum(told & exact) / np.sum(told | exact)))
-    names = ("as printed", "with line 3 mended", "with line 11 mended", "with both")
+    names = ("as printed", "with line 3 corrected", "with line 11 corrected", "with both")
     words = [f"{name} {100 * min(shares[w]):.0f} to {100 * max(shares[w]):.0f} %" for name, w in zip(names, ways, strict=True)]
     return ", ".join(words), min(shares[ways[3]]) > 0.99 and all(np.mean(shares[way]) < 0.5 for way in ways[:3])

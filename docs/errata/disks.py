@@ -28,8 +28,8 @@ def _pairs(rng: np.random.Generator, count: int, radius: float) -> Vector:
 @erratum(
     "paper W, section IV.E, eq. 2",
     "the contacts lie around θ = arctan((p1.x - p2.x) / (p1.y - p2.y))",
-    "around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction of p1 seen from p2; for contacts of p2 add π",
-    "20,000 pairs of points and contacts of p1: whether p2 is then inside the disk, by its distance to the middle",
+    "the contacts lie around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction from p2 to p1; for contacts of p2, add π",
+    "whether p2 is inside the disk, for 20,000 pairs of points with random contacts of p1",
 )
 def _contacts() -> tuple[str, bool]:
     rng, r = np.random.default_rng(2), 0.5
@@ -41,27 +41,28 @@ def _contacts() -> tuple[str, bool]:
     for theta in (np.arctan2(-apart[:, 1], -apart[:, 0]), np.arctan2(-apart[:, 0], -apart[:, 1])):
         told = np.abs((angles - theta + pi) % (2 * pi) - pi) <= half
         agree.append(float(np.mean(told == inside)))
-    return f"agree: corrected {100 * agree[0]:.2f} %, as printed {100 * agree[1]:.2f} %", agree[0] == 1 and agree[1] < 0.9
+    found = f"the corrected equation is right in {100 * agree[0]:.2f} % of the cases, the printed one in {100 * agree[1]:.2f} %"
+    return found, agree[0] == 1 and agree[1] < 0.9
 
 
 @erratum(
     "paper W, section IV.E, eq. 3",
-    "the chord runs over ψ ± γ/2",
-    "ψ ± γ: γ is the half angle",
-    "the end of a chord on the circle lies at ψ ± γ",
+    "the chord extends over ψ ± γ/2",
+    "the chord extends over ψ ± γ, because γ is the half angle",
+    "the distance of the points of the circle at γ and at γ/2 from the chord",
 )
 def _half_angle() -> tuple[str, bool]:
     r, depth = 0.5, 0.2  # the chord at that distance below the contact
     gamma = float(np.arccos((r - depth) / r))
     off = [abs(r * np.cos(angle) - (r - depth)) for angle in (gamma, gamma / 2)]
-    return f"off the chord by {off[0]:.1e} at γ, by {off[1]:.3f} at γ/2", off[0] < 1e-12 < off[1]
+    return f"the distance from the chord is {off[0]:.1e} at γ and {off[1]:.3f} at γ/2", off[0] < 1e-12 < off[1]
 
 
 @erratum(
     "paper W, section IV.E, eq. 4",
     "d⊥ = 2 ‖s1·p_ψ - s2·p_ψ‖",
-    "d⊥ = |(s1 - s2)·e(ψ)|; the printed factor 2 is 1/r, right for r = ½ only",
-    "how deep particle 2 lies below the tangent where particle 1 touches, for 1000 pairs on disks of r = 0.5 and r = 1",
+    "d⊥ = |(s1 - s2)·e(ψ)|; the printed factor 2 should be 1/r, so it is right only for r = ½",
+    "the distance of particle 2 from the tangent at the contact of particle 1, for 1000 pairs on disks of r = 0.5 and r = 1",
 )
 def _depth() -> tuple[str, bool]:
     rng, worst = np.random.default_rng(3), {}
@@ -74,7 +75,10 @@ def _depth() -> tuple[str, bool]:
         corrected = np.abs(np.sum(apart * e, axis=1))
         printed = 2 * np.abs(np.sum(pairs[:, 0] * (r * e), axis=1) - np.sum(pairs[:, 1] * (r * e), axis=1))
         worst[r] = float(np.abs(corrected - depth).max()), float(np.abs(printed - depth).max())
-    found = "; ".join(f"r = {r:g}: corrected off by {a:.0e} at most, as printed by {b:.2g}" for r, (a, b) in worst.items())
+    found = "; ".join(
+        (f"for r = {r:g}, the largest error is {a:.0e} for the corrected equation and {b:.2g} for the printed one")
+        for r, (a, b) in worst.items()
+    )
     return found, max(worst[0.5][0], worst[0.5][1], worst[1.0][0]) < 1e-12 and worst[1.0][1] > 0.5
 
 
@@ -103,9 +107,9 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
 
 @erratum(
     "paper W, section IV.E, eq. 6",
-    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), one number; l2 for γ(ψ_max) < γ < 0",
-    "vectors: l = r (e(ψ + a) - e(ψ)); l2 for -γ(ψ_max) < a < 0",
-    "how far the lines go in 45 directions from Δ = (0.3, 0), against bisection with the exact condition for two moves",
+    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number; the line l2 is for γ(ψ_max) < γ < 0",
+    "the lines are vectors, l = r (e(ψ + a) - e(ψ)); the line l2 is for -γ(ψ_max) < a < 0",
+    "the distance of the lines in 45 directions for Δ = (0.3, 0), compared with bisection by the exact condition for two moves",
 )
 def _outline() -> tuple[str, bool]:
     from shoal.steering import disk, reached_in_two_moves
@@ -119,15 +123,15 @@ def _outline() -> tuple[str, bool]:
             middle = (low + high) / 2
             low, high = (low, middle) if reached_in_two_moves(disk(r), (distance, 0), middle * ahead) is None else (middle, high)
         off = [max(worst, abs(_way_out(made, ahead) - low)) for worst, made in zip(off, (lines, wrong), strict=True)]
-    found = f"corrected lines off by {off[0]:.1e} at most; the printed ones, their two terms read as a vector, by {off[1]:.2f}"
+    found = f"the largest error is {off[0]:.1e} for the corrected lines and {off[1]:.2f} for the printed lines, read as vectors"
     return found, off[0] < 1e-4 and off[1] > 0.1
 
 
 @erratum(
     "paper W, section IV.E, eq. 7",
     "‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r cos γ",
-    "both inequalities the other way round",
-    "2000 two-move outcomes from random contacts, played by the contact world",
+    "both inequalities must be reversed",
+    "a simulation of 2000 pairs of moves with random contacts",
 )
 def _inequalities() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk
@@ -150,14 +154,15 @@ def _inequalities() -> tuple[str, bool]:
         corrected += inside and above
         reversed_ += not inside and not above
         count += 1
-    return f"corrected: {corrected} of {count} hold; as printed: {reversed_}", corrected == count and reversed_ == 0
+    found = f"the corrected inequalities hold in {corrected} of {count} cases, the printed ones in {reversed_}"
+    return found, corrected == count and reversed_ == 0
 
 
 @erratum(
     "paper W, section IV.E, eq. 8",
     "ψ = arctan(w.x / w.y), w = Δp - Δg",
-    "ψ = atan2(w.x, -w.y), or that + π: the wall is parallel to w, not its mirror image",
-    "500 goals that particle 2 reaches by a move along the wall: particle 1 sent to ψ, then that move, by the contact world",
+    "ψ = atan2(w.x, -w.y) or this value + π, because the wall is parallel to w and not to its mirror image",
+    "a simulation of 500 goals that particle 2 reaches by a move along the wall, after particle 1 has moved to ψ",
 )
 def _contact_of_a_chord() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk
@@ -177,30 +182,36 @@ def _contact_of_a_chord() -> tuple[str, bool]:
             angle = np.arctan2(y, x)
             ways = (world.play(start, [r * _unit(a) - start[0], push])[-1] for a in (angle, angle + pi))
             reached[k] += any(np.hypot(*(end[1] - end[0] - apart - push)) < 1e-9 for end in ways)
-    return f"corrected: {reached[0]} of {tried} goals reached; as printed: {reached[1]}", reached[0] == tried > 2 * reached[1]
+    found = f"the corrected angle reaches {reached[0]} of {tried} goals, the printed one {reached[1]}"
+    return found, reached[0] == tried > 2 * reached[1]
 
 
 @erratum(
     "paper W, section IV.F",
-    "two moves on a disk reach at most 0.373, from about 0.81 diameters",
-    "0.377, from about 0.8175",
-    "maximum of the exact share over the distance",
+    "two moves on a disk reach at most the share 0.373, from a distance of about 0.81 diameters",
+    "two moves reach at most the share 0.377, from a distance of about 0.8175 diameters",
+    "the maximum of the exact share over all distances",
 )
 def _most() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import largest_two_move_fraction
 
     at, most = largest_two_move_fraction()
-    return f"{most:.4f} at {at:.4f}", most > 0.3765 and abs(at - 0.8175) < 0.01
+    return f"the maximum is {most:.4f} at a distance of {at:.4f} diameters", most > 0.3765 and abs(at - 0.8175) < 0.01
 
 
 @erratum(
     "paper W, Fig. 15",
-    "the error falls as 8.66 / length³",
-    "only if particle 2 always touches; with the nearer one 0.01 takes half the length",
-    "both, cycle after cycle",
+    "the remaining distance from the goals falls as 8.66 / length³",
+    "this law holds only if particle 2 is always the toucher; if the nearer particle touches, a distance of 0.01 "
+    "needs half the length",
+    "plans of both kinds, computed cycle by cycle",
 )
 def _law() -> tuple[str, bool]:
     from shoal.papers.steering.antipodes import swap_antipodes
 
     second, nearer = (swap_antipodes(toucher=who).length_to(0.01) for who in ("second", "nearer"))
-    return f"0.01 at length {second:.1f} and {nearer:.1f}; by the law {(8.66 / 0.01) ** (1 / 3):.1f}", nearer < 0.6 * second
+    found = (
+        f"a distance of 0.01 needs a length of {second:.1f} if particle 2 touches and {nearer:.1f} if the nearer "
+        f"particle touches; the law gives {(8.66 / 0.01) ** (1 / 3):.1f}"
+    )
+    return found, nearer < 0.6 * second

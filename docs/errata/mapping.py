@@ -17,9 +17,9 @@ erratum = into(CHECKS)
 
 @erratum(
     "paper M, section III.B.1",
-    "one particle maps by depth-first search in 2 (m - 1) moves at most",
-    "in 2 (m - 1) moves and one more for each wall cell that it finds by running into it",
-    "three episodes on each of three maps",
+    "depth-first search maps with one particle in at most 2 (m - 1) moves",
+    "depth-first search takes at most 2 (m - 1) moves plus one move for each wall cell that it probes",
+    "three episodes of depth-first search on each of three maps",
 )
 def _probes() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials
@@ -33,45 +33,50 @@ def _probes() -> tuple[str, bool]:
         played = run_trials(workspace, trials=3, policy="depth-first", particles=1, workers=1)
         walls = [len(episode.final()[1].obstacles) for episode in played]
         fits &= all(tree < episode.moves <= tree + found for episode, found in zip(played, walls, strict=True))
-        words.append(f"{name}: {max(e.moves for e in played)} at most, 2 (m - 1) = {tree}, with walls {tree + max(walls)}")
+        words.append(
+            f"on {name}, the episodes take up to {max(e.moves for e in played)} moves; 2 (m - 1) = {tree}, with walls "
+            f"{tree + max(walls)}"
+        )
     return "; ".join(words), fits
 
 
 @erratum(
     "paper M, section III.B.1",
     "the best competitive ratio on simple grid graphs is 7/6",
-    "13/11 at least and 5/4 at most (later papers; lengths up to a constant)",
-    "all regions without holes of up to 7 cells, each start, each way to explore them and come back, searched through: which ratio "
-    "can be kept on all of them",
+    "later papers prove that the best ratio is at least 13/11 and at most 5/4 (for lengths up to a constant)",
+    "an exhaustive search over all regions without holes of up to 7 cells, all starts, and all strategies that explore a region "
+    "and return: whether one strategy achieves a given ratio on all regions",
 )
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
     kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
-    words = ", ".join(f"{text} can {'' if found else 'not '}be kept" for text, found in kept.items())
-    return f"{len(regions)} regions with starts; {words}", kept == {"7/6": False, "5/4": True}
+    words = ", ".join(f"the ratio {text} {'can' if found else 'cannot'} be achieved" for text, found in kept.items())
+    return f"of {len(regions)} pairs of a region and a start: {words}", kept == {"7/6": False, "5/4": True}
 
 
 @erratum(
     "paper M, algorithm 2",
     "the elected particle goes to its nearest frontier cell",
-    "where another particle blocks it, that one must take over: with a new path at each move, as the text has it, the algorithm "
-    "goes round for ever else",
-    "30 placements of 20 particles on a maze, played cell by cell until nothing is left or a state comes again; a new path at "
-    "each move, as the text has it, and paths played to their ends, as algorithm 2 has it",
+    "if another particle blocks the elected particle, the blocking particle must be elected instead; otherwise "
+    "the algorithm with a "
+    "new path at each move, as the text describes it, can repeat itself forever",
+    "a simulation of 30 placements of 20 particles in a maze, until the map is complete or a state repeats, with "
+    "a new path at each "
+    "move (as in the text) and with complete paths (as in algorithm 2)",
 )
 def _handover() -> tuple[str, bool]:
     ground = FreeCells.of("maze:9x7")
     ended = [sum(plays(ground, seed, **way) for seed in range(30)) for way in ({}, {"whole": True}, {"handover": True})]
-    words = ("with a new path at each move", "with paths played to their ends", "with a new path at each move and the handover")
+    words = ("with a new path at each move", "with complete paths", "with a new path at each move and the handover")
     found = ", ".join(f"{count} {way}" for count, way in zip(ended, words, strict=True))
-    return f"of 30 end: {found}", ended[0] < 30 == ended[2]
+    return f"number of the 30 episodes that end: {found}", ended[0] < 30 == ended[2]
 
 
 @erratum(
     "paper M, algorithm 3",
-    "BFS(M, r, frontier): which of several nearest frontier cells comes first is not said",
-    "it matters: on a line, up and down before left and right saves a quarter of the moves",
-    "60 episodes of 50 particles on line:500 by each order of neighbours, on the same seeds",
+    "BFS(M, r, frontier) returns a nearest frontier cell; the paper does not state which one if there are several",
+    "the choice matters: on a line, the order up, down, left, right saves a quarter of the moves",
+    "60 episodes of 50 particles on line:500 with each of two orders of neighbours and the same seeds",
 )
 def _ties() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials
@@ -86,15 +91,18 @@ def _ties() -> tuple[str, bool]:
     ]
     found = compare(*moves)
     less = found.difference
-    words = f"less by {-less.mean:.1f} moves [{-less.high:.1f}, {-less.low:.1f}], ratio {found.ratio:.2f}"
+    words = (
+        f"the order up, down, left, right saves {-less.mean:.1f} moves [{-less.high:.1f}, {-less.low:.1f}]; the ratio "
+        f"is {found.ratio:.2f}"
+    )
     return words, less.high < 0 and found.ratio < 0.8
 
 
 @erratum(
     "paper M, theorem 2",
-    "closest-frontier needs m (m + 1) / 2 moves at most",
-    "m (3m + 1): the sum leaves out the walls, which are frontier cells, too",
-    "straight corridors of 1 to 6 cells, one particle",
+    "closest-frontier needs at most m (m + 1) / 2 moves",
+    "closest-frontier needs at most m (3m + 1) moves; the printed sum omits the walls, which are also frontier cells",
+    "episodes with one particle in straight corridors of 1 to 6 cells",
 )
 def _theorem() -> tuple[str, bool]:
     from tests.swarm_runs import run
@@ -102,15 +110,17 @@ def _theorem() -> tuple[str, bool]:
     from shoal.swarm.maps.open import open_map
 
     rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
-    words = ", ".join(f"{moves} for {m * (m + 1) // 2}" for m, moves in rows)
-    return f"moves for printed bound: {words}", all(m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows)
+    words = ", ".join(f"{moves} ({m * (m + 1) // 2})" for m, moves in rows)
+    return f"moves, with the printed bound in brackets: {words}", all(
+        m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows
+    )
 
 
 @erratum(
     "paper M, data of Fig. 10",
     "coverage with a particle in every cell takes 1 move",
-    "0: nothing is left to cover; mapping takes 4",
-    "an episode of each on a rectangle of 9 by 7",
+    "coverage takes 0 moves, because all cells are already visited; mapping takes 4 moves",
+    "one episode of coverage and one of mapping on a rectangle of 9 by 7 cells",
 )
 def _full() -> tuple[str, bool]:
     from tests.swarm_runs import run
@@ -119,16 +129,19 @@ def _full() -> tuple[str, bool]:
 
     workspace = open_map("rectangle:9x7")
     cover, mapped = (run(workspace, task=task, particles=workspace.n_free).moves for task in ("coverage", "mapping"))
-    return f"coverage {cover}, mapping {mapped} moves", (cover, mapped) == (0, 4)
+    return f"coverage takes {cover} moves and mapping {mapped}", (cover, mapped) == (0, 4)
 
 
 @erratum(
     "paper M, Fig. 10",
-    "subset coverage is of 10 % of the empty cells",
-    "open: on the authors' map, which does not ship, 10 % take 714, 82 and 7.8 moves for n = 100, 1000 and 4000, 20 % take 874, "
-    "100 and 9.2, and published are 836, 99 and 9.3, so in moves the curve is that of 20 %, 1.2 times that of 10 % throughout; but "
-    "its ratio to the published coverage is that of 10 % on maps of three kinds, so both published curves may be too high instead",
-    "120 episodes each of coverage and of both shares on three maps of vessels, 40 on a maze and a rectangle, by closest-frontier",
+    "in subset coverage, particles visit 10 % of the free cells",
+    "the question is open. On the authors' map, which Shoal does not contain, a share of 10 % takes 714, 82 and 7.8 moves for "
+    "n = 100, 1000 and 4000, and a share of 20 % takes 874, 100 and 9.2 moves. The published numbers are 836, 99 and 9.3, so they "
+    "fit a share of 20 %. But the ratio of the published subset coverage to the published coverage fits a share of 10 % on maps of "
+    "three kinds, so both published curves may be too high instead",
+    "episodes of closest-frontier with coverage and with both shares: 120 episodes each on three maps of "
+    "vessels, 40 each on a maze "
+    "and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials
@@ -154,11 +167,11 @@ def _subset() -> tuple[str, bool]:
             tenth, fifth = (moves[kind, n, name][0] / moves[kind, n, "all"][0] for name in ("10 %", "20 %"))
             there = part.mean[part.x == n][0] / whole.mean[whole.x == n][0]
             as_a_tenth &= n < 4000 or bool(abs(tenth - there) < abs(fifth - there))
-            words.append(f"{kind}, n = {n}: ratio to coverage {tenth:.2f} for 10 %, {fifth:.2f} for 20 %, published {there:.2f}")
+            words.append(f"{kind}, n = {n}: ratio to coverage {tenth:.2f} for 10 %, {fifth:.2f} for 20 %, {there:.2f} published")
     assert part.std is not None  # the file has them
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials
     tenths, fifths = moves["vessels", 4000, "10 %"], moves["vessels", 4000, "20 %"]
     spans = [f"{middle:.1f} ± {half:.1f}" for middle, half in (tenths, fifths, (mean, 2 * error))]
-    words.append("moves on vessels at n = 4000 {} and {}, published {}".format(*spans))
+    words.append("moves on vessels at n = 4000: {} for 10 %, {} for 20 %, {} published".format(*spans))
     as_a_fifth = tenths[0] + tenths[1] < mean - 2 * error and abs(fifths[0] - mean) < fifths[1] + 2 * error
     return "; ".join(words), bool(as_a_fifth and as_a_tenth)

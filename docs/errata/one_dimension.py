@@ -48,9 +48,9 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
 
 @erratum(
     "paper D, eq. 2",
-    "mean moves to both ends 3(1+m)/(1+n)",
-    "the same less (m-n+1)/C(m,n), as in paper M, eq. 2",
-    "all placements of n = 3 in m = 9 cells, played particle by particle",
+    "the mean number of moves to find both ends is 3(1+m)/(1+n)",
+    "the mean is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in paper M, eq. 2",
+    "a simulation of all placements of n = 3 particles in m = 9 cells, particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -58,14 +58,18 @@ def _boundary() -> tuple[str, bool]:
     m, n = 9, 3
     counted = Fraction(sum(_played(m, p)[0] for p in _placements(m, n)), comb(m, n))
     exact, printed = Line(m, n).boundary.exact, Fraction(3 * (1 + m), 1 + n)
-    return f"{float(counted):.5f} played, {float(exact):.5f} exact, {float(printed):.5f} by paper D", counted == exact != printed
+    return (
+        f"the mean is {float(counted):.5f} in the simulation, {float(exact):.5f} by the exact formula, and "
+        f"{float(printed):.5f} by paper D",
+        counted == exact != printed,
+    )
 
 
 @erratum(
     "papers M, D, section III.A.2",
     "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves",
-    "p + max(R, need): where the largest gap decides the formula counts too much",
-    "all placements of n = 3 in m = 12 cells, played particle by particle",
+    "full coverage takes p + max(R, need) moves; if the largest gap decides, the printed formula counts too many moves",
+    "a simulation of all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -74,7 +78,8 @@ def _coverage() -> tuple[str, bool]:
     counted = Fraction(sum(_played(m, p)[1] for p in _placements(m, n)), comb(m, n))
     mean = Line(m, n).coverage
     return (
-        f"{float(counted):.4f} played, {float(mean.exact):.4f} exact, {float(mean.printed):.4f} printed",
+        f"the mean is {float(counted):.4f} in the simulation, {float(mean.exact):.4f} by the exact formula, and "
+        f"{float(mean.printed):.4f} by the printed formula",
         counted == mean.exact < mean.printed,
     )
 
@@ -82,8 +87,8 @@ def _coverage() -> tuple[str, bool]:
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
     "full coverage of m = 1000, n = 100 takes 60.7 moves",
-    "58.74; the data take gaps as differences of positions, one too many again",
-    "exact counts, and the published curve at m = 5000",
+    "full coverage takes 58.74 moves; the published data also count a gap as the difference of two positions, which is one too many",
+    "the exact mean, compared with the published curve at m = 5000",
 )
 def _published_coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -94,16 +99,22 @@ def _published_coverage() -> tuple[str, bool]:
     mean, error = there[1000][0], there[1000][1] / 2000**0.5  # 2000 trials a point
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
-    found = f"m = 1000: {float(line.coverage.exact):.2f} exact, {float(line.published_coverage):.2f} with gaps as differences; "
-    found += f"m = 5000, n = 1000: {exact:.2f} exact, {theirs:.2f} with gaps as differences, {mean} ± {error:.2f} published"
+    found = (
+        f"for m = 1000, the mean is {float(line.coverage.exact):.2f}, and {float(line.published_coverage):.2f} with "
+        "gaps as differences; "
+    )
+    found += (
+        f"for m = 5000, n = 1000, it is {exact:.2f}, {theirs:.2f} with gaps as differences, and {mean} ± {error:.2f} as published"
+    )
     return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
 
 
 @erratum(
     "paper M, section III.A.3",
-    "the search that scans after 1, 2, 4, ... moves takes log2 D scans at most",
-    "log2 D + 3 at most, with the one at the start: as many where D is a power of 2, since one more move than D is needed",
-    "the search walked step by step for all D from 1 to 4096; also with 1, 2, 4, ... moves between scans",
+    "a search with scans after 1, 2, 4, ... moves takes at most log2 D scans",
+    "the search takes at most log2 D + 3 scans, including the scan at the start; this number is reached if D is a power of 2, "
+    "because D + 1 moves are needed",
+    "a simulation of the search for all D from 1 to 4096, and of a second search with 1, 2, 4, ... moves between its scans",
 )
 def _doubling() -> tuple[str, bool]:
     def scans(distance: int, *, between: bool) -> int:
@@ -115,29 +126,29 @@ def _doubling() -> tuple[str, bool]:
 
     over = {way: max(scans(d, between=way) - np.log2(d) for d in range(1, 4097)) for way in (False, True)}
     powers = {scans(2**k, between=False) - k for k in range(1, 13)}
-    found = f"up to log2 D + {over[False]:g} scans, log2 D + {over[True]:g} with so many moves between them"
+    found = f"the first search takes up to log2 D + {over[False]:g} scans, the second one up to log2 D + {over[True]:g}"
     return found, over[False] == 3 and powers == {3}
 
 
 @erratum(
     "papers M, D, section III.A.2",
     "there are C(m-n, n+1) configurations of the gaps",
-    "C(m, n)",
-    "gaps of all placements of 3 in 8 cells, listed",
+    "there are C(m, n) configurations",
+    "a list of the gaps of all placements of 3 particles in 8 cells",
 )
 def _configurations() -> tuple[str, bool]:
     m, n = 8, 3
     gaps = {tuple(np.diff([0, *p, m + 1]).tolist()) for p in _placements(m, n)}
-    return f"{len(gaps)} listed, C(8, 3) = {comb(m, n)}, C(5, 4) = {comb(m - n, n + 1)}", len(gaps) == comb(m, n) != comb(
-        m - n, n + 1
-    )
+    return f"the list has {len(gaps)} configurations; C(8, 3) = {comb(m, n)}, C(5, 4) = {comb(m - n, n + 1)}", len(gaps) == comb(
+        m, n
+    ) != comb(m - n, n + 1)
 
 
 @erratum(
     "paper M, Fig. 5",
-    "the mean largest gap of 10 in 1000 cells is 273.9 (Monte Carlo)",
-    "272.80, by a closed form",
-    "exact distribution of the largest of all 11 gaps, against 100,000 random placements",
+    "the mean largest gap of 10 particles in 1000 cells is 273.9 (Monte Carlo)",
+    "the mean is 272.80, by a closed formula",
+    "the exact distribution of the largest of all 11 gaps, compared with 100,000 random placements",
 )
 def _largest_gap() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line, sample
@@ -146,17 +157,21 @@ def _largest_gap() -> tuple[str, bool]:
     exact, drawn = float(line.largest_gap_distribution.mean), sample(line, 100_000, workers=1)
     error = drawn.standard_error("largest_gap")
     mean = float(drawn.largest_gap.mean())
-    return f"{exact:.2f} exact, {mean:.2f} ± {error:.2f} drawn", abs(mean - exact) < 4.5 * error and abs(exact - 272.80) < 0.005
+    return f"the mean is {exact:.2f} exactly, and {mean:.2f} ± {error:.2f} over the random placements", abs(
+        mean - exact
+    ) < 4.5 * error and abs(exact - 272.80) < 0.005
 
 
 @erratum(
     "paper M, Fig. 6",
-    "its caption says n = 10",
-    "its data are of n = 100",
-    "eq. 2 for both",
+    "the caption of the figure states n = 10",
+    "the data of the figure belong to n = 100",
+    "the value of eq. 2 for both numbers of particles",
 )
 def _caption() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
 
     ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
-    return f"n = 10: {ten:.1f}, n = 100: {hundred:.1f}; printed 29.8", abs(hundred - 29.8) < 0.1 < abs(ten - 29.8)
+    return f"eq. 2 gives {ten:.1f} for n = 10 and {hundred:.1f} for n = 100; the figure shows 29.8", abs(
+        hundred - 29.8
+    ) < 0.1 < abs(ten - 29.8)

@@ -15,9 +15,9 @@ Vector = NDArray[np.float64]
 
 @erratum(
     "paper W, section IV.A",
-    "the Δ configuration space of n sides has 2n, of regular polygons with even n it has n",
-    "two fewer than 2n for each pair of parallel sides, regular or not",
-    "corners of the hull of all differences of corners, for a triangle, a kite, a trapezium and a parallelogram",
+    "the Δ configuration space of a polygon with n sides has 2n sides; for regular polygons with even n it has n sides",
+    "it has 2n sides minus two for each pair of parallel sides, whether the polygon is regular or not",
+    "the number of corners of the convex hull of all differences of corners, for four polygons",
 )
 def _sides() -> tuple[str, bool]:
     from scipy.spatial import ConvexHull
@@ -32,14 +32,14 @@ def _sides() -> tuple[str, bool]:
         found = len(ConvexHull((points[:, None] - points).reshape(-1, 2)).vertices)
         words.append(f"{name} {found}")
         fits &= found == 2 * len(corners) - 2 * parallel
-    return f"{', '.join(words)}; printed 6, 8, 8, 8", fits
+    return f"the hulls have these numbers of corners: {', '.join(words)}; the paper gives 6, 8, 8, 8", fits
 
 
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
-    "a translation delivers both particles, or brings one to the next wall",
-    "one that starts on a wall needs a small lift off it first, or the wall holds who is on it",
-    "1000 translations of two particles, one of them on the left wall of a square, along that wall, played by the contact world",
+    "a translation moves both particles to their goals, or one particle to the next wall",
+    "if a particle touches a wall, it must first move a little off the wall; otherwise the wall holds the particle",
+    "a simulation of 1000 translations along the left wall of a square, with one particle on this wall",
 )
 def _lift() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace
@@ -59,15 +59,18 @@ def _lift() -> tuple[str, bool]:
             off = float(np.abs(end - start - move).max())
             kept[k] += off < 1e-9
             worst[k] = max(worst[k], off)
-    found = f"as printed {kept[0]} of 1000 end where they should, off by up to {worst[0]:.2f}; with a lift of 1e-6 {kept[1]}"
+    found = (
+        f"as printed, {kept[0]} of 1000 translations end at their goals, with errors up to {worst[0]:.2f}; with a "
+        f"lift of 1e-6, {kept[1]} do"
+    )
     return found, kept[1] == 1000 and kept[0] == 0
 
 
 @erratum(
     "paper W, section IV.C",
     "a square needs at most five moves by algorithm 1",
-    "four canonical moves miss a corner of the area |Δx Δy|",
-    "exact set after four moves from Δ = (0.27, 0.11)",
+    "four canonical moves do not reach a corner of the Δ configuration space with the area |Δx Δy|",
+    "the exact reachable set after four moves from Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -75,14 +78,14 @@ def _square() -> tuple[str, bool]:
 
     workspace = open_workspace("square")
     left = 4 * (1 - float(polygon_fractions(workspace, (0.27, 0.11), moves=4).fractions[1]))  # type: ignore[arg-type]  # a polygon
-    return f"area missed {left:.4f}, |Δx Δy| = {0.27 * 0.11:.4f}", abs(left - 0.27 * 0.11) < 0.003
+    return f"the unreached area is {left:.4f}; |Δx Δy| = {0.27 * 0.11:.4f}", abs(left - 0.27 * 0.11) < 0.003
 
 
 @erratum(
     "paper W, section IV.D",
-    "four moves fill a regular triangle, and any acute one",
-    "from some starts; six filled every triangle tried",
-    "exact sets from 8 random starts in each of 4 acute triangles, the regular one first",
+    "four moves reach all differences in a regular triangle and in any acute triangle",
+    "four moves reach all differences only from some starts; six moves were enough in every tested triangle",
+    "the exact reachable sets from 8 random starts in each of 4 acute triangles, the first of them regular",
 )
 def _triangles() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -96,15 +99,20 @@ def _triangles() -> tuple[str, bool]:
         four.append(sum(filling.moves == 4 for filling in fillings))
         missed = max(missed, *(1 - float(filling.fractions[1]) for filling in fillings))
         most = max(most, *(filling.moves or 8 for filling in fillings))
-    found = f"four moves fill them from {', '.join(map(str, four))} of 8 starts, and miss up to {100 * missed:.1f} %"
-    return f"{found}; six at most are needed", four[0] < 8 and sum(four) < 30 and most == 6
+    found = (
+        f"four moves reach all differences from {', '.join(map(str, four))} of 8 starts, and otherwise miss up to "
+        f"{100 * missed:.1f} %"
+    )
+    return f"{found}; at most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
 
 
 @erratum(
     "paper W, section IV.D",
-    "six moves fill up to eight sides, eight up to thirteen",
-    "six up to six sides; seven and eight may need eight, ten ten if the particles start close together",
-    "exact sets from one start each",
+    "six moves reach all differences in regular polygons with up to eight sides, and eight moves with up to thirteen sides",
+    "six moves are enough for up to six sides; seven and eight sides may need eight moves, and ten sides ten "
+    "moves if the particles "
+    "start close together",
+    "the exact reachable sets from one start in each of four polygons",
 )
 def _polygons() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -114,7 +122,7 @@ def _polygons() -> tuple[str, bool]:
     for sides, start, claimed in ((6, (0.13, 0.06), 6), (7, (0.13, 0.06), 6), (8, (0.13, 0.06), 6), (10, (0.002, 0.001), 8)):
         filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
-        words.append(f"{sides} sides: {share:.2f} % after {claimed}, whole after {filling.moves}")
+        words.append(f"{sides} sides: {share:.2f} % after {claimed} moves, all after {filling.moves}")
         needed.append(filling.moves)
     return "; ".join(words), needed == [6, 8, 8, 10]
 
@@ -142,8 +150,8 @@ def _turned(points: Vector) -> Vector:
 @erratum(
     "paper W, section V.A",
     "a wall whose reflected contact cannot make the adjustment is discarded",
-    "take the nearest contact that can: more goals are three moves away, and some by a shorter way",
-    "20,000 random problems in a square, all walls and both touchers; 200 of the plans that the paper discards, played",
+    "use the nearest contact that allows the adjustment: three moves then reach more goals, and some goals by a shorter path",
+    "plans of three moves for 20,000 random problems in a square, and a simulation of 200 plans that the paper discards",
 )
 def _discarded() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace
@@ -170,7 +178,10 @@ def _discarded() -> tuple[str, bool]:
         problems = _turned(problems)
     solved = np.isfinite(best).sum(axis=1)
     shorter = int(np.sum((best[0] < best[1] - 1e-12) & np.isfinite(best[1])))
-    found = f"{solved[0]} solved by three moves, {solved[1]} of them as printed, {shorter} of these shorter by a nearest contact; "
+    found = (
+        f"three moves solve {solved[0]} problems, {solved[1]} of them as printed; {shorter} of these plans are "
+        "shorter with a nearest contact; "
+    )
     return f"{found}{reached} of {played} discarded plans reach their goals", solved[0] > solved[
         1
     ] and shorter > 0 and reached == played

@@ -12,9 +12,9 @@ erratum = into(CHECKS)
 
 @erratum(
     "paper H, section Efficiency",
-    "T_E falls as the reciprocal of the number of robots",
-    "as H_m/m, that is ln m / m; below 20 % with 20 robots holds",
-    "10,000 random starts of 10, 20 and 50 robots in 1024 cells",
+    "the expected time T_E is proportional to the reciprocal of the number of robots",
+    "T_E is proportional to H_m/m, which is about ln m / m; the printed value below 20 % for 20 robots is correct",
+    "the mean over 10,000 random starts of 10, 20 and 50 robots in 1024 cells",
 )
 def _reciprocal() -> tuple[str, bool]:
     from shoal.search.allocation.expected_time import expected_time, stay_share
@@ -30,9 +30,9 @@ def _reciprocal() -> tuple[str, bool]:
 
 @erratum(
     "paper H, section Space-Filling Curves",
-    "number of subregions = (2D)² = 2^(2D)",
-    "(2^D)² = 2^(2D)",
-    "cells of the curve of order 3, and location [3, 5] as printed",
+    "the number of subregions is (2D)² = 2^(2D)",
+    "the number of subregions is (2^D)² = 2^(2D)",
+    "the number of cells of the curve of order 3, and the index of the printed location [3, 5]",
 )
 def _subregions() -> tuple[str, bool]:
     from shoal.search import hilbert_decode, hilbert_encode
@@ -40,17 +40,20 @@ def _subregions() -> tuple[str, bool]:
     cells = hilbert_decode(np.arange(64), order=3)
     index = int(hilbert_encode([[2, 3]], order=3)[0])
     count = len({tuple(cell) for cell in cells.tolist()})
-    return f"{count} cells, (2·3)² = 36; [3, 5] has the index {index}, as printed", count == 64 and index == 28
+    return (
+        f"the curve has {count} cells, while (2·3)² = 36; the location [3, 5] has the index {index}, as printed",
+        count == 64 and index == 28,
+    )
 
 
 @erratum(
     "paper H, section Further Research",
-    "the Hilbert curve has a long path between its ends when closed",
-    "confirmed; Moore's curve has none",
-    "closing edges of both on 32 by 32 cells",
+    "a closed Hilbert curve has a long path between its ends",
+    "the statement is correct; Moore's curve has no such long path",
+    "the closing edges of both curves on 32 by 32 cells",
 )
 def _closing() -> tuple[str, bool]:
     from shoal.search import make_tour
 
     ends = [float(make_tour(name, (32, 32)).metrics().closing_edge) for name in ("hilbert", "moore")]
-    return f"Hilbert {ends[0]:g} cells, Moore {ends[1]:g}", ends[0] == 31 and ends[1] == 1
+    return f"the closing edge has {ends[0]:g} cells for Hilbert's curve and {ends[1]:g} for Moore's", ends[0] == 31 and ends[1] == 1
