@@ -86,9 +86,9 @@ def table(problem: type[Problem]) -> str:
 
 ENVIRONMENT_PAGE = """# Environments
 
-This page lists the options that environments have in addition to the fields of their [problems](problems.md). Almost all fields of a
-problem are options of its environment as well. The exceptions are listed below each table, because the agent makes these decisions. [Use
-the environments](../how-to/environments.md) shows examples.
+This page lists the options that environments have in addition to the fields of their [problems](problems.md). Almost all fields
+of a problem are options of its environment as well. The exceptions are listed below each table, because the agent makes these
+decisions. [Use the environments](../how-to/environments.md) shows examples.
 
 | id | class | options whose default differs from the field's default |
 |---|---|---|
@@ -126,13 +126,14 @@ def row(declared: Declaration) -> str:
 
 LINTER = """# Rules of the mission linter
 
-`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files and report mistakes. Each diagnostic
-names the file, the place in the file, the rule, the expected value and the value in the file. A file with an error marked * cannot be read
-as a mission, and `read_mission` refuses it. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
+`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files and report mistakes. Each
+diagnostic names the file, the place in the file, the rule, the expected value and the value in the file. A file with an error
+marked * cannot be read as a mission, and `read_mission` refuses it. [Missions](../concepts/missions.md) explains how Shoal
+writes mission files.
 
-Pass the region if you can. Without the region, the linter cannot detect a file in which latitude and longitude are exchanged everywhere:
-such a file looks like a mission in another place. The options `--autopilot px4` and `--cap 250` state the expected autopilot and the number
-of items that it stores.
+Pass the region if you can. Without the region, the linter cannot detect a file in which latitude and longitude are exchanged
+everywhere: such a file looks like a mission in another place. The options `--autopilot px4` and `--cap 250` state the expected
+autopilot and the number of items that it stores.
 
 | rule | severity | what is wrong |
 |---|---|---|

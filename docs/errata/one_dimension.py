@@ -87,7 +87,8 @@ def _coverage() -> tuple[str, bool]:
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
     "full coverage of m = 1000, n = 100 takes 60.7 moves",
-    "full coverage takes 58.74 moves; the published data also count a gap as the difference of two positions, which is one too many",
+    "full coverage takes 58.74 moves; the published data also count a gap as the difference of two positions, "
+    "which is one too many",
     "the exact mean, compared with the published curve at m = 5000",
 )
 def _published_coverage() -> tuple[str, bool]:
