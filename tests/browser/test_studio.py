@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Page
-from tests.browser.studio import HOSTILE, Studio, run_and_load, tab
+from tests.browser.studio import HOSTILE, Studio, run_and_load, tab, tab_to
 from tests.browser.waiting import until
 
 import shoal
@@ -128,19 +128,21 @@ def test_a_script_from_the_page_is_that_of_the_library(page: Page, studio: Studi
 def test_particles_are_steered_by_keys_and_the_plan_is_the_librarys(page: Page, studio: Studio) -> None:
     given = {"workspace": "square", "start": [[0.2, 0.3], [0.5, 0.35]], "goal": [[0.8, 0.2], [0.3, 0.75]]}
     studio.open(page, "steering", {"problem": given, "seed": 0})
-    page.get_by_role("button", name="Particle 1 at").press("ArrowUp")
+    tab_to(page, "Particle 1 at 0.2, 0.3")
+    page.keyboard.press("ArrowUp")
     moved = given | {"start": [[0.2, 0.31], [0.5, 0.35]], "planner": "greedy"}
     expected = shoal.run(SteeringProblem(**moved))
     page.locator(".plan", has_text="greedy").get_by_text(f"{expected.moves} moves, length {expected.length:.4g}").wait_for()
     page.locator(".reach").nth(1).wait_for(state="attached")
-    episode = run_and_load(page, studio, "Play")
+    episode = run_and_load(page, studio, "Play", by_keys=True)
     assert np.array_equal(episode.inputs, expected.inputs)
     page.wait_for_selector(".panel:not([hidden]) iframe:not([hidden])")
 
 
 def test_a_figure_of_a_paper_is_run_again(page: Page, studio: Studio) -> None:
     studio.open(page, "papers", {})
-    page.get_by_role("button", name="Run quickly: m-theorem1").click()
+    tab_to(page, "Run quickly: m-theorem1")
+    page.keyboard.press("Enter")
     verdict = page.locator(".verdictChip")
     verdict.wait_for()
     summary = json.loads((studio.folder / "papers" / "m-theorem1.json").read_text())

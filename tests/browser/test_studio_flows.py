@@ -121,14 +121,7 @@ def test_an_episode_of_the_folder_is_opened_again(page: Page, studio: Studio) ->
 def test_the_swarm_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
     studio.open(page, "vessels", {"problem": MAZE, "seed": 11})
     page.locator(".underStage .facts", has_text="free").wait_for()
-    for _ in range(120):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.matches('.bottom .main')"):
-            break
-    page.keyboard.press("Enter")
-    page.wait_for_selector(".panel:not([hidden]) .exports")
-    (kept,) = studio.folder.glob("maze-9x7-closest-frontier-seed11*.npz")
-    assert shoal.load(kept).commands == shoal.run(SwarmProblem(**MAZE), seed=11).commands  # type: ignore[attr-defined]  # a swarm's episode
+    assert run_and_load(page, studio, by_keys=True).commands == shoal.run(SwarmProblem(**MAZE), seed=11).commands
 
 
 def test_a_browser_that_is_closed_changes_nothing_and_two_see_the_same(page: Page, studio: Studio) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import axe_playwright_python
 import pytest
 from playwright.sync_api import Page
-from tests.browser.studio import FORMS, Studio, tab, wear, written_by
+from tests.browser.studio import FORMS, Studio, tab, tab_to, wear, written_by
 from tests.browser.waiting import until
 
 import shoal
@@ -248,18 +248,9 @@ def test_the_gallery_shows_episodes_and_plays_them(page: Page, studio: Studio) -
 def test_a_sweep_is_run_by_keys_alone(page: Page, studio: Studio) -> None:
     studio.open(page, "lab", {"tab": "new", "toml": as_toml(small("keys", trials=2))})
     page.get_by_text("2 points, 4 trials").wait_for()
-    press_until(page, "Run the sweep")
+    tab_to(page, "Run the sweep")
     page.keyboard.press("Enter")
     complete(page, "keys")
-
-
-def press_until(page: Page, words: str) -> None:
-    """Press Tab until the button with these words has the focus."""
-    for _ in range(150):
-        page.keyboard.press("Tab")
-        if page.evaluate("document.activeElement.textContent") == words:
-            return
-    raise AssertionError(f"Tab never came to {words}")
 
 
 AXE = (Path(axe_playwright_python.__file__).parent / "axe.min.js").read_text()

@@ -93,14 +93,9 @@ def test_a_region_is_named_and_simulated_by_keys_alone(page: Page, studio: Studi
     page.keyboard.type("rectangle:60x30\n")
     page.locator(".search-place .source", has_text="rectangle:60x30").wait_for()
     shown(page, region="rectangle:60x30")
-    while page.evaluate("document.activeElement.textContent") != "Simulate":
-        page.keyboard.press("Tab")
-    before = set(studio.folder.iterdir())
-    page.keyboard.press("Enter")
-    page.wait_for_selector(".panel:not([hidden]) .exports")
-    (new,) = set(studio.folder.iterdir()) - before
+    episode = run_and_load(page, studio, "Simulate", by_keys=True)
     expected = shoal.run(SearchProblem("rectangle:60x30", **(FAST | {"footprint": 10})), seed=1)
-    assert shoal.load(new).trace.covered_at == expected.trace.covered_at
+    assert episode.trace.covered_at == expected.trace.covered_at
 
 
 def spot(page: Page, point: tuple[float, float], scale: float, middle: tuple[float, float]) -> tuple[float, float]:
