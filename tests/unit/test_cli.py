@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
 
 import pytest
 
-from shoal.cli import run
+from shoal.cli import main, run
 from shoal.cli.commands import COMMANDS
 from shoal.core.version import __version__
 
@@ -139,6 +140,17 @@ def test_a_policy_beside_the_command(tmp_path):
     ]
     done = subprocess.run(command, cwd=tmp_path, check=True, capture_output=True, text=True)
     assert json.loads(done.stdout)["policy"] == "mine"
+
+
+def test_nothing_that_was_loaded_is_looked_through_at_the_end(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["shoal", "--version"])
+    before = gc.get_threshold()
+    with pytest.raises(SystemExit):
+        main()
+    frozen = gc.get_freeze_count()
+    gc.unfreeze()
+    gc.set_threshold(*before)
+    assert frozen > 1000
 
 
 def test_importing_shoal_loads_nothing_heavy():

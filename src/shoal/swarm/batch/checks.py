@@ -50,7 +50,7 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
     mask = np.asarray(where)
     if mask.dtype != np.bool_ or mask.shape != (count,):
         raise InvalidInputError(f"where: expected {count} booleans, one a world, got {mask.dtype} {mask.shape}")
-    return np.flatnonzero(mask)
+    return mask.nonzero()[0]
 
 
 def check_numbers(

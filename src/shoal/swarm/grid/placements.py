@@ -50,9 +50,13 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     if not 1 <= n <= workspace.n_free:
         raise InvalidInputError(f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}")
     function = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
-    if not _takes(function, workspace, n, rng):
-        raise InvalidInputError(f"placement {_name(placement)}: expected a function (workspace, n, rng) -> cells, got {function!r}")
-    cells = function(workspace, n, rng)
+    try:
+        cells = function(workspace, n, rng)
+    except TypeError:
+        if _takes(function, workspace, n, rng):
+            raise
+        expected = f"placement {_name(placement)}: expected a function (workspace, n, rng) -> cells"
+        raise InvalidInputError(f"{expected}, got {function!r}") from None
     try:
         checked = check_start(workspace, cells)
     except InvalidInputError as error:

@@ -38,11 +38,12 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
         return np.zeros((0, len(shape)), dtype=np.int64)
     if array.ndim != 2 or array.shape[1] != len(shape) or not np.issubdtype(array.dtype, np.integer):
         raise InvalidInputError(f"{expected}, got {array.dtype} {array.shape}")
-    outside = ((array < -rim) | (array >= np.array(shape) + rim)).any(axis=1)
+    outside = (array < -rim) | (array >= np.array(shape) + rim)
     if outside.any():
-        raise InvalidInputError(f"{what}: expected cells inside {shape}, got {tuple(array[outside][0].tolist())}")
-    ordered: NDArray[np.int64] = array[np.lexsort(array.T[::-1])].astype(np.int64)
-    return ordered
+        raise InvalidInputError(f"{what}: expected cells inside {shape}, got {tuple(array[outside.any(axis=1)][0].tolist())}")
+    sizes = [size + 2 * rim for size in shape]
+    flat = np.sort(np.ravel_multi_index(tuple(array.T.astype(np.int64) + rim), sizes))
+    return np.stack(np.unravel_index(flat, sizes), axis=1) - rim
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,10 +48,10 @@ class Steps(NamedTuple):
 
 @in_place_kernel
 def field_of_world(worlds, world, work):
-    """Return the boards of one world; ``work`` has three rows for blocks of work space."""
+    """Return the boards of one world; ``work`` has two rows for blocks of work space."""
     return Field(
         worlds.free[worlds.map_of[world]], worlds.occupied[world], worlds.open[world], worlds.known[world], worlds.frontier[world],
-        work[0], work[1], work[2], worlds.counts[world], worlds.layers, worlds.rows, worlds.width,
+        work[0], work[1], worlds.counts[world], worlds.layers, worlds.rows, worlds.width,
     )  # fmt: skip
 
 

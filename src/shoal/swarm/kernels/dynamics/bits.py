@@ -21,6 +21,8 @@ _QUADS = np.uint64(0x3333333333333333)
 _BYTES = np.uint64(0x0F0F0F0F0F0F0F0F)
 _SUM = np.uint64(0x0101010101010101)
 _HIGH = np.uint64(56)
+_WORDS, _HALVES = np.uint64(0x00FF00FF00FF00FF), np.uint64(0x0000FFFF0000FFFF)
+_EIGHT, _SIXTEEN, _THIRTY_TWO = np.uint64(8), np.uint64(16), np.uint64(32)
 
 
 @in_place_kernel
@@ -30,6 +32,17 @@ def popcount(word):
     word = (word & _QUADS) + ((word >> TWO) & _QUADS)
     word = (word + (word >> FOUR)) & _BYTES
     return np.int64((word * _SUM) >> _HIGH)
+
+
+@in_place_kernel
+def reverse(word):
+    """Return the bits in reverse order (the compiler knows this form, too)."""
+    word = ((word >> ONE) & _PAIRS) | ((word & _PAIRS) << ONE)
+    word = ((word >> TWO) & _QUADS) | ((word & _QUADS) << TWO)
+    word = ((word >> FOUR) & _BYTES) | ((word & _BYTES) << FOUR)
+    word = ((word >> _EIGHT) & _WORDS) | ((word & _WORDS) << _EIGHT)
+    word = ((word >> _SIXTEEN) & _HALVES) | ((word & _HALVES) << _SIXTEEN)
+    return (word >> _THIRTY_TWO) | (word << _THIRTY_TWO)
 
 
 @in_place_kernel

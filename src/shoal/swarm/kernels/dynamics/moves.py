@@ -2,8 +2,8 @@
 
 A particle stays if the next cell is an obstacle or holds one that stays. Across rows this is a chain from row to row, each row
 looked at after the one that it moves into. Along a row the particles that stay are runs of set bits that end at a wall: towards
-lower bits one addition a word clears exactly such runs, since its carry runs through them; towards higher bits, where no carry
-runs, they are filled by six doubling steps. A run that goes on in the next word is rare and mended afterwards.
+lower bits one addition a word clears exactly such runs, since its carry runs through them; towards higher bits the words are
+reversed for it. A run that goes on in the next word is rare and mended afterwards.
 
 Boards are worked through in blocks of rows that fit the processor's cache, so that a large one is read from memory once.
 """
@@ -16,11 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
+from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount, reverse
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
 BLOCK_WORDS = 1024  # of each board (or one row, if that is longer); a handful of boards is in use at once
+GROUP = 16  # words that are looked through together for cells that were tried: most have none
 
 
 class Field(NamedTuple):
@@ -32,8 +33,7 @@ class Field(NamedTuple):
     known: NDArray[np.uint64]  # known to be free or obstacle
     frontier: NDArray[np.uint64]  # unknown next to known-free; in coverage the cells still to be covered
     tried: NDArray[np.uint64]  # of one block: unknown cells that particles try to enter
-    before: NDArray[np.uint64]  # of one block: where particles were
-    staying: NDArray[np.uint64]  # of one block: particles that stay
+    moving: NDArray[np.uint64]  # of one block: particles that move
     counts: NDArray[np.int32]  # particles of each cell, (layers x rows, 64 x width); shape (0, 0) but for merge
     layers: int
     rows: int  # of a layer
@@ -67,13 +67,11 @@ def move_across(field, command, rule):
             size = min(BLOCK_WORDS, length - start)
             source = line * line_stride + first + (start if ahead < 0 else length - start - size)
             target, end = source + ahead, source + ahead + size
-            moving = field.before[:size]
-            some = shift_across(
+            some, moved = shift_across(
                 field.occupied[source : source + size], field.occupied[target:end], field.free[target:end],
-                field.known[target:end], ALL, field.tried[:size], moving, ahead, rule,
+                field.known[target:end], ALL, field.tried[:size], field.moving[:size], ahead, rule,
             )  # fmt: skip
-            for i in range(size):
-                travelled += popcount(moving[i])
+            travelled += moved
             if some != ZERO:
                 words = learn(field, target, end)
                 classified, added = classified + words[0], added + words[1]
@@ -85,22 +83,22 @@ def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
     """Move words of particles from ``here`` to ``there``, which lie ``ahead`` words apart, in loops that become vector code.
 
     Notes in ``tried`` the cells entered or run against that are on ``board``, or not on it if ``flip`` is ALL, and in ``moving``
-    who moves. Returns the union of what was tried, one word.
+    who moves. Returns the union of what was tried, one word, and how many moved.
     """
-    some = ZERO
+    some, travelled = ZERO, 0
     for i in range(moving.shape[0]):
         hit = here[i] & (board[i] ^ flip)
         tried[i] = hit
         some |= hit
-    for i in range(moving.shape[0]):
         moving[i] = here[i] & free[i]
     if rule != MERGE:
         hold(there, moving, ahead)
     for i in range(moving.shape[0]):
         here[i] &= ~moving[i]
+        travelled += popcount(moving[i])
     for i in range(moving.shape[0]):
         there[i] |= moving[i]
-    return some
+    return some, travelled
 
 
 @in_place_kernel
@@ -131,21 +129,30 @@ def learn(field, first, last):
     A tried cell is free if a particle stands in it, else obstacle. The unknown neighbours of those found free join the frontier;
     among them may be cells that were tried, too, and come later here, but they are on the frontier already.
     """
-    tried = field.tried
     classified, added = 0, 0
-    for i in range(first, last):
-        cells = tried[i - first]
-        if cells == ZERO:
+    for start in range(0, last - first, GROUP):
+        tried, some = field.tried[start : min(start + GROUP, last - first)], ZERO
+        for i in range(tried.shape[0]):
+            some |= tried[i]
+        if some == ZERO:
             continue
-        classified += popcount(cells)
-        field.known[i] |= cells
-        field.frontier[i] &= ~cells
-        found = cells & field.occupied[i]
-        if found == ZERO:
-            continue
-        field.open[i] |= found
-        added += add_neighbours(field, i, found)
+        for i in range(tried.shape[0]):
+            if tried[i] != ZERO:
+                classified += popcount(tried[i])
+                added += learn_word(field, first + start + i, tried[i])
     return classified, added
+
+
+@in_place_kernel
+def learn_word(field, i, cells):
+    """Classify the tried cells of one word; return how many cells join the frontier."""
+    field.known[i] |= cells
+    field.frontier[i] &= ~cells
+    found = cells & field.occupied[i]
+    if found == ZERO:
+        return 0
+    field.open[i] |= found
+    return add_neighbours(field, i, found)
 
 
 @in_place_kernel
@@ -174,58 +181,54 @@ def add_frontier(field, i, cells):
 
 
 @in_place_kernel
-def stay_left(free, before, staying, rule):
-    """Fill ``staying`` with the particles that a move to the left leaves where they are."""
+def start_left(free, here, moving, rule):
+    """Fill ``moving`` with the particles that a move to the left moves."""
     inner = free.shape[0] - 1
-    blocked = before[0] & ~(free[0] << ONE)
+    ahead, behind, next_free, moved = free[:inner], here[1:], free[1:], moving[1:]
+    moving[0] = here[0] & (free[0] << ONE)
     if rule == MERGE:
-        staying[0] = blocked
         for i in range(inner):
-            staying[i + 1] = before[i + 1] & ~((free[i + 1] << ONE) | (free[i] >> TOP))
+            moved[i] = behind[i] & ((next_free[i] << ONE) | (ahead[i] >> TOP))
         return
-    staying[0] = before[0] & ~(before[0] + blocked)
+    moving[0] = here[0] & (here[0] + (here[0] & ~moving[0]))
     for i in range(inner):
-        here = before[i + 1]
-        staying[i + 1] = here & ~(here + (here & ~((free[i + 1] << ONE) | (free[i] >> TOP))))
+        moved[i] = behind[i] & (behind[i] + (behind[i] & ~((next_free[i] << ONE) | (ahead[i] >> TOP))))
     crossing = ZERO
     for i in range(inner):
-        crossing |= (staying[i] >> TOP) & before[i + 1] & ~staying[i + 1]
+        crossing |= ((here[i] & ~moving[i]) >> TOP) & moved[i]
     if crossing != ZERO:
         for i in range(inner):
-            if (staying[i] >> TOP) & before[i + 1] & ~staying[i + 1] != ZERO:
-                staying[i + 1] |= before[i + 1] & ~(before[i + 1] + ONE)
+            if ((here[i] & ~moving[i]) >> TOP) & moved[i] != ZERO:
+                moved[i] &= behind[i] + ONE
 
 
 @in_place_kernel
-def stay_right(free, before, staying, rule):
-    """Fill ``staying`` with the particles that a move to the right leaves where they are."""
+def start_right(free, here, moving, rule):
+    """Fill ``moving`` with the particles that a move to the right moves."""
     inner = free.shape[0] - 1
-    staying[inner] = before[inner] & ~(free[inner] >> ONE)
+    ahead, behind, moved = free[1:], here[1:], moving[1:]
+    moving[inner] = here[inner] & (free[inner] >> ONE)
     if rule == MERGE:
         for i in range(inner):
-            staying[i] = before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP))
+            moving[i] = here[i] & ((free[i] >> ONE) | (ahead[i] << TOP))
         return
-    staying[inner] = fill_down(staying[inner], before[inner])
+    moving[inner] = held_above(here[inner], moving[inner])
     for i in range(inner):
-        staying[i] = fill_down(before[i] & ~((free[i] >> ONE) | (free[i + 1] << TOP)), before[i])
+        moving[i] = held_above(here[i], (free[i] >> ONE) | (ahead[i] << TOP))
     crossing = ZERO
     for i in range(inner):
-        crossing |= (staying[i + 1] << TOP) & before[i] & ~staying[i]
+        crossing |= ((behind[i] & ~moved[i]) << TOP) & moving[i]
     if crossing != ZERO:
         for i in range(inner - 1, -1, -1):
-            seed = (staying[i + 1] << TOP) & before[i] & ~staying[i]
-            if seed != ZERO:
-                staying[i] |= fill_down(seed, before[i])
+            if ((behind[i] & ~moved[i]) << TOP) & moving[i] != ZERO:
+                moving[i] &= reverse(reverse(here[i]) + ONE)
 
 
 @in_place_kernel
-def fill_down(seeds, runs):
-    """Return the bits of ``runs`` that a chain of set bits connects to a higher or equal bit of ``seeds``."""
-    for doubling in range(6):
-        step = np.uint64(1 << doubling)
-        seeds |= runs & (seeds >> step)
-        runs &= runs >> step
-    return seeds
+def held_above(here, free):
+    """Return the bits of ``here`` whose run of set bits ends, at its top, below a bit that is ``free``."""
+    turned = reverse(here)
+    return reverse(turned & (turned + reverse(here & ~free)))
 
 
 @in_place_kernel
@@ -237,13 +240,11 @@ def move_along(field, command, rule):
     for first in range(0, total, block):
         last = min(total, first + block)
         size = last - first
-        before, staying = field.before[:size], field.staying[:size]
-        some = shift_along(
-            field.occupied[first:last], field.free[first:last], field.known[first:last], ALL, field.tried[:size], before, staying,
-            command, rule,
+        some, moved = shift_along(
+            field.occupied[first:last], field.free[first:last], field.known[first:last], ALL, field.tried[:size],
+            field.moving[:size], command, rule,
         )  # fmt: skip
-        for i in range(size):
-            travelled += popcount(before[i] & ~staying[i])
+        travelled += moved
         if some != ZERO:
             words = learn(field, first, last)
             classified, added = classified + words[0], added + words[1]
@@ -251,34 +252,34 @@ def move_along(field, command, rule):
 
 
 @in_place_kernel
-def shift_along(occupied, free, board, flip, tried, before, staying, command, rule):
-    """Move particles along whole rows, as `shift_across` does; ``before`` and ``staying`` hold who was there and who stays."""
-    inner = occupied.shape[0] - 1
-    for i in range(inner + 1):
-        before[i] = occupied[i]
-    some = ZERO
-    following, moved = before[1:], staying[1:]
+def shift_along(occupied, free, board, flip, tried, moving, command, rule):
+    """Move particles along whole rows, as `shift_across` does."""
+    some, travelled, inner = ZERO, 0, occupied.shape[0] - 1
     if command == LEFT:
-        stay_left(free, before, staying, rule)
-        wanted, hit = board[:inner], tried[:inner]
+        start_left(free, occupied, moving, rule)
+        here, going = occupied[0], moving[0]
         for i in range(inner):
-            occupied[i] = staying[i] | ((before[i] & ~staying[i]) >> ONE) | ((following[i] & ~moved[i]) << TOP)
-        for i in range(inner):
-            hit[i] = ((before[i] >> ONE) | (following[i] << TOP)) & (wanted[i] ^ flip)
-            some |= hit[i]
-        occupied[inner] = staying[inner] | ((before[inner] & ~staying[inner]) >> ONE)
-        tried[inner] = (before[inner] >> ONE) & (board[inner] ^ flip)
-        return some | tried[inner]
-    stay_right(free, before, staying, rule)
-    occupied[0] = staying[0] | ((before[0] & ~staying[0]) << ONE)
-    tried[0] = (before[0] << ONE) & (board[0] ^ flip)
-    target, wanted, hit = occupied[1:], board[1:], tried[1:]
-    for i in range(inner):
-        target[i] = moved[i] | ((following[i] & ~moved[i]) << ONE) | ((before[i] & ~staying[i]) >> TOP)
-    for i in range(inner):
-        hit[i] = ((following[i] << ONE) | (before[i] >> TOP)) & (wanted[i] ^ flip)
-        some |= hit[i]
-    return some | tried[0]
+            behind, coming = occupied[i + 1], moving[i + 1]
+            hit = ((here >> ONE) | (behind << TOP)) & (board[i] ^ flip)
+            occupied[i] = (here & ~going) | (going >> ONE) | (coming << TOP)
+            tried[i] = hit
+            some |= hit
+            travelled += popcount(going)
+            here, going = behind, coming
+        occupied[inner] = (here & ~going) | (going >> ONE)
+        tried[inner] = (here >> ONE) & (board[inner] ^ flip)
+        return some | tried[inner], travelled + popcount(going)
+    start_right(free, occupied, moving, rule)
+    behind, coming = ZERO, ZERO
+    for i in range(inner + 1):
+        here, going = occupied[i], moving[i]
+        hit = ((here << ONE) | (behind >> TOP)) & (board[i] ^ flip)
+        occupied[i] = (here & ~going) | (going << ONE) | (coming >> TOP)
+        tried[i] = hit
+        some |= hit
+        travelled += popcount(going)
+        behind, coming = here, going
+    return some, travelled
 
 
 @in_place_kernel

@@ -25,8 +25,7 @@ class Scene(NamedTuple):
 
     ground: NDArray[np.uint64]  # a board: the cells taken to be free
     tried: NDArray[np.uint64]  # a board: frontier cells that the last command tried
-    before: NDArray[np.uint64]  # a board
-    staying: NDArray[np.uint64]  # a board
+    moving: NDArray[np.uint64]  # a board: particles that move
     rule: int
     mapping: bool
     layers: int
@@ -98,9 +97,7 @@ def advance(scene, state, command):
 def push(scene, occupied, frontier, command):
     """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
     if command == LEFT or command == RIGHT:
-        return shift_along(
-            occupied, scene.ground, frontier, ZERO, scene.tried, scene.before, scene.staying, command, scene.rule
-        )  # fmt: skip
+        return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule)[0]
     for i in range(scene.tried.shape[0]):
         scene.tried[i] = ZERO
     lines, stride, first, length, ahead = segments(scene, command)
@@ -110,8 +107,8 @@ def push(scene, occupied, frontier, command):
         target, end = source + ahead, source + ahead + length
         some |= shift_across(
             occupied[source : source + length], occupied[target:end], scene.ground[target:end], frontier[target:end], ZERO,
-            scene.tried[target:end], scene.before[:length], ahead, scene.rule,
-        )  # fmt: skip
+            scene.tried[target:end], scene.moving[:length], ahead, scene.rule,
+        )[0]  # fmt: skip
     return some
 
 

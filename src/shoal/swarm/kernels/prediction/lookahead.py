@@ -59,7 +59,7 @@ def tried(field, occupied, command):
 def predicted(field, occupied, counts):
     """Return the field as far as it is known, with the swarm elsewhere: unknown cells, which nobody tries, are walls."""
     return Field(
-        field.open, occupied, field.open, field.known, field.frontier, field.tried, field.before, field.staying, counts,
+        field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
         field.layers, field.rows, field.width,
     )  # fmt: skip
 
