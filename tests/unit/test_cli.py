@@ -6,13 +6,16 @@ import gc
 import json
 import subprocess
 import sys
+from pathlib import Path
 
+import pathspec
 import pytest
 
 from shoal.cli import main, run
 from shoal.cli.commands import COMMANDS
 from shoal.core.version import __version__
 
+ROOT = Path(__file__).parents[2]
 FIELDS = ["task", "policy", "map", "particles", "placement", "rule", "seed", "trials", "moves", "status", "mean", "std"]
 FIELDS += ["scan_every", "scan_cost", "move_cost", "scans", "cost", "mean_cost", "distance", "unreachable_cells"]
 
@@ -185,3 +188,15 @@ def test_help_lists_all_commands(capsys):
     assert run(["--help"]) == 0
     listed = capsys.readouterr().out
     assert [name for name in COMMANDS if f"│ {name.split()[0]} " not in listed] == []
+
+
+def test_packages_leave_nothing_out():
+    """What is ignored in the checkout is in no wheel, even if it was committed: ``demo/`` once took the command's own demo away."""
+    ignored = pathspec.GitIgnoreSpec.from_lines((ROOT / ".gitignore").read_text(encoding="utf-8").splitlines())
+    files = [
+        path.relative_to(ROOT).as_posix()
+        for path in (ROOT / "src").rglob("*")
+        if path.is_file() and "__pycache__" not in path.parts
+    ]
+    assert len(files) > 400
+    assert not [*ignored.match_files(files)]
