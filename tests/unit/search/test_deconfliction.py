@@ -10,8 +10,8 @@ import pytest
 import shapely
 from tests.reference.missions import read_beside, read_plan
 
-from shoal.core import notices
 from shoal.cli import run as command
+from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.search import open_region
 from shoal.search.allocation.plan import plan_search

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shoal.core.checks import shortened
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
