@@ -1,4 +1,6 @@
-"""The figures and theorems of the papers, each as a recipe: sweeps, a view, and what the paper says of it beside what we find.
+"""Reproduction of the papers' figures and theorems.
+
+Each is a recipe: sweeps, a view, and claims that compare the paper with our results.
 
 Papers: M, Mapping and coverage with a particle swarm controlled by uniform inputs (2017); D, its draft; W, two particles with
 non-slip wall contacts; H, exhaustive search along a space-filling curve (1998).

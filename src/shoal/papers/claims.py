@@ -1,8 +1,8 @@
-"""Claims: what a paper prints, what we find, and whether the two agree, differ, or cannot be compared.
+"""Claims: a paper's statement, our result, and a verdict: agree, differ or not comparable.
 
-One rule decides all: what was printed stands for a range of values, what we found for an interval. The claim agrees if the interval
-lies in the range, differs if the two have nothing in common, and cannot be compared if they overlap in part, which more trials
-would settle, or if what was printed is of something that was not published.
+One rule decides all claims. The printed value stands for a range, and our result for an interval. The claim agrees if the interval
+lies in the range. It differs if interval and range are disjoint. A partial overlap is not comparable, because more trials are
+needed. A claim is also not comparable if its printed value belongs to unpublished data.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from shoal.views.drawing.curves import Published
 
 
 class Verdict(StrEnum):
-    """The answer to a claim, or to all claims of a figure."""
+    """The verdict on a claim, or on all claims of a figure."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -31,14 +31,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """Something that a paper says, beside what we find.
+    """A statement of a paper, and our result.
 
     Parameters
     ----------
     what : str
     printed, ours : str
     criterion : str
-        When the two agree, or why they cannot be compared.
+        The condition for agreement, or the reason why the two are not comparable.
     verdict : Verdict
     """
 
@@ -50,7 +50,7 @@ class Claim:
 
 
 Found = float | Estimate | tuple[float, float, float]
-"""A number that is known, or a mean with the ends of its 95 % interval."""
+"""An exact number, or a mean with the ends of its 95 % interval."""
 
 
 def claim(
@@ -61,15 +61,15 @@ def claim(
     Parameters
     ----------
     what : str
-        What is measured.
+        The measured quantity.
     printed : str or float
     ours : float, Estimate or (value, low, high)
     within : (low, high), optional
-        What the printed words or number stand for; by default the numbers that round to it.
+        The range that the printed words or number stand for. The default is all numbers that round to the printed one.
     why : str
-        Why that range.
+        The reason for this range.
     unlike : str
-        Why the two cannot be compared, if they cannot.
+        The reason why the two are not comparable, if they are not.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def _interval(ours: float | tuple[float, float, float]) -> tuple[float, float, f
 
 
 def _rounded(text: str) -> tuple[float, float]:
-    """Return the numbers that round to a text."""
+    """Return the range of numbers that round to a text."""
     half = 0.5 * 10.0 ** -len(text.partition(".")[2])
     return float(text) - half, float(text) + half
 
@@ -110,24 +110,24 @@ def _range_words(least: float, most: float) -> str:
 
 
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
-    """Return the claim that two curves of means are the same up to a margin, in shares of the published one.
+    """Return the claim that two curves of means agree within a margin relative to the published curve.
 
-    Means are compared by the logarithms of their ratios, with the errors of both. The curves agree if the 95 % interval of the
-    mean ratio over all n lies within the margin, and no n has an interval outside of it; that of one n is so wide that of all
-    together one in twenty curves would be refuted by chance.
+    The means are compared by the logarithms of their ratios, with the errors of both curves. The curves agree under two conditions.
+    The 95 % interval of the mean ratio over all n must lie within the margin, and no single n may have an interval outside it. The
+    intervals of single n are wide enough that chance refutes only one in twenty correct curves.
 
     Parameters
     ----------
     what : str
     rows : sequence of Row
-        One for each n of the published curve, by the axis ``particles``.
+        One row for each n of the published curve, by the axis ``particles``.
     published : Published
     trials : int
-        Behind each published mean.
+        Number of trials of each published mean.
     margin : float
         Above 0.
     why : str
-        Why that margin.
+        The reason for this margin.
     """
     from scipy.stats import norm
 
@@ -153,7 +153,7 @@ def _deviations(published: Published) -> np.ndarray:
 
 
 def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:
-    """Return the ratio of two means with the ends of its interval, by the errors of both; they are taken as independent."""
+    """Return the ratio of two independent means with the ends of its interval."""
     value = above.mean / below.mean
     spread = 1.96 * float(np.hypot(*(e.std / e.mean / e.count**0.5 for e in (above, below))))
     return value, value * float(np.exp(-spread)), value * float(np.exp(spread))
@@ -167,7 +167,7 @@ def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], cou
 
 
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that one mean is below another: on average over n, and at no more n the other way than by chance."""
+    """Return the claim that one mean is below another: on average over n, with exceptions only as often as by chance."""
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)
     found = claim(
@@ -181,7 +181,7 @@ def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger
 
 
 def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
-    """Return the power of x that y follows, a straight line in logarithms, with the ends of its 95 % interval."""
+    """Return the exponent of a power law y(x), fitted as a straight line in logarithms, with the ends of its 95 % interval."""
     from scipy.stats import linregress, t
 
     found = linregress(np.log(x), np.log(y))
@@ -190,6 +190,6 @@ def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
 
 
 def verdict_of(claims: Iterable[Claim]) -> Verdict:
-    """Return the answer to all claims together: they differ if one does, and agree if one does and none differs."""
+    """Return the common verdict on all claims: differ if one differs; otherwise agree if one agrees."""
     answers = [claim.verdict for claim in claims]
     return next((one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE)

@@ -1,7 +1,6 @@
-"""Errata of the papers: what they print, what holds, and what a check of it finds.
+"""Errata of the papers: the printed statement, the correct statement, and the result of a check.
 
-The checks lie in ``docs/errata`` of the repository. An installed Shoal, which has none of it, shows what they found when it was
-recorded.
+The checks are in ``docs/errata`` of the repository. An installed Shoal without the repository shows their recorded results.
 """
 
 from __future__ import annotations
@@ -23,19 +22,19 @@ CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"
 
 @dataclass(frozen=True)
 class Erratum:
-    """An erratum, checked.
+    """An erratum with its check.
 
     Parameters
     ----------
     source : str
-        Paper and place.
+        Paper and location.
     printed, holds : str
     check : str
-        How it was checked.
+        Description of the check.
     found : str
-        The numbers of the check.
+        The numbers from the check.
     shown : bool
-        Whether the check shows it.
+        Whether the check confirms the erratum.
     """
 
     source: str
@@ -47,7 +46,7 @@ class Erratum:
 
 
 def check_errata() -> list[Erratum]:
-    """Run the checks of all errata, in the order of the papers; without the repository return what they found when recorded."""
+    """Run the checks of all errata in the order of the papers. Without the repository, return the recorded results."""
     if not CHECKS.exists():
         return recorded()
     name = "docs.errata"
@@ -63,10 +62,10 @@ def check_errata() -> list[Erratum]:
 
 
 def recorded() -> list[Erratum]:
-    """Return what the checks found when it was recorded."""
+    """Return the recorded results of the checks."""
     return [Erratum(**one) for one in json.loads(RECORD.read_text(encoding="utf-8"))]
 
 
 def record(errata: Sequence[Erratum]) -> None:
-    """Write what the checks found."""
+    """Write the results of the checks."""
     write_text(RECORD, json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False) + "\n")

@@ -1,4 +1,4 @@
-"""The page of results: every figure with numbers side by side, and the errata with their checks, in one file without a network."""
+"""The page of results: every figure with its numbers, and the errata with their checks, in one file that loads nothing."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ _PAPERS = {
     "W": "Two particles and walls: paper W",
     "H": "Search along a closed curve: paper H",
 }
-_LONG = 14  # rows of a table that are shown without asking
+_LONG = 14  # rows of a table that are shown unfolded
 
 
 def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str | os.PathLike[str]) -> Path:
-    """Write the page; return its path.
+    """Write the page. Return its path.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Recipe: a figure or statement of a paper as sweeps, a view of their results, published data, and claims with their verdicts."""
+"""Recipe: a figure or statement of a paper as sweeps, a view of their results, published data, and claims with verdicts."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ COMPLEX = "vessels:5000"
 
 @dataclass(frozen=True)
 class Settings:
-    """What a user may choose.
+    """Settings that the user chooses.
 
     Parameters
     ----------
     quick : bool
-        Fewer trials, coarser maps.
+        Whether to use fewer trials and coarser maps.
     trials : int, optional
-        Trials a point, instead of the recipe's.
+        Number of trials per point, instead of the recipe's number.
     map : str, optional
         A picture or the name of a map, for figures on the "complex" map.
     seed : int
@@ -52,7 +52,7 @@ class Settings:
     seed: int = 0
 
     def of(self, whole: int, quick: int) -> int:
-        """Return the number of trials: what was asked for, else the recipe's."""
+        """Return the number of trials: the user's number, or the recipe's."""
         return self.trials if self.trials is not None else quick if self.quick else whole
 
     @property
@@ -63,7 +63,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Table:
-    """Numbers side by side; they are stored as CSV, too."""
+    """A table of numbers, which is also stored as CSV."""
 
     title: str
     columns: Sequence[str]
@@ -73,18 +73,18 @@ class Table:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of a recipe.
+    """The result of a recipe.
 
     Parameters
     ----------
     figure : Figure
     claims : tuple of Claim
-        What the paper says of it, beside what we find.
+        The claims: the paper's statements and our results.
     sentence : str
-        What the claims do not say: why ours differ, what ours are of. Its numbers are computed.
+        Additional explanations, such as reasons for differences. Their numbers are computed.
     tables : tuple of Table
     note : str
-        What is to be written below the figure, if its drawing has not done so: that nothing is published, or what is.
+        Note below the figure about published data, unless the drawing contains it.
     """
 
     figure: Figure
@@ -95,7 +95,7 @@ class Outcome:
 
     @property
     def verdict(self) -> Verdict:
-        """The answer to all claims."""
+        """The verdict on all claims."""
         return verdict_of(self.claims)
 
 
@@ -106,19 +106,19 @@ class Recipe:
     Parameters
     ----------
     name : str
-        As typed: "m-fig7".
+        Name on the command line: "m-fig7".
     source : str
         Paper and figure.
     title : str
         What it shows.
     sweeps : callable
-        (Settings) -> list of Sweep.
+        Function (Settings) -> list of Sweep.
     view : callable
-        (Store, list of Sweep, Settings) -> Outcome.
+        Function (Store, list of Sweep, Settings) -> Outcome.
     on_map : bool
-        Whether it takes a user's own map.
+        Whether the recipe accepts a user's own map.
     also : str
-        Where else the papers have it.
+        Other locations of the figure in the papers.
     """
 
     name: str
@@ -132,20 +132,20 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A figure that was reproduced, or why it could not be.
+    """A reproduced figure, or the reason why it could not be made.
 
     Parameters
     ----------
     recipe : Recipe
     outcome : Outcome or None
-        None if the figure could not be made.
+        The outcome, or None if the figure could not be made.
     files : tuple of Path
         The figure, its tables and a summary.
     seconds : float
     trials : int
-        Of all its sweeps.
+        Number of trials of all its sweeps.
     error : str
-        Why it could not be made.
+        The reason why the figure could not be made.
     """
 
     recipe: Recipe
@@ -157,7 +157,7 @@ class Result:
 
 
 def measuring(*names: str) -> Callable[[Function], Function]:
-    """Return a decorator for a function that plays one trial of a sweep and returns a dict with these names as keys."""
+    """Return a decorator for a function that runs one trial of a sweep and returns a dict with these keys."""
 
     def marked(function: Function) -> Function:
         vars(function)["measures"] = names
@@ -167,7 +167,7 @@ def measuring(*names: str) -> Callable[[Function], Function]:
 
 
 def function_sweep(name: str, function: Callable[..., Any], axes: dict[str, Any], trials: int, settings: Settings) -> Sweep:
-    """Return a sweep of a function that `measuring` has marked; the axes are its arguments."""
+    """Return a sweep of a function marked by `measuring`, whose axes are the function's arguments."""
     problem = {"kind": "function", "function": f"{function.__module__}:{function.__name__}"}
     return Sweep(name=name, problem=problem, axes=axes, trials=trials, seed=settings.seed)
 
@@ -180,13 +180,13 @@ def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
 
 @cache
 def published_table(name: str) -> tuple[dict[str, str], ...]:
-    """Return the rows of a published file that ships with Shoal."""
+    """Return the rows of a file with published data that Shoal contains."""
     text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
     return tuple(csv.DictReader(io.StringIO(text)))
 
 
 def published_curve(name: str, *, points: bool = False, **only: str) -> Published:
-    """Return a published curve: columns n, mean_moves, std_moves."""
+    """Return a published curve with the columns n, mean_moves, std_moves."""
     rows = [row for row in published_table(name) if all(row[key] == value for key, value in only.items())]
     numbers = np.array([[float(row[key] or "nan") for key in ("n", "mean_moves", "std_moves")] for row in rows]).reshape(-1, 3)
     return Published(numbers[:, 0], numbers[:, 1], numbers[:, 2], points)
@@ -201,7 +201,7 @@ def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published
 
 
 def ends(found: Estimate) -> tuple[float, float]:
-    """Return the ends of an interval; the mean itself where nothing is known of it."""
+    """Return the ends of an interval, or the mean for an exact number."""
     return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
 
 
@@ -220,7 +220,7 @@ def _line(found: Estimate) -> tuple[Any, ...]:
 
 
 def compared(curves: Sequence[Curve]) -> Table:
-    """Return our means where something is published, beside it."""
+    """Return our means at the published points, beside the published values."""
     rows = []
     for curve in curves:
         known = curve.published
@@ -234,15 +234,15 @@ def compared(curves: Sequence[Curve]) -> Table:
 
 
 def capital(text: str) -> str:
-    """Return a text that begins with a capital letter."""
+    """Return a text with a capital first letter."""
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def counts_of(n_free: int, parts: int = 50) -> list[int]:
-    """Return numbers of particles: equal steps up to one in each free cell."""
+    """Return numbers of particles in equal steps, up to one particle in each free cell."""
     return sorted({max(1, round(n_free * k / parts)) for k in range(1, parts + 1)})
 
 
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
-    """Return a curve's value at a number of particles, between its points on logarithmic scales."""
+    """Return a curve's value at a number of particles, interpolated on logarithmic scales."""
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))

@@ -1,4 +1,4 @@
-"""reproduce(): run a recipe's sweeps, draw its figure, store its data beside it."""
+"""Run the sweeps of a recipe, draw its figure, and store its data."""
 
 from __future__ import annotations
 
@@ -59,19 +59,19 @@ def reproduce(
     Parameters
     ----------
     name : str
-        "m-fig7", ...; see `recipes`.
+        Name of the figure, "m-fig7", ...; see `recipes`.
     out : path
-        A folder: NAME.png, NAME.json, the data as NAME*.csv, and results.sqlite, from which a later call goes on.
+        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call continues from results.sqlite.
     quick : bool
-        Fewer trials, coarser maps.
+        Whether to use fewer trials and coarser maps.
     trials : int, optional
-        Trials a point.
+        Number of trials per point.
     on_map : str, optional
         A picture or the name of a map, instead of the "complex" map.
     seed, workers
-        As of `shoal.lab.coordinator`.
+        Options of `shoal.lab.coordinator`.
     on_progress : callable, optional
-        Told the progress of each sweep.
+        Function that receives the progress of each sweep.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def reproduce(
         if status.failures:
             raise InvalidInputError(f"{name}: expected every trial to end, got {_failures(folder / STORE, kept)}")
         sweeps.append(kept)
-    with Store(folder / STORE, write=not sweeps) as store:  # of what is computed only, there may be none yet
+    with Store(folder / STORE, write=not sweeps) as store:  # figures without sweeps have none
         outcome = recipe.view(store, sweeps, settings)
     seconds = time.perf_counter() - began
     files = _write(folder, recipe, outcome, sweeps)
@@ -100,7 +100,7 @@ def reproduce(
 
 
 def _failures(path: Path, sweep: Sweep) -> str:
-    """Return how many trials of a sweep failed, and what the first of them said."""
+    """Return the number of failed trials of a sweep, and the error of the first one."""
     with Store(path) as store:
         failed = store.failures(sweep.name)
     values, trial, _, error = failed[0]
@@ -109,7 +109,7 @@ def _failures(path: Path, sweep: Sweep) -> str:
 
 
 def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
-    """Return a sweep with as many trials as are stored of it already, if those are more."""
+    """Return a sweep with at least as many trials as are already stored."""
     if not path.exists():
         return sweep
     with Store(path) as store:
@@ -142,16 +142,16 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
 def reproduce_all(
     out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, on_map: str | None = None, **options: Any
 ) -> Path:
-    """Reproduce every figure, run the checks of all errata, and write the page of results; return its path.
+    """Reproduce every figure, run the checks of all errata, and write the page of results. Return its path.
 
-    A figure that cannot be made keeps no other one from being made: the page says why.
+    A figure that fails does not stop the others. The page gives the reason.
 
     Parameters
     ----------
     out : path
         A folder.
     on_result : callable, optional
-        Told each figure when it is done.
+        Function that receives each finished figure.
     on_map : str, optional
         As for `reproduce`, for the figures on the complex map.
     **options
@@ -160,7 +160,7 @@ def reproduce_all(
     Raises
     ------
     InvalidInputError, OutputError
-        For options that suit no figure, and if the page cannot be written.
+        If an option is invalid for every figure, or the page cannot be written.
     """
     if on_map is not None:
         open_map(on_map)
@@ -171,7 +171,7 @@ def reproduce_all(
         recipe, began = recipes().get(name), time.perf_counter()
         try:
             result = reproduce(name, out, on_map=on_map if recipe.on_map else None, **options)
-        except Exception as error:  # of whatever kind: the others are made
+        except Exception as error:  # any exception: the other figures are still made
             said = str(error) if isinstance(error, ShoalError) else f"{type(error).__name__}: {error}"
             result = Result(recipe, None, (), time.perf_counter() - began, 0, said)
         results.append(result)

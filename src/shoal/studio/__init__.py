@@ -1,6 +1,6 @@
-"""The studio: Shoal in the browser, on one's own machine.
+"""The studio: Shoal's user interface in the browser, on the user's own machine.
 
-A folder's files are the only state, and a store of jobs in it. `shoal.studio.server` serves one folder at 127.0.0.1;
-`shoal.studio.guard` stands before everything that it answers; long work runs in processes of its own (`shoal.studio.jobs`), quick
-answers come from one that stays (`shoal.studio.preview`).
+The only state is the files of a folder and a store of jobs in it. `shoal.studio.server` serves one folder at 127.0.0.1.
+`shoal.studio.guard` checks every request. Long work runs in separate processes (`shoal.studio.jobs`). Quick answers come from a
+permanent process (`shoal.studio.preview`).
 """

@@ -1,4 +1,4 @@
-"""What the studio answers: its page, files, questions, jobs, and a socket that tells of them."""
+"""The studio's web application: its page, files, questions, jobs, and a websocket for events."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
 
 WAITING = 1000
-"""Messages that wait for a browser which does not take them; then its socket is closed, and it asks again."""
+"""Maximum number of messages that wait for a slow browser. Then its websocket is closed, and the browser reconnects."""
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
 _STATIC = {"static": resources.files("shoal.studio") / "static", "player": resources.files("shoal.views.player")}
 
 
 class Studio:
-    """One folder, served.
+    """The application for one folder.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Studio:
         self.previews = {False: Preview(str(self.folder.root)), True: Preview(str(self.folder.root))}  # quick, and slow
 
     def tell(self, message: dict[str, Any]) -> None:
-        """Tell all browsers."""
+        """Send a message to all browsers."""
         for listener in list(self._listeners):
             if listener.qsize() > WAITING:
                 self._listeners.discard(listener)
@@ -57,12 +57,12 @@ class Studio:
                 listener.put_nowait(message)
 
     async def close(self) -> None:
-        """End everything that runs."""
+        """Stop all jobs and processes."""
         for listener in self._listeners:
             listener.put_nowait({"lost": True})
         await asyncio.gather(*(preview.close() for preview in self.previews.values()), self.queue.close())
 
-    # ---- what is asked ----
+    # ---- requests ----
 
     async def page(self, request: Request) -> Response:
         """Return the page."""
@@ -83,13 +83,16 @@ class Studio:
         return Response(page, media_type="text/html")
 
     async def start(self, request: Request) -> Response:
-        """Return what the page begins with."""
+        """Return the initial data of the page."""
         told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
         return JSONResponse(told | await asyncio.shield(self.forms) | {"files": await asyncio.to_thread(self.folder.files)})
 
     @cached_property
     def forms(self) -> asyncio.Future[dict[str, Any]]:
-        """What pages make their forms of; looked up when the server begins, while the browser does."""
+        """Return the declarations from which pages make their forms.
+
+        They are computed when the server starts, while the browser starts too.
+        """
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
     def _forms(self) -> dict[str, Any]:
@@ -110,14 +113,14 @@ class Studio:
         return JSONResponse(await asyncio.to_thread(self.folder.files))
 
     async def file(self, request: Request) -> Response:
-        """Return one file, to keep or to look at; none of it is run as a page of the studio."""
+        """Return one file for download or display. The browser must not run it as a page of the studio."""
         path = self.folder.path(request.path_params["name"])
         if not path.is_file():
             raise InvalidInputError("file: expected one of the folder, got none")
         return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
 
     async def take(self, request: Request) -> Response:
-        """Take a file that is brought."""
+        """Store an uploaded file."""
         name = await self.folder.take(request.path_params["name"], request.stream())
         self.tell({"files": True})
         return JSONResponse({"file": name})
@@ -148,7 +151,7 @@ class Studio:
         return JSONResponse({})
 
     async def live(self, socket: WebSocket) -> None:
-        """Tell a browser of jobs and files, and what is played of the job that it watches."""
+        """Send a browser the events of jobs and files, and the pieces of the job that it watches."""
         await socket.accept()
         listener: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         watched: set[int] = set()
@@ -169,7 +172,7 @@ class Studio:
                 given = json.loads(await socket.receive_text())
                 if isinstance(given, dict) and isinstance(number := given.get("watch"), int):
                     watched.add(number)
-                    # What was played before, and where the job is now: between these lines nothing else is told.
+                    # The earlier pieces, and the job's current state. No other message is sent between these lines.
                     for piece in self.queue.pieces(number):
                         listener.put_nowait({"piece": piece, "of": number})
                     listener.put_nowait({"job": self.queue.told(number)})
@@ -183,7 +186,7 @@ class Studio:
 
 
 async def _json(request: Request) -> dict[str, Any]:
-    """Return the object that a request brings."""
+    """Return the JSON object in a request."""
     if request.headers.get("content-type") != "application/json":
         raise InvalidInputError("expected JSON")
     try:
@@ -208,7 +211,7 @@ def _static(name: str) -> Response:
 
 
 def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Return a handler that says errors in one sentence."""
+    """Return a handler that converts errors to one sentence."""
 
     async def handled(request: Request) -> Response:
         try:
@@ -224,7 +227,7 @@ def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
 
 
 def application_of(studio: Studio) -> Starlette:
-    """Return the ASGI application of a studio; `shoal.studio.guard.Guard` has to stand before it."""
+    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must be placed before it."""
 
     @asynccontextmanager
     async def life(_app: Starlette) -> AsyncIterator[None]:

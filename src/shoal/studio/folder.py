@@ -1,4 +1,4 @@
-"""The folder of a studio: no path that a browser names leads out of it, and nothing is decoded that is too large."""
+"""The folder of a studio. Paths from a browser never lead out of it, and files that are too large are not decoded."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
-"""Pixels of a picture that the studio opens; the command opens larger ones."""
+"""Maximum number of pixels of a picture in the studio. The command opens larger pictures."""
 
 PAPERS = "papers"
-"""Where the figures of the papers are reproduced."""
+"""Subfolder for the reproduced figures of the papers."""
 
 MOST_LISTED = 2000
 SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
-"""A Shapefile is several files of one name."""
+"""The suffixes of a Shapefile, which consists of several files of one name."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
@@ -40,7 +40,7 @@ _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
 class Folder:
-    """A folder, and the names in it.
+    """A folder and its file names.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ class Folder:
         self.root = Path(root).resolve()
 
     def path(self, name: str) -> Path:
-        """Return the path of a name, which may not be there yet.
+        """Return the path of a name. The file need not exist yet.
 
         Raises
         ------
         InvalidInputError
-            If it is outside of the folder, also by a link, or hidden.
+            If the path is hidden or outside the folder, also through a link.
         """
         parts = Path(name).parts
         bad = not name or "\0" in name or "\\" in name or len(name) > 500 or Path(name).is_absolute()
@@ -79,7 +79,7 @@ class Folder:
         return found
 
     def check_fields(self, data: Mapping[str, Any]) -> None:
-        """Refuse fields of a problem that name files outside of the folder, or pictures that are too large.
+        """Refuse a problem's fields that name files outside the folder, or pictures that are too large.
 
         Raises
         ------
@@ -89,7 +89,7 @@ class Folder:
             texts = [
                 text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str) and len(text) <= 4096
             ]
-            for text in {*texts, *(text.partition(",")[0] for text in texts)}:  # a vehicle's file has fields after it
+            for text in {*texts, *(text.partition(",")[0] for text in texts)}:  # fields follow the file name of a vehicle
                 path = Path(text)
                 if path.is_absolute() or text.startswith("~") or ".." in path.parts or "\0" in text:
                     raise InvalidInputError(f"file: expected a name inside the folder, got {shortened(text)}")
@@ -97,7 +97,7 @@ class Folder:
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
-        """Return what there is: name, kind, bytes and time of each file, the newest first."""
+        """Return the files with name, kind, size in bytes and time, newest first."""
         found: list[dict[str, Any]] = []
         for where, folders, names in os.walk(self.root):
             folders[:] = [name for name in folders if name[0] != "."]
@@ -119,9 +119,10 @@ class Folder:
         return sorted(found, key=lambda one: -float(one["time"]))[:MOST_LISTED]
 
     def new_name(self, stem: str, suffix: str) -> str:
-        """Return a name that is free: the stem, or the stem with a number."""
+        """Return an unused name: the stem, or the stem with a number."""
         plain = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip("-")[:60] or "file"
-        family = SHAPEFILE if suffix == ".shp" else (suffix,)  # a part that lies there already is not taken for one of another's
+        # an existing file of another Shapefile is not used as a part of this one
+        family = SHAPEFILE if suffix == ".shp" else (suffix,)
         number, free = 1, plain
         while any(os.path.lexists(self.root / (free + one)) for one in family):
             number += 1
@@ -129,12 +130,14 @@ class Folder:
         return free + suffix
 
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> str:
-        """Write a file that a browser brings, whole or not at all, under its own name or one with a number; return the name.
+        """Write an uploaded file under its own name or one with a number. Return the name.
+
+        A failed write leaves no partial file.
 
         Raises
         ------
         InvalidInputError
-            For a name that is no file of Shoal's, or a picture that is too large.
+            If the name is not a file type of Shoal, or the file is a picture that is too large.
         OutputError
         """
         plain = Path(name.replace("\\", "/")).name
@@ -151,12 +154,12 @@ class Folder:
 
 
 def purpose_of(name: str) -> str | None:
-    """Return what a file is for, by its name; None if for nothing here."""
+    """Return the purpose of a file according to its name, or None."""
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 
 
 def check_pixels(path: Path) -> None:
-    """Refuse a picture of more than `MOST_PIXELS`; only its header is read.
+    """Refuse a picture of more than `MOST_PIXELS`. Only its header is read.
 
     Raises
     ------
@@ -167,7 +170,7 @@ def check_pixels(path: Path) -> None:
     from PIL import Image, UnidentifiedImageError
 
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of a picture that Pillow calls a bomb: we say it ourselves
+        warnings.simplefilter("ignore")  # about decompression bombs in pictures: our own error reports them
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
             with Image.open(path, formats=("PNG", "TIFF", "BMP", "JPEG")) as image:

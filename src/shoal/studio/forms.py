@@ -1,4 +1,4 @@
-"""Forms and copies: a problem's declarations as a JSON schema, and a problem as Python, as a command, as a file."""
+"""Forms and copies: a problem's declarations as a JSON schema, and a problem as Python, as a command and as a file."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _COMMANDS = {"steering": "steer", "search": "search"}
 
 
 def schema_of(kind: type[Problem]) -> dict[str, Any]:
-    """Return the JSON schema of what has fields, made from their declarations: of problems, vehicles, options of missions.
+    """Return the JSON schema of a class with declared fields: problems, vehicles, options of missions.
 
-    Beyond the words of JSON Schema a property has ``unit``, ``place`` (whether it is the map, workspace or region), ``repeated``
-    and ``names``: of a field whose value is a name, with options after a colon, the names.
+    In addition to JSON Schema, a property has ``unit``, ``place`` (whether it is the map, workspace or region), ``repeated``, and
+    ``names``, the possible names of a field whose value is a name with options after a colon.
 
     Examples
     --------
@@ -63,7 +63,7 @@ def _property(declared: Declaration) -> dict[str, Any]:
 
 
 def checked_problem(data: Any, folder: Folder) -> Problem:
-    """Return the problem that a browser describes; it names no file outside of the folder and runs nobody's code.
+    """Return the problem that a browser describes. Files outside the folder and third-party code are refused.
 
     Raises
     ------
@@ -75,7 +75,9 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
 
 
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
-    """Return what fields of a form describe, texts read as commands read them; see `schema_of`, and `checked_problem`.
+    """Return the object that a form's fields describe.
+
+    Texts are parsed as on the command line; see `schema_of` and `checked_problem`.
 
     Raises
     ------
@@ -93,7 +95,7 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 
 
 def checked_seed(about: Mapping[str, Any]) -> int:
-    """Return the seed that a browser names, 0 by default; large ones come as text, since numbers of pages have 53 bits.
+    """Return the seed from a browser, 0 by default. Large seeds are texts, because numbers in pages have 53 bits.
 
     Raises
     ------
@@ -106,7 +108,7 @@ def checked_seed(about: Mapping[str, Any]) -> int:
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
-    """Return what gives the same result outside of the studio: ``python``, ``command`` and ``file``."""
+    """Return texts that give the same result outside the studio: ``python``, ``command`` and ``file``."""
     return {"python": as_python(problem, seed=seed), "command": as_command(problem, seed=seed), "file": as_file(problem)}
 
 
@@ -137,7 +139,7 @@ def as_python(problem: Problem, *, seed: int) -> str:
 
 
 def as_command(problem: Problem, *, seed: int) -> str:
-    """Return the command line that runs a problem; the one of its file, ``problem.json``, if a field has no text.
+    """Return the command line that runs a problem. If a field has no text form, the command uses the file ``problem.json``.
 
     Examples
     --------
@@ -147,7 +149,7 @@ def as_command(problem: Problem, *, seed: int) -> str:
     """
     fields, known = _fields(problem), problem.declarations()
     words = ["shoal", _COMMANDS.get(problem.part, "map")]
-    if fields.get("task") == "coverage" or "subset" in fields:  # `shoal map` takes all other tasks
+    if fields.get("task") == "coverage" or "subset" in fields:  # `shoal map` accepts all other tasks
         words[1] = "cover"
         fields.pop("task", None)
     if not all(_has_text(problem, known[name], value) for name, value in fields.items()):
@@ -158,7 +160,7 @@ def as_command(problem: Problem, *, seed: int) -> str:
 
 
 def mission_words(options: Problem) -> list[str]:
-    """Return the words of the command line that say options of missions."""
+    """Return the words of the command line for options of missions."""
     return [shlex.quote(word) for word in _flags(options, _fields(options))]
 
 
@@ -176,7 +178,7 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
-    """Tell whether the command line can say a value: what it reads is what was meant."""
+    """Return whether the command line can express a value, that is, whether parsing its text gives the same value."""
     if declared.type is not object:
         return True
     try:
@@ -187,7 +189,7 @@ def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
 
 
 def as_file(problem: Problem) -> str:
-    """Return the problem file, JSON; commands take it in place of a map, workspace or region."""
+    """Return the problem file as JSON. Commands accept it in place of a map, workspace or region."""
     return json.dumps(problem.to_dict(), indent=1, allow_nan=False) + "\n"
 
 

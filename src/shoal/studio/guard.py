@@ -1,4 +1,4 @@
-"""What stands before the studio: who may ask, how much, how slowly, and what pages may do."""
+"""Protection of the studio: authentication, limits of size and time, and security headers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ Send = Callable[[Message], Awaitable[None]]
 Application = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LARGEST_BODY = 2 * 2**20
-"""Bytes of the body of a request that is no upload."""
+"""Maximum size in bytes of a request's body, except uploads."""
 
 LARGEST_UPLOAD = 512 * 2**20
-"""Bytes of a file that is brought into the folder."""
+"""Maximum size in bytes of an uploaded file."""
 
 SLOWEST = 10.0
-"""Seconds between two pieces of a body, and until a request has come whole."""
+"""Maximum seconds between two pieces of a body, and until a request is complete."""
 
 MOST_CONNECTIONS = 200
 MOST_SOCKETS = 16
@@ -43,7 +43,7 @@ _KEPT_PRIVATE = {
 
 
 class _RefusedError(Exception):
-    """A request that is not answered: its status and a sentence."""
+    """A refused request with its status and a sentence."""
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -51,19 +51,19 @@ class _RefusedError(Exception):
 
 
 class Guard:
-    """The safety of the studio as one ASGI middleware.
+    """The protection of the studio as one ASGI middleware.
 
     Parameters
     ----------
     application : callable
-        What is guarded.
+        The protected application.
     port : int
-        Where it is served; requests for any other host are refused, as are those that pages of others send.
+        Port of the server. Requests for any other host are refused, and so are requests from other sites' pages.
 
     Attributes
     ----------
     token : str
-        What the address has that is opened first; it is exchanged for a cookie.
+        Secret in the address that is opened first. It is exchanged for a cookie.
     """
 
     def __init__(self, application: Application, port: int) -> None:
@@ -100,7 +100,7 @@ class Guard:
 
     def _check_sender(self, scope: MutableMapping[str, Any], headers: dict[bytes, bytes]) -> None:
         host, origin = (headers.get(name, b"").decode("latin-1") for name in (b"host", b"origin"))
-        if host not in self.hosts:  # a name of somebody else's that leads here
+        if host not in self.hosts:  # another host name that leads to this server
             raise _RefusedError(421, f"expected the host {self.hosts[0]}")
         if (origin and origin != f"http://{host}") or (scope["type"] == "websocket" and not origin):
             raise _RefusedError(403, "expected a request of the studio's own page")
@@ -134,7 +134,7 @@ class Guard:
 
 
 def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
-    """Return headers by name; one that comes twice and says two things is none of ours."""
+    """Return headers by name. A header that occurs twice with different values is refused."""
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         found[name] = value if found.get(name, value) == value else b"\x00"
@@ -142,7 +142,7 @@ def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
 
 
 def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive) -> Receive:
-    """Return ``receive`` that refuses what is too large or too slow, while it comes."""
+    """Return a ``receive`` that refuses bodies that are too large or too slow while they arrive."""
     most = LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
     told = headers.get(b"content-length", b"0")
     came, whole = 0, False
@@ -167,7 +167,7 @@ def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], recei
 
 
 def _private(send: Send, host: str) -> Send:
-    """Return ``send`` that adds the headers that all answers have."""
+    """Return a ``send`` that adds the common headers of all answers."""
 
     async def private(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -188,16 +188,16 @@ async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) 
 
 
 class LimitedConnection(H11Protocol):
-    """A connection of a server that has not too many of them, and does not wait for one that says nothing.
+    """A server connection with limits on the number of connections and on idle time.
 
-    Where there are too many, the oldest makes room that has not asked for anything; if each has, the newest.
+    If there are too many connections, the oldest one without any request is closed; if all have requests, the newest.
     """
 
     open_now = 0
-    silent: ClassVar[dict[LimitedConnection, None]] = {}  # the oldest first
+    silent: ClassVar[dict[LimitedConnection, None]] = {}  # oldest first
 
     def connection_made(self, transport: Any) -> None:
-        """Take a connection, or drop it."""
+        """Accept a connection, or close it."""
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)
@@ -213,12 +213,12 @@ class LimitedConnection(H11Protocol):
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Hand the connection over; sockets are counted by the guard."""
+        """Pass the connection on. The guard counts websockets."""
         self._left()
         super().handle_websocket_upgrade(event)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Forget the connection."""
+        """Remove the connection."""
         self._left()
         super().connection_lost(error)
 

@@ -1,4 +1,4 @@
-"""The processes that answer quickly: each stays, keeps what it has opened, and is started anew if it ends."""
+"""Processes for quick answers. Each process is permanent, caches opened files, and is restarted if it ends."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
 PATIENCE = 60.0
-"""Seconds for an answer; a process that takes longer is ended."""
+"""Maximum seconds for an answer. A process that takes longer is ended."""
 
 
 class Preview:
@@ -34,7 +34,7 @@ class Preview:
         Raises
         ------
         InvalidInputError
-            With the sentence of the process; also if it ended or took too long.
+            If the process reports an error, ends, or takes too long. The message is one sentence.
         """
         async with self._turn:
             if self._worker is None:

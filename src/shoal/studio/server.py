@@ -1,4 +1,4 @@
-"""Serve a folder at 127.0.0.1, until somebody stops it."""
+"""The server of the studio: it serves a folder at 127.0.0.1 until it is stopped."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from shoal.studio.guard import Guard, LimitedConnection
 from shoal.studio.jobs.store import FILE
 
 PORT = 8790
-"""Where the studio is served unless that is taken; then at any free port."""
+"""Default port of the studio. If it is in use, any free port is used."""
 
 
 def listening(port: int | None) -> socket.socket:
-    """Return a socket that listens at 127.0.0.1 and nowhere else.
+    """Return a socket that listens only at 127.0.0.1.
 
     Raises
     ------
     OutputError
-        If the port that was asked for is taken.
+        If the requested port is in use.
     """
     for wanted in (PORT, 0) if port is None else (port,):
         # With the protocol named asyncio lets its connections send at once; else the second part of each answer waits 40 ms.
@@ -50,19 +50,19 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
     Parameters
     ----------
     root : path
-        A folder, which is made if it is new; its files are all that is kept.
+        The folder, which is created if it does not exist. It contains the whole state.
     port : int, optional
     browser : bool
-        Whether to open one.
+        Whether to open a browser.
     say : callable
-        Told the address.
+        Function that receives the address.
 
     Raises
     ------
     InvalidInputError
-        If it is no folder, or another studio has it open.
+        If the path is not a folder, or another studio uses it.
     OutputError
-        If the port is taken or the folder cannot be written.
+        If the port is in use or the folder is not writable.
     """
     folder = Path(root).resolve()
     try:
@@ -97,7 +97,7 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Hold the folder: two servers would begin each job twice."""
+    """Lock the folder, because two servers would start each job twice."""
     with ExitStack() as held:
         try:
             held.enter_context(locked(folder / FILE, "studio"))

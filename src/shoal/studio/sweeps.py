@@ -1,4 +1,4 @@
-"""Sweeps from a browser: their forms, their checks, and a sweep as Python, as commands and as a file."""
+"""Sweeps from a browser: forms, checks, and a sweep as Python, as commands and as a file."""
 
 from __future__ import annotations
 
@@ -14,22 +14,25 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import schema_of
 
 PLAYED = tuple(kind for kind in KINDS if kind != "function")
-"""Kinds of problems that the studio sweeps over; a function is code of somebody's own, which the command runs."""
+"""Kinds of problems that the studio can sweep.
+
+Functions are excluded because they are third-party code, which only the command runs.
+"""
 
 
 def sweep_forms() -> dict[str, Any]:
-    """Return what sweeps can vary: by kind of problem its schema, and what a trial measures."""
+    """Return the fields that sweeps can vary: for each kind of problem its schema and the measures of a trial."""
     made = {kind: trial_problem_type(kind) for kind in PLAYED}
     return {kind: {"schema": schema_of(one), "measures": list(one.measures)} for kind, one in made.items()}
 
 
 def checked_sweep(text: str, folder: Folder) -> Sweep:
-    """Return the sweep that TOML from a browser describes; it names no file outside of the folder and runs nobody's code.
+    """Return the sweep that TOML from a browser describes. Files outside the folder and third-party code are refused.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        With the line and the field.
+        If the TOML is invalid. The message names the line and the field.
     """
     return sweep_in(text, where="sweep", check=partial(_check, folder))
 
@@ -37,7 +40,7 @@ def checked_sweep(text: str, folder: Folder) -> Sweep:
 def _check(folder: Folder, data: Mapping[str, Any]) -> None:
     problem, axes = data.get("problem"), data.get("axes", {})
     if not isinstance(problem, Mapping) or not isinstance(axes, Mapping):
-        return  # refused by what makes the sweep
+        return  # an error is raised when the sweep is created
     kind = problem.get("kind")
     if kind in KINDS and kind not in PLAYED:
         raise InvalidInputError(
@@ -54,7 +57,7 @@ def _check(folder: Folder, data: Mapping[str, Any]) -> None:
 
 
 def sweep_copies(sweep: Sweep, store: str, text: str) -> dict[str, str]:
-    """Return what gives the same results outside of the studio: ``python``, ``command`` and ``file``."""
+    """Return texts that give the same results outside the studio: ``python``, ``command`` and ``file``."""
     measure, axis = first_measure(sweep.measures), next(iter(sweep.paired), None)
     file = store.removesuffix(".sqlite") + ".toml"
     shown = f" --compare {axis}" * bool(axis)

@@ -1,4 +1,4 @@
-"""Imported once, by the process that others are forked from: what they all need is loaded, and kernels with it."""
+"""Imports for the process from which others are forked: all common libraries and kernels."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.swarm.run import load_kernels
 
 
 def _load() -> None:
-    """Load what is asked for first: kernels of the default policy and of plans for two particles, and all that a run needs."""
+    """Load the kernels of the default policy and of plans for two particles, and everything else that a run needs."""
     for policy in ("best", "closest-frontier"):
         problem = SwarmProblem([[1, 1]], particles=1, policy=policy)
         load_kernels(problem)
@@ -23,7 +23,7 @@ def _load() -> None:
     for planner in ("greedy", "shortest"):
         start, goal = [(0.2, 0.3), (0.5, 0.35)], [(0.8, 0.2), (0.3, 0.75)]
         shoal.steering.run.run(SteeringProblem("square", start, goal, planner=planner))
-    gc.freeze()  # so that forks share what is loaded
+    gc.freeze()  # so that forks share the loaded objects
 
 
 _load()

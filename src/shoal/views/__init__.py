@@ -1,6 +1,6 @@
-"""What people look at: figures, films and the HTML player of an episode of any part.
+"""Figures, films and the HTML player of an episode of any part.
 
-matplotlib is imported here and in papers only.
+Only this package and ``papers`` import matplotlib.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["figure", "film", "notebook_page", "save_figure"]
 
-INLINE = 1_000_000  # characters of a player that a notebook takes
+INLINE = 1_000_000  # maximum characters of a player in a notebook
 
 
 def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
@@ -34,20 +34,20 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        Of any part. For ``kind="frontier"`` also several, for their median.
+        The episode, of any part. For ``kind="frontier"`` also several episodes, whose median is drawn.
     kind : str, optional
-        What to draw; the first of its part if none:
+        Kind of the figure. The default is the first kind of the part:
 
-        - swarm: "map" (option ``moves``: after how many; default: at the end), "frontier" (its cells by move).
+        - swarm: "map" (option ``moves``: number of moves before the picture; default: all), "frontier" (frontier cells by move).
         - steering: "plan".
-        - search: "routes", "timeline" (what each robot did when).
+        - search: "routes", "timeline" (activities of each robot over time).
     **options
-        Of the kind, as named above.
+        Options of the kind, as listed above.
 
     Raises
     ------
     InvalidInputError
-        For a kind or an option that the part has not.
+        If the part does not have this kind or option.
     """
     kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
     if kind is None:
@@ -57,23 +57,23 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
 
 
 def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
-    """Write a film of an episode of any part; the suffix gives the kind.
+    """Write a film of an episode of any part. The suffix determines the format.
 
     Parameters
     ----------
     episode : Episode
-        One that `verify` finds true: what happens between its moves is played again.
+        An episode that `verify` confirms, because the film replays the motion between its moves.
     path : path
         ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
     on_frame : callable, optional
-        Called with (frames done, frames in all).
+        Function that is called with (frames done, total frames).
 
     Raises
     ------
     InvalidInputError
-        For another suffix, or an episode that is too large for a browser.
+        If the suffix is unsupported, or the episode is too large for a browser.
     OutputError
-        If it cannot be written; nothing is left behind.
+        If the file cannot be written. No partial file remains.
     """
     from shoal.views.drawing.encoding import check_film, encode_film
 
@@ -87,14 +87,14 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
 
 
 def notebook_page(episode: Episode) -> str:
-    """Return an episode as HTML for a notebook: its figure, a sentence, and its player to open unless that is large."""
-    from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which takes long to import
+    """Return an episode as HTML for a notebook: its figure, a sentence, and its player unless the player is too large."""
+    from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which is slow to import
 
     encoded, name = base64.b64encode(encode_figure(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))
     told = name if html.escape(episode.sentence) in name else f"{name}<br/>{html.escape(episode.sentence)}"
     try:
         player = _views_of(episode, "page").player_page(episode)
-    except InvalidInputError:  # it is too large for a browser
+    except InvalidInputError:  # the episode is too large for a browser
         player = ""
     frame = (
         f'<details><summary>play</summary><iframe srcdoc="{html.escape(player)}" loading="lazy" '
@@ -107,7 +107,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return a module of the part that an episode is of; the views of other parts, and their kernels, are not loaded."""
+    """Return a view module of the episode's part. The views of other parts, and their kernels, are not loaded."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected one of a swarm, of steering or of a search, got {type(episode).__name__}")

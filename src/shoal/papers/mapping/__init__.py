@@ -1,1 +1,1 @@
-"""Papers M and D, mapping and coverage with a particle swarm: their figures and theorems, computed and drawn anew."""
+"""Papers M and D (mapping and coverage with a particle swarm): reproduction of their figures and theorems."""

@@ -45,7 +45,7 @@ GREEDY: dict[str, Any] = {"kind": "swarm", "policy": "closest-frontier"}
 PLACEMENTS = ("flood-fill", "region-fill", "uniform")
 TASKS = {"mapping": "mapping", "coverage": "coverage", "subset-coverage": "subset coverage, 10 % of the cells"}
 FIFTH = "subset coverage, 20 % of the cells"
-WITHIN = 0.15  # of the published mean
+WITHIN = 0.15  # relative to the published mean
 TIES = "the tie rule of closest-frontier is not fully published, and others move its means by up to 30 %"
 OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
 
@@ -56,13 +56,13 @@ def _free_cells(name: str) -> int:
 
 
 def _slug(name: str) -> str:
-    """Return a map's name as part of the name of a sweep."""
+    """Return a map's name in the form for the name of a sweep."""
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
     return f"{plain}-{digest_of(name)[:6]}"
 
 
 def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
-    """Return a sweep on the complex map over numbers of particles, all axes but these paired."""
+    """Return a sweep on the complex map over numbers of particles, with all other axes paired."""
     chosen = settings.complex
     problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(_free_cells(chosen))}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
@@ -70,19 +70,19 @@ def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = No
 
 
 def _note_of(settings: Settings) -> str:
-    """Return what is to be said of the map."""
+    """Return a remark about the map."""
     return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, given by the user"
 
 
 def _unlike(settings: Settings) -> str:
-    """Return why numbers of the complex map cannot be compared; empty if the map can be the paper's."""
+    """Return the reason why numbers of the complex map are not comparable; empty if the map may be the paper's."""
     workspace = open_map(settings.complex)
     alike = sorted(workspace.shape) == [112, 132] and workspace.n_free == 5000
     return "" if alike else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"
 
 
 def _complex_claims(label: str, rows: list[Row], known: Published, settings: Settings) -> list[Claim]:
-    """Return the claims of numbers that are printed of the complex map; ours between two n are those of the curve."""
+    """Return the claims for numbers printed for the complex map. Between two n, our values are interpolated."""
     curve, unlike = curve_of(label, rows, "particles"), _unlike(settings)
     claims = []
     for n, mean in zip(known.x.tolist(), known.mean.tolist(), strict=True):
@@ -175,7 +175,7 @@ def _fig8(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         if trial["trial"] < 20:
             seeds.setdefault(trial["policy"], []).append(trial["seed"])
     groups, lines = {}, []
-    for policy in POLICIES:  # a row's seed plays its episode again
+    for policy in POLICIES:  # a row's seed replays its episode
         episodes = [run(SwarmProblem(workspace, policy=policy, particles=particles), seed=seed) for seed in seeds[policy]]
         groups[policy] = [np.concatenate([[e.first_frontier], e.trace.frontier]) for e in episodes]
         lines += [[policy, k, *_thinned(curve)] for k, curve in enumerate(groups[policy])]
@@ -218,7 +218,7 @@ def _fig9(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     known = {name: published_curve(POINTS, points=True, task="mapping", policy=name) for name in POLICIES}
     curves = [curve_of(name, rows, "particles", published=known[name], policy=name) for name in POLICIES]
     random, elect, closest = (_estimates(rows, policy=policy) for policy in POLICIES)
-    most = [n for n in random if 0.8 * max(random) <= n < max(random)]  # with a particle in every cell all are the same
+    most = [n for n in random if 0.8 * max(random) <= n < max(random)]  # with a particle in every cell, all tasks are equal
     claims = [
         order_claim("closest-frontier needs fewer than elect-particle", "both are beaten", closest, elect),
         order_claim("closest-frontier needs fewer than random moves", "both are beaten", closest, random),
@@ -271,7 +271,7 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _positive(curve: Curve) -> Curve:
-    """Return a curve without what a logarithmic axis cannot show."""
+    """Return a curve without values that a logarithmic axis cannot show."""
     kept = curve.mean > 0
     return Curve(curve.label, curve.x[kept], curve.mean[kept], np.maximum(curve.low[kept], 0.05), curve.high[kept], curve.published)
 
@@ -283,7 +283,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         curve_of(name, rows, "particles", published=known if name == "uniform" else None, placement=name) for name in PLACEMENTS
     ]
     flood, region, uniform = (_estimates(rows, placement=name) for name in PLACEMENTS)
-    counts = [n for n in flood if n < max(flood)]  # with a particle in every cell all are the same
+    counts = [n for n in flood if n < max(flood)]  # with a particle in every cell, all tasks are equal
     claims = [
         order_claim("uniform placement needs fewer moves than flood fill", "many fewer", uniform, flood),
         claim(

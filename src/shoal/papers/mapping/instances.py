@@ -1,4 +1,4 @@
-"""Paper M: figure 1, the instances of figures 3 and 4, and theorem 3: what closest-frontier does on maps that are built for it."""
+"""Paper M: figure 1, the instances of figures 3 and 4, and theorem 3. The instances are maps built for closest-frontier."""
 
 from __future__ import annotations
 
@@ -22,19 +22,22 @@ from shoal.views.swarm.figures import map_panels
 
 Cells = tuple[tuple[int, int], ...]
 GROUND = "vessels:500"
-PRINTED = {4: 2394, 300: 82}  # moves of Fig. 1, by particles
+PRINTED = {4: 2394, 300: 82}  # numbers of moves in Fig. 1, by particles
 STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of Fig. 3, n by n cells below a corridor of n cells at its right, and the particles that fill the corridor."""
+    """Return the map of Fig.
+
+    3 (n by n cells below a corridor of n cells at its right), and the particles that fill the corridor.
+    """
     free = np.zeros((2 * n, n), dtype=np.bool_)
     free[n:], free[:, -1] = True, True
     return free, tuple((row, n - 1) for row in range(n))
 
 
 def two_arms(k: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of Fig. 4, two corridors of k cells from one corner, and two particles: in the corner, at the end of one."""
+    """Return the map of Fig. 4 (two corridors of k cells from one corner), and particles in the corner and at one end."""
     free = np.zeros((k + 1, k + 1), dtype=np.bool_)
     free[0], free[:, 0] = True, True
     return free, ((0, 0), (0, k))
@@ -46,7 +49,10 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return the moves that map Fig. 3 by closest-frontier, and by a plan that drives all particles into the square at once."""
+    """Return the numbers of moves that map Fig.
+
+    3 by closest-frontier, and by a plan that drives all particles into the square at once.
+    """
     ground, start = square_below(n)
     together = f"lru{'d' * n}r{'udl' * n}"
     return {
@@ -57,7 +63,7 @@ def square_moves(*, seed: int, n: int) -> dict[str, int]:
 
 @measuring("greedy", "depth_first", "greedy_mapping", "depth_first_mapping")
 def arm_moves(*, seed: int, k: int) -> dict[str, int]:
-    """Return the moves of Fig. 4 by closest-frontier, and by depth-first search with particle 2 alone."""
+    """Return the numbers of moves on Fig. 4 by closest-frontier, and by depth-first search with particle 2 alone."""
     ground, start = two_arms(k)
     return {
         f"{name}{suffix}": _moves(ground, cells, policy, task)
@@ -68,7 +74,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
 def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the name of a problem's field
-    """Return how many searches closest-frontier makes with one particle, and how many cells they take from their queues."""
+    """Return the number of searches of closest-frontier with one particle, and the number of cells taken from their queues."""
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     known: dict[tuple[int, ...], bool] = {cell: True}
@@ -141,7 +147,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _scaled(store: Store, sweep: Sweep, axis: str) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
-    """Return the axis of a sweep of which nothing is random, its measures, and both as a table."""
+    """Return the axis and the measures of a sweep without randomness, and both as a table."""
     trials = trials_of(store, sweep)
     columns = [axis, *sweep.measures]
     table = np.array([[trial[name] for name in columns] for trial in trials], dtype=np.float64)
@@ -155,7 +161,8 @@ def _fig3_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig3(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     n, found, table = _scaled(store, sweeps[0], "n")
-    powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in found.items()}  # the last n is twice the one before
+    # the last n is twice the previous one
+    powers = {name: float(np.log2(values[-1] / values[-2])) for name, values in found.items()}
     claims = (
         claim("closest-frontier: exponent of n, from the last doubling", "2", powers["greedy"], within=(1.8, 2.2), why="Ω(n²)"),
         claim("all particles at once: exponent of n", "1", powers["together"], within=(0.8, 1.2), why="O(n)"),
@@ -229,7 +236,7 @@ def _with_map(
     *,
     level: float | None = None,
 ) -> Outcome:
-    """Return the outcome of an instance: moments of a small one above how its moves grow."""
+    """Return the outcome for an instance: pictures of a small instance above a chart of the growth of its moves."""
     printed = None if level is None else Published(x, np.full(len(x), level))
     lines = [Curve(name, x, values, values, values, None if k else printed) for k, (name, values) in enumerate(curves.items())]
     figure = map_panels(

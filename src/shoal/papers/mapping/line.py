@@ -18,7 +18,7 @@ from shoal.swarm.theory.one_dimension import Line, LineSample, sample
 from shoal.swarm.theory.scan_schedules import Hyperexponential, Powers, least_simultaneous_ratio, worst_of_both
 from shoal.views.swarm.theory import gap_distributions, move_distributions, simultaneous_ratios
 
-PLACED = 1_000_000  # of the paper's Monte Carlo
+PLACED = 1_000_000  # number of trials of the paper's Monte Carlo
 DECADES = (1, 2, 3, 4, 6, 8, 10, 12, 16, 20, 30, 40, 50, 60, 70, 80, 90, 100)
 
 
@@ -32,7 +32,7 @@ def _sampled(line: Line, settings: Settings) -> LineSample:
 
 
 def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int) -> Claim:
-    """Return the claim that an exact mean is the printed one of the paper's Monte Carlo."""
+    """Return the claim that an exact mean equals the printed mean of the paper's Monte Carlo."""
     error = 0.5 * 10.0**-digits + 1.96 * float(np.std(drawn)) / PLACED**0.5
     return claim(
         what, f"{printed:g}", exact, within=(printed - error, printed + error), why="rounding and errors of a million trials"
@@ -40,7 +40,7 @@ def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int
 
 
 def _tables(store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str) -> tuple[Table, Table]:
-    """Return our means beside the exact ones, and how often each value was drawn."""
+    """Return our means beside the exact ones, and the number of draws of each value."""
     means, counted = [], []
     for name, value in exact.items():
         (row,) = summarise(store, sweep.name, name)
@@ -97,7 +97,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
-    """Return the larger of both ratios of i^i, the least of any schedule, and log D / log log D, for D = 10^k; shape (3, k)."""
+    """Return the larger of both ratios of i^i, the smallest of any schedule, and log D / log log D, for D = 10^k; shape (3, k)."""
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]
     best = [float(least_simultaneous_ratio(distance).ratio) for distance in powers]

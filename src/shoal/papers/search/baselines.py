@@ -1,4 +1,4 @@
-"""Paper H: the other ways to search that it names (strips, spirals, random walks), and the curve Hilbert II."""
+"""Paper H: its other search methods (strips, spirals, random walks), and the curve Hilbert II."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ from shoal.search import Tour, make_tour
 from shoal.views.drawing.charts import BLUE, INK, ORANGE, padded_figure, set_title
 from shoal.views.drawing.curves import Labels, mean_curves
 
-SIDE = 32  # cells a side; a robot takes a unit of time for a cell
+SIDE = 32  # cells per side; a robot needs a unit of time for a cell
 ROBOTS = (1, 2, 5, 10, 20, 50)
 WAYS = ("curve", "strips", "spiral", "random walk")
 STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
 
 
 def curve_time(starts: NDArray[np.int64]) -> float:
-    """Return the time to search along a closed curve: the longest way from a robot to the next one."""
+    """Return the time to search along a closed curve: the largest distance from a robot to the next one."""
     at = np.sort(np.unique(make_tour("moore", (SIDE, SIDE)).position[tuple(starts.T)]))
     return float(np.max(np.diff(at, append=at[0] + SIDE**2)))
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time to go to the left ends of equal strips, in the order of the rows, and to search them: paper H, Fig. 1.
+    """Return the time to move to the left ends of equal strips, in the order of the rows, and to search them (paper H, Fig. 1).
 
-    A strip of several rows is searched back and forth; rows that do not divide evenly make some strips one row wider.
+    A strip of several rows is searched back and forth. If the rows do not divide evenly, some strips are one row wider.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
@@ -40,9 +40,9 @@ def strip_time(starts: NDArray[np.int64]) -> float:
 
 
 def spiral_time(starts: NDArray[np.int64]) -> float:
-    """Return when all cells are searched by robots that each spiral outward from their starts and know nothing of each other.
+    """Return the time until all cells are searched by robots that spiral outwards from their starts independently.
 
-    The spiral is square; its cells outside of the region are passed over along the border, at their distance in cells.
+    The spiral is square. Its cells outside the region are bypassed along the border, at their distance in cells.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
@@ -56,9 +56,9 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
 
 
 def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
-    """Return when all cells are searched by random walks; a step out of the region leaves a robot where it is.
+    """Return the time until all cells are searched by random walks. A step out of the region leaves a robot in place.
 
-    A walk that stays at the border is an unbounded one, folded: the cells i and 2 SIDE - 1 - i are one.
+    A walk that stays at the border equals a folded unbounded walk: the cells i and 2 SIDE - 1 - i are identified.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():
@@ -74,7 +74,7 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
 @measuring("time", "share")
 def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
-    """Return how long robots at random cells take to search all cells, in cells and as a share of all cells."""
+    """Return the time that robots at random cells need to search all cells, in cells and as a fraction of all cells."""
     rng = np.random.default_rng(seed)
     starts = rng.integers(SIDE, size=(robots, 2))
     if way == "random walk":
@@ -124,7 +124,7 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
 
 
 def hilbert_ii(order: int) -> Tour:
-    """Return the curve Hilbert II, or Peano's: S-shaped pieces of nine cells, 3^order cells a side, closed by an edge."""
+    """Return the curve Hilbert II (Peano's curve): S-shaped pieces of nine cells, 3^order cells per side, closed by an edge."""
     cells = np.zeros((1, 2), dtype=np.int64)
     for k in range(order):
         side, parts = 3**k, []

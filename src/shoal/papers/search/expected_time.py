@@ -13,7 +13,7 @@ from shoal.search.allocation.expected_time import stay_share
 from shoal.views.drawing.curves import Curve, Labels, Published, mean_curves
 
 ROBOTS = (1, 2, 3, 5, 7, 10, 15, 20, 30, 40, 50)
-CELLS = 1024  # 32 a side, of 10 m; a robot takes a second for each
+CELLS = 1024  # 32 cells per side of 10 m each; a robot needs a second per cell
 
 
 def _fig5_sweeps(settings: Settings) -> list[Sweep]:

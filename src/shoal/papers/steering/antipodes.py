@@ -1,4 +1,4 @@
-"""How goals opposite each other on a disk are approached: the data behind figure 15 of paper W."""
+"""Approach to antipodal goals on a disk: the data behind figure 15 of paper W."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ Toucher = Literal["nearer", "second"]
 
 @dataclass(frozen=True, eq=False)
 class AntipodeSwap:
-    """How two particles on a disk approach goals opposite each other, cycle after cycle.
+    """The approach of two particles on a disk to antipodal goals, cycle by cycle.
 
     Parameters
     ----------
     toucher : str
-        "second": particle 2 always touches. "nearer": the particle that is nearer to its contact does.
+        "second": particle 2 always touches the wall. "nearer": the particle nearer to its contact touches.
     start, goal : ndarray of float64, shape (2, 2)
     moves : ndarray of float64, shape (2 cycles, 2)
-        Contact and adjustment by turns.
+        Contacts and adjustments alternately.
     lengths : ndarray of float64, shape (cycles,)
-        Of the plan that ends after each cycle, its last translation included, in diameters.
+        Length in diameters of the plan that ends after each cycle, including its last translation.
     errors : ndarray of float64, shape (cycles,)
-        δ: how far from its goal each particle then is, in diameters.
+        δ: remaining distance of each particle from its goal after each cycle, in diameters.
     """
 
     toucher: Toucher
@@ -45,12 +45,12 @@ class AntipodeSwap:
     errors: NDArray[np.float64]
 
     def law(self, *, below: float = 0.25) -> tuple[float, float]:
-        """Return a and b of the law a / length^b through the errors below a bound: a straight line in logarithms.
+        """Return a and b of the law a / length^b, fitted to the errors below a bound as a straight line in logarithms.
 
         Raises
         ------
         InvalidInputError
-            If there are not two of them.
+            If fewer than two errors are below the bound.
         """
         low = self.errors < below
         if np.count_nonzero(low) < 2:
@@ -59,27 +59,27 @@ class AntipodeSwap:
         return float(np.exp(level)), -float(slope)
 
     def length_to(self, error: float) -> float:
-        """Return the length of the shortest of these plans whose error is at most that; not a number if none is."""
+        """Return the length of the shortest of these plans with at most this error; NaN if there is none."""
         near = self.lengths[self.errors <= error]
         return float(near.min()) if near.size else np.nan
 
 
 def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
-    """Steer two particles on a disk of diameter 1 towards goals at antipodes, by the paper's algorithm 1.
+    """Steer two particles on a disk of diameter 1 towards antipodal goals by the paper's algorithm 1.
 
-    Each cycle makes the difference nearest to that of the goals. From Δ opposite to it and one diameter long that is Δ = 0, which
-    can never be left; so particles start nearer to each other.
+    Each cycle makes the difference nearest to that of the goals. From an opposite Δ of one diameter, this would be Δ = 0, which can
+    never be left. Therefore the particles start closer to each other.
 
     Parameters
     ----------
     toucher : str
-        "nearer" or "second": which particle touches. Either makes the same differences, opposite.
+        "nearer" or "second": the particle that touches. Both choices make opposite differences of equal length.
     cycles : int
-        1 or more.
+        Number of cycles, at least 1.
     apart : float
-        Distance at the start, in diameters, above 0 and below 1; both as far from the centre.
+        Initial distance in diameters, above 0 and below 1. Both particles are equally far from the centre.
     turn : float
-        Angle between Δ at the start and the line through the goals; 0 makes the particles change sides.
+        Angle between the initial Δ and the line through the goals. With 0, the particles exchange sides.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     query = ChainQuery(normalize_walls(disk(radius)), np.stack([-ahead, ahead]), np.array([[radius, 0.0], [-radius, 0.0]]))
     state, moves, lengths, errors = query.start, [], [], []
     for _ in range(cycles):
-        cycle = nearest_cycles(query, state[1] - state[0], query.after)[0]  # Δ is not zero, so some contact can be made
+        cycle = nearest_cycles(query, state[1] - state[0], query.after)[0]  # Δ is not zero, so some contact is possible
         delta = cycle.after
         who, contact = _contact(state, cycle.low / radius, radius, toucher)
         moves += [contact - state[who], (delta - (state[1] - state[0])) * (1 if who == 0 else -1)]
@@ -114,7 +114,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
 
 def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:
-    """Return who touches (0 or 1) and where: particle 1 at an angle, or particle 2 opposite."""
+    """Return the toucher (0 or 1) and its contact: particle 1 at an angle, or particle 2 opposite."""
     places = radius * np.array([[np.cos(angle + turn), np.sin(angle + turn)] for turn in (0.0, pi)])
     who = 1 if toucher == "second" else int(np.argmin(np.linalg.norm(places - state, axis=1)))
     return who, places[who]

@@ -1,4 +1,4 @@
-"""Paper W, figures 5 to 7: how the set of two moves is made on a square, on any polygon and on a disk."""
+"""Paper W, figures 5 to 7: construction of the set of two moves on a square, on any polygon and on a disk."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random point of the wall that a particle can touch first, and the state then, shape (2, 2)."""
+    """Return a random point of the wall that a particle can touch first, and the state at this contact, shape (2, 2)."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -47,9 +47,9 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Play random pairs of moves, one to a wall and one along or away from it; return how many end outside of the set of two moves.
+    """Simulate random pairs of moves, one to a wall and one along it or away. Return how many end outside the set of two moves.
 
-    ``widest`` is the largest angle of a contact of particle 1 from the direction of particle 2 to it.
+    ``widest`` is the largest angle between a contact of particle 1 and the direction from particle 2 to it.
     """
     rng, (place, start) = np.random.default_rng(seed), STARTS[workspace]
     world, before = ContactWorld(place), start[1] - start[0]
@@ -113,7 +113,7 @@ def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) ->
 
 
 def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, toucher: int, wall: int, title: str) -> None:
-    """Draw which contacts of a wall a particle can make first, one of them, and where the other can go then."""
+    """Draw the possible first contacts of a particle with a wall, one contact, and where the other particle can then be."""
     _draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
@@ -134,7 +134,7 @@ def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, toucher: i
 
 
 def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float) -> Polygon:
-    """Return a strip along a wall, as deep as that."""
+    """Return a strip of the given depth along a wall."""
     along, size = np.array([normal[1], -normal[0]]), 4 * place.size
     return Polygon(
         [
@@ -147,7 +147,7 @@ def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float)
 
 
 def _draw_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
-    """Draw the set of two moves in the Δ configuration space, a pale piece for each wall and toucher."""
+    """Draw the set of two moves in the Δ configuration space, with a pale piece for each pair of wall and toucher."""
     draw_workspace(axes, place.differences)
     axes.set_axis_off()
     for piece in two_move_pieces(place, start[1] - start[0]):

@@ -1,4 +1,4 @@
-"""The figures of paper W from our own computations: sets in the Δ configuration space (4, 8, 9), costs of plans (14 to 16)."""
+"""The figures of paper W from our computations: sets in the Δ configuration space (4, 8, 9), costs of plans (14 to 16)."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# What the paper prints (sections IV.F and VI), shares in %, to be drawn beside what is computed.
+# Values printed in the paper (sections IV.F and VI), in %, for comparison with the computed ones.
 PRINTED_FRACTIONS: Mapping[float, Mapping[int, str]] = {
     0.1: {2: "6.3", 4: "30", 6: "55", 8: "75", 10: "86", 12: "93", 14: "96"},
     0.001: {14: "90"},
@@ -32,12 +32,12 @@ EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
 
 
 def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
-    """Return workspaces, and beside each its Δ configuration space with what 2, 4, ... moves reach, as paper W, Fig. 4.
+    """Return workspaces, each beside its Δ configuration space with the sets that 2, 4, ... moves reach (paper W, Fig. 4).
 
     Raises
     ------
     InvalidInputError
-        If there is nothing to draw.
+        If there are no polygons.
     """
     if not fillings:
         raise InvalidInputError("reachable sets: expected one polygon or more, got none")
@@ -61,7 +61,7 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
 
 
 def _percent(share: float) -> str:
-    """Write a share so that only a whole reads 100."""
+    """Return a fraction in percent. Only an exact 1 is written as 100."""
     return f"{min(100 * share, 99.9):.1f}" if share < 1 - 1e-6 else "100"
 
 
@@ -74,7 +74,7 @@ def _draw_start(axes: Axes, filling: PolygonFractions) -> None:
 
 
 def _draw_outlines(axes: Axes, border: NDArray[np.float64], outlines: Sequence[NDArray[np.float64]]) -> None:
-    """Draw sets one above the other, the smallest on top, in the border of all differences."""
+    """Draw sets over each other, with the smallest on top, inside the border of all differences."""
     axes.fill(*border.T, facecolor="#f7f8fa", edgecolor="none", zorder=0)
     for k, outline in reversed([*enumerate(outlines)]):
         axes.fill(*outline.T, facecolor=REACH_COLOURS[k % len(REACH_COLOURS)], edgecolor="white", lw=0.3, zorder=1)
@@ -96,12 +96,12 @@ def _colour_key(figure: Figure, moves: Sequence[int]) -> None:
 
 
 def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figure:
-    """Return what 2, 4, ... moves reach on a disk from starts so many diameters apart, as paper W, Fig. 9.
+    """Return the sets that 2, 4, ... moves reach on a disk from starts at given distances in diameters (paper W, Fig. 9).
 
     Raises
     ------
     InvalidInputError
-        For distances not above 0 and at most 1.
+        If a distance is not above 0 and at most 1.
     """
     figure = padded_figure(4.2 * len(distances), 5.0)
     angles = np.linspace(0, 2 * np.pi, 361)
@@ -115,9 +115,9 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 
 
 def fraction_curves(data: DiskFractions) -> Figure:
-    """Return the share of all differences that moves reach on a disk against the distance at the start, as paper W, Fig. 8.
+    """Return the fraction of all differences that moves reach on a disk against the initial distance (paper W, Fig. 8).
 
-    Numbers that the paper prints are circles; vertical lines are the starts of Fig. 9.
+    Circles are the paper's printed numbers. Vertical lines mark the starts of Fig. 9.
     """
     from matplotlib import colormaps
 
@@ -142,17 +142,17 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return maps of what plans cost over the goal of one particle, as paper W, Figs. 14 and 16.
+    """Return maps of the costs of plans over the goal of one particle (paper W, Figs. 14 and 16).
 
     Parameters
     ----------
     rows : sequence of sequences of (GoalSweep, "moves" or "length")
-        What each panel shows. Lengths share one scale, moves another.
+        Content of each panel. All panels of lengths share one colour scale, and all panels of moves another one.
 
     Raises
     ------
     InvalidInputError
-        If there is nothing to draw, rows differ in length, or a panel is to show anything else.
+        If there are no panels, rows differ in length, or a panel has another content.
     """
     if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
         raise InvalidInputError("goal maps: expected rows of equal length with a panel each or more")
@@ -186,7 +186,7 @@ def _draw_bar(figure: Figure, on: list[Axes], scale: _Scale) -> None:
 
 
 class _Scale:
-    """One colour scale for all panels that show the same."""
+    """One colour scale for all panels with the same quantity."""
 
     def __init__(self, sweeps: Sequence[GoalSweep], what: str) -> None:
         if what not in {"moves", "length"}:
@@ -210,11 +210,11 @@ class _Scale:
         self.image = ScalarMappable(self.norm, self.colours)
 
     def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
-        """Return what is drawn of a sweep."""
+        """Return the quantity of a sweep that is drawn."""
         return sweep.moves if self.what == "moves" else sweep.lengths
 
     def draw(self, axes: Axes, sweep: GoalSweep) -> None:
-        """Draw a panel: the map, contours if it is one of lengths, starts and the goal that stays."""
+        """Draw a panel: the map, contours for lengths, starts and the fixed goal."""
         values, problem = self.values(sweep), sweep.problem
         half = (sweep.x[1] - sweep.x[0]) / 2, (sweep.y[1] - sweep.y[0]) / 2
         extent = (sweep.x[0] - half[0], sweep.x[-1] + half[0], sweep.y[0] - half[1], sweep.y[-1] + half[1])
@@ -238,7 +238,7 @@ class _Scale:
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Give cells whose middle lies outside of the workspace the value of the nearest inside, for what of them is inside."""
+    """Assign values to cells whose centre is outside the workspace: the value of the nearest inside cell."""
     from scipy.ndimage import distance_transform_edt
 
     outside = ~sweep.problem.place.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
@@ -259,14 +259,14 @@ def _goal_key(sweep: GoalSweep) -> list[object]:
 
 
 def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
-    """Return how near plans come to goals at antipodes, against their length, as paper W, Fig. 15.
+    """Return the distance of plans from antipodal goals against their length (paper W, Fig. 15).
 
     Parameters
     ----------
     second, nearer : AntipodeSwap
-        With particle 2 always touching, as the paper's law has it, and with the nearer particle.
+        The approach with particle 2 always touching, as in the paper's law, and with the nearer particle touching.
     *others : (AntipodeSwap, str)
-        Further plans with their names.
+        Further approaches with their names.
     """
     figure = new_figure(7.6, 4.4)
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Paper W, figures 14 and 16: a plan for each goal of one particle."""
+"""Paper W, figures 14 and 16: one plan for each goal of one particle."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.recipe import Settings, Table
 from shoal.steering import ConvexWorkspace, SteeringProblem, open_workspace
 
-# Fig. 14: where the particles start, and the goals of particle 1.
+# Fig. 14: starts of the particles, and goals of particle 1.
 DISK_START = ((0.2, 0.2), (-0.1, -0.1))
 DISK_GOALS = ((0.0, 0.0), (-0.2, 0.0))
-# Fig. 16: starts and the goal of particle 2. The paper does not print its three cases; these are ours.
+# Fig. 16: starts, and the goal of particle 2. The paper does not print its three cases; these are ours.
 SQUARE_CASES = (
     (((0.25, 0.25), (0.75, 0.75)), (0.5, 0.5)),
     (((0.2, 0.8), (0.3, 0.3)), (0.8, 0.2)),
@@ -26,23 +26,23 @@ SQUARE_CASES = (
 
 @dataclass(frozen=True, eq=False)
 class GoalSweep:
-    """What plans cost when the goal of one particle goes over the workspace and all else stays.
+    """Costs of plans while the goal of one particle varies over the workspace and all other settings are fixed.
 
     Parameters
     ----------
     problem : SteeringProblem
-        Its goals are both that of the other particle; its start, the other goal, tolerance and workspace are those of all.
+        The problem, with the fixed particle's goal as the goal of both. Start, tolerance and workspace apply to all plans.
     varied : int
-        1 or 2: whose goal it is.
+        The particle whose goal varies, 1 or 2.
     planner : str
     x, y : ndarray of float64, shape (n,)
         Coordinates of the goals.
     moves : ndarray of float64, shape (n, n)
-        Number of moves by y and x; not a number outside the workspace, and where no plan arrives.
+        Number of moves by y and x; NaN outside the workspace, and where no plan succeeds.
     lengths : ndarray of float64, shape (n, n)
         The same for the length of the plan.
     unsolved : int
-        How many goals inside have no plan that arrives.
+        Number of goals inside without a successful plan.
     """
 
     problem: SteeringProblem
@@ -59,7 +59,7 @@ def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settin
     """Return a sweep of the goal of one particle over a square around the workspace."""
     samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
     opened = open_workspace(workspace)
-    assert isinstance(opened, ConvexWorkspace)  # named ones are
+    assert isinstance(opened, ConvexWorkspace)  # named workspaces are
     low, high = (-0.5, 0.5) if opened.round else (0.0, 1.0)
     steps = [round(float(low + (high - low) * (2 * k + 1) / (2 * samples)), 12) for k in range(samples)]
     problem = {
@@ -71,7 +71,7 @@ def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settin
 
 
 def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
-    """Return what the drawing takes of a sweep over goals."""
+    """Return the data for the drawing from a sweep over goals."""
     problem: Any = sweep.points[0].problem
     x, y = np.array(sweep.axes["goal_x"]), np.array(sweep.axes["goal_y"])
     workspace = open_workspace(problem.workspace)
@@ -107,7 +107,7 @@ def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
 
 
 def goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    """Return moves and length goal by goal."""
+    """Return moves and length for each goal."""
     rows = []
     for name, s in zip(names, sweeps, strict=True):
         for row, column in np.argwhere(np.isfinite(s.moves)):

@@ -1,7 +1,7 @@
-"""How much of the Δ configuration space moves fill: the data behind figures 4 and 8 of paper W.
+"""Fraction of the Δ configuration space that moves reach: the data behind figures 4 and 8 of paper W.
 
-As on a disk (`shoal.steering.delta_space.disk_reach`), what is reached on a polygon is told by its radii; so areas are sums over
-directions, without any sampling of points.
+As on a disk (`shoal.steering.delta_space.disk_reach`), the reachable set on a polygon is described by its radii. Areas are
+therefore sums over directions, without random sampling.
 """
 
 from __future__ import annotations
@@ -19,22 +19,22 @@ from shoal.steering.delta_space.polygon_reach import PolygonReach, polygon_reach
 from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
-FULL = 1 - 1e-6  # of the area: what counts as filled
+FULL = 1 - 1e-6  # fraction of the area that counts as complete
 _LEVEL = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class DiskFractions:
-    """Which share of all differences particles on a disk reach, by the distance at which they start.
+    """Fraction of all differences that particles on a disk reach, by their initial distance.
 
     Parameters
     ----------
     distances : ndarray of float64, shape (n,)
-        Between the particles at the start, in diameters.
+        Initial distance of the particles in diameters.
     moves : ndarray of int64, shape (k,)
         2, 4, 6, ...
     fractions : ndarray of float64, shape (n, k)
-        Of the area of the Δ configuration space.
+        Fraction of the area of the Δ configuration space.
     """
 
     distances: NDArray[np.float64]
@@ -43,12 +43,12 @@ class DiskFractions:
 
 
 def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = DIRECTIONS) -> DiskFractions:
-    """Return the share of all differences that 2, 4, ..., ``moves`` moves reach on a disk.
+    """Return the fraction of all differences that 2, 4, ..., ``moves`` moves reach on a disk.
 
     Parameters
     ----------
     distances : array_like of float, shape (n,)
-        Between the particles at the start, in diameters: above 0 and at most 1.
+        Initial distances of the particles in diameters, above 0 and at most 1.
     moves, directions
         As for `disk_reach`.
 
@@ -69,11 +69,11 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the distance, in diameters, from which two moves on a disk reach most, and the share of all differences.
+    """Return the initial distance in diameters for which two moves on a disk reach most, and the fraction of all differences.
 
     Notes
     -----
-    Source: paper W, section IV.F, which has 0.373 at about 0.81.
+    Source: paper W, section IV.F, which gives 0.373 at about 0.81.
 
     Examples
     --------
@@ -89,7 +89,7 @@ def largest_two_move_fraction() -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class PolygonFractions:
-    """How the sets that can be reached on a polygon grow from one start.
+    """Growth of the reachable sets on a polygon from one start.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ class PolygonFractions:
     before : ndarray of float64, shape (2,)
         Δ at the start.
     sets : list of PolygonReach
-        After 2, 4, 6, ... moves.
+        The sets after 2, 4, 6, ... moves.
     """
 
     workspace: ConvexWorkspace
@@ -106,7 +106,7 @@ class PolygonFractions:
 
     @cached_property
     def fractions(self) -> NDArray[np.float64]:
-        """The share of the area of all differences by set; float64, shape (sets,)."""
+        """Fraction of the area of all differences for each set; float64, shape (sets,)."""
         return np.array([reach.fraction() for reach in self.sets])
 
     @cached_property
@@ -119,13 +119,13 @@ class PolygonFractions:
 
     @property
     def moves(self) -> int | None:
-        """The least number of moves that fills it, up to `FULL`; None if these sets do not."""
+        """The smallest number of moves that fills the space up to `FULL`; None if these sets do not."""
         full = np.flatnonzero(self.fractions >= FULL)
         return self.sets[full[0]].moves if full.size else None
 
 
 def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int = 8, contacts: int = 33) -> PolygonFractions:
-    """Return what two particles in a polygon reach in 2, 4, ..., ``moves`` moves, with the shares of the area.
+    """Return the sets that two particles in a polygon reach in 2, 4, ..., ``moves`` moves, with their fractions of the area.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
 
 
 def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
-    """Return how far a set goes in directions, unit vectors of shape (n, 2), from the contacts that it looks at; shape (n,)."""
+    """Return the extent of a set in directions given as unit vectors of shape (n, 2), from its sampled contacts; shape (n,)."""
     radii = np.zeros(len(ahead))
     for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
         on = np.flatnonzero(depths >= 0)
@@ -164,7 +164,7 @@ def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
 
 
 def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
-    """Return where a ray from the origin, which lies inside, leaves a workspace; float64, shape (2,)."""
+    """Return the point where a ray from the origin, which is inside, leaves a workspace; float64, shape (2,)."""
     unit = np.asarray(ahead, dtype=np.float64)
     return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
 
@@ -176,7 +176,7 @@ def _around(count: int) -> Points:
 
 
 def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
-    """Return how far it is from points to the wall in directions; float64, shape (points, directions)."""
+    """Return the distances from points to the wall in some directions; float64, shape (points, directions)."""
     rates = ahead @ workspace.normals.T
     clear = np.maximum(workspace.wall_distances(points), 0.0)
     way = np.full((len(points), len(ahead)), np.inf)

@@ -43,9 +43,9 @@ CYCLES = (2, 4, 6, 8, 10, 12, 14)
 
 
 def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> Points:
-    """Return a difference of two points, shape (2,): in a random direction, 2 to 100 % of the way to the border of all of them.
+    """Return a difference of two points, shape (2,): a random direction, and 2 to 100 % of the distance to the border.
 
-    Short ones are as often as long ones: the logarithm of the share is uniform.
+    The logarithm of this fraction is uniform, so short differences are as frequent as long ones.
     """
     angle, share = rng.uniform(0, 2 * pi), float(0.999 * 0.02 ** rng.uniform())
     border: Points = border_point(workspace.differences, (np.cos(angle), np.sin(angle)))
@@ -54,7 +54,7 @@ def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> P
 
 @measuring(*(f"share_{moves}" for moves in MOVES), "moves_to_fill")
 def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
-    """Return which share of all differences moves reach on a regular polygon from a random difference at the start."""
+    """Return the fraction of all differences that moves reach on a regular polygon from a random initial difference."""
     workspace = regular_polygon(sides)
     start = random_difference(np.random.default_rng(seed), workspace)
     filling = polygon_fractions(workspace, start, moves=MOVES[-1])
@@ -65,19 +65,19 @@ def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
 
 @measuring(*(f"share_{moves}" for moves in CYCLES))
 def disk_share(*, seed: int, distance: float) -> dict[str, float]:
-    """Return which share of all differences moves reach on a disk; nothing is random."""
+    """Return the fraction of all differences that moves reach on a disk. The result is deterministic."""
     return {f"share_{m}": float(share) for m, share in zip(CYCLES, disk_fractions([distance]).fractions[0], strict=True)}
 
 
 @measuring("length", "error")
 def antipodes(*, seed: int, toucher: str, cycles: int) -> dict[str, float]:
-    """Return how near a plan of so many cycles comes to goals at antipodes, and its length; nothing is random."""
+    """Return the distance of a plan with ``cycles`` cycles from antipodal goals, and its length. The result is deterministic."""
     swap = swap_antipodes(toucher=toucher, cycles=cycles)  # type: ignore[arg-type]  # refused there if it is no toucher
     return {"length": float(swap.lengths[-1]), "error": float(swap.errors[-1])}
 
 
 def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
-    """Return the claims of the shares that the paper prints for a distance at the start, in per cent."""
+    """Return the claims for the fractions that the paper prints for an initial distance, in percent."""
     (found,) = (row for row in table if row["distance"] == distance)
     claims = []
     for moves, text in PRINTED_FRACTIONS[distance].items():
@@ -95,7 +95,7 @@ def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
 
 
 def _outlines(sets: Iterable[tuple[float, int, NDArray[np.float64]]], first: str) -> Table:
-    """Return the outlines of sets, each (sides or distance, moves, outline), as data."""
+    """Return the outlines of sets as data, each (sides or distance, moves, outline)."""
     rows = [[of, moves, round(float(x), 5), round(float(y), 5)] for of, moves, outline in sets for x, y in outline[::8]]
     return Table("outlines, every 8th corner", [first, "moves", "x", "y"], rows, shown=False)
 
@@ -106,7 +106,7 @@ def _fig4_sweeps(settings: Settings) -> list[Sweep]:
 
 def _fig4(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     fillings = {n: polygon_fractions(regular_polygon(n), START, moves=MOVES[-1]) for n in SIDES}
-    found: dict[int, list[int]] = {n: [filling.moves or 10] for n, filling in fillings.items()}  # the start that is drawn is one
+    found: dict[int, list[int]] = {n: [filling.moves or 10] for n, filling in fillings.items()}  # the drawn start is one of them
     for trial in trials_of(store, sweeps[0]):
         found[trial["sides"]].append(trial["moves_to_fill"] or 10)
 
@@ -186,7 +186,7 @@ def _fig14_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _alike(values: NDArray[np.float64]) -> float:
-    """Return the share of goals in the workspace with the same value as their mirror images at the line of the starts."""
+    """Return the fraction of goals in the workspace with the same value as their mirror images in the line through the starts."""
     inside = np.isfinite(values)
     return float(np.mean(np.isclose(values, values.T, rtol=0, atol=1e-6)[inside & inside.T]))
 

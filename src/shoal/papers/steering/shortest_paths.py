@@ -1,4 +1,4 @@
-"""Paper W, section V: shortest paths by way of a wall (figures 11 and 12), and the worst case of a square (section IV.D)."""
+"""Paper W, section V: shortest paths that touch a wall (figures 11 and 12), and the worst case of a square (section IV.D)."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ _TILT = 1e-9
 
 
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
-    """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is reflected.
+    """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is a reflection.
 
-    The goal is reflected in each wall; a contact where the adjustment cannot be made is moved to the nearest where it can, and then
-    the path is not reflected. None if no wall serves.
+    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible one, and
+    the path is then not a reflection. None if no wall is suitable.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -60,14 +60,14 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 
 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
-    """Return the three moves: to the wall, the other particle to the difference of the goals, and on."""
+    """Return the three moves: to the wall, the other particle to the difference of the goals, and the final translation."""
     change = (goal[1] - goal[0]) - (start[1] - start[0])
     return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
 
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return of a random problem how far its reflected path ends from the goal, and the difference of its angles at the wall."""
+    """Return the final error of a random problem's reflected path, and the difference of its angles at the wall."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -121,7 +121,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _draw_reflection(axes: Axes, goal: Points) -> None:
-    """Draw a path of three moves, and the goal of the toucher reflected in its wall."""
+    """Draw a path of three moves, and the toucher's goal reflected in its wall."""
     path = shortest_crossing(START, goal)
     assert path is not None  # this goal has a path
     _, toucher, contact, _ = path
@@ -142,7 +142,7 @@ def _draw_reflection(axes: Axes, goal: Points) -> None:
 
 
 def _draw_touchers(axes: Axes, samples: int) -> float:
-    """Draw over the goal of particle 1 who touches first on the shortest path; return the share of goals without one."""
+    """Draw the toucher of the shortest path over the goals of particle 1. Return the fraction of goals without a path."""
     from matplotlib.colors import ListedColormap
 
     steps = (np.arange(samples) + 0.5) / samples
@@ -161,13 +161,13 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from S to the unit circle at θ and on to E: equation 9."""
+    """Return the length of the path from S to the unit circle at θ and on to E (equation 9)."""
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 
 
 def best_angle(s: float, e: float, beta: float) -> float:
-    """Return the angle of the shortest path, by a search that knows no formula."""
+    """Return the angle of the shortest path, found by a search without any formula."""
     around = np.linspace(-pi, pi, 2001)
     near = around[np.argmin(length_by_contact(around, s, e, beta))]
     bounds = (near - 0.01, near + 0.01)
@@ -179,7 +179,7 @@ def best_angle(s: float, e: float, beta: float) -> float:
 
 @measuring("s", "e", "beta", "theta", "angles", "equation")
 def circle_check(*, seed: int) -> dict[str, float]:
-    """Return of a random S and E the best angle, the difference of both angles at the contact, and the residual of the equation."""
+    """Return the best angle for random S and E, the difference of both angles at the contact, and the equation's residual."""
     rng = np.random.default_rng(seed)
     s, e, beta = rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.9), rng.uniform(-3.0, 3.0)
     theta = best_angle(s, e, beta)
@@ -252,7 +252,7 @@ def _fig12(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 @measuring("length", "moves")
 def corner_swap(*, seed: int, planner: str, inset: float) -> dict[str, float]:
-    """Return length and moves of a plan for two particles that change places between opposite corners of the unit square."""
+    """Return length and moves of a plan that exchanges two particles between opposite corners of the unit square."""
     corners = np.array([(inset, inset), (1 - inset, 1 - inset)])
     episode = run(SteeringProblem(SQUARE, corners, corners[::-1], planner=planner, tolerance=1e-6))
     return {"length": float(episode.length), "moves": episode.moves}
@@ -260,7 +260,7 @@ def corner_swap(*, seed: int, planner: str, inset: float) -> dict[str, float]:
 
 @measuring("length", "moves")
 def near_walls(*, seed: int) -> dict[str, float | None]:
-    """Return length and moves of the plan of algorithm 1 for random starts and goals, more of them near walls and corners."""
+    """Return length and moves of the plan of algorithm 1 for random starts and goals, preferably near walls and corners."""
     points = np.random.default_rng(seed).beta(0.4, 0.4, (2, 2, 2)).clip(0.001, 0.999)
     episode = run(SteeringProblem(SQUARE, points[0], points[1], planner="greedy", tolerance=1e-3))
     solved = str(episode.status) == "solved"

@@ -1,4 +1,4 @@
-"""Missions for real vehicles: creation from routes, writing and reading in six formats, linting, and coverage checks."""
+"""Missions for real vehicles: creation from routes, writing and reading in six formats, checks of files and of coverage."""
 
 from __future__ import annotations
 

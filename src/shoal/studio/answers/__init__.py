@@ -1,4 +1,4 @@
-"""Quick answers: what a page asks for while somebody draws, drags or moves a slider. A process that stays gives them."""
+"""Quick answers for pages while the user draws, drags or moves a slider. A permanent process computes them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from shoal.studio.jobs.work import storable
 
 
 def answer_all(connection: Connection, root: str) -> None:
-    """Answer questions until the connection ends: (number, what, about) gives (number, "answer" or "error", value)."""
+    """Answer questions until the connection ends.
+
+    A question is (number, what, about), and an answer (number, "answer" or "error", value).
+    """
     os.chdir(root)
     folder = Folder(root)
     while True:
@@ -33,7 +36,7 @@ def answer_all(connection: Connection, root: str) -> None:
             connection.send((number, "error", "it takes more memory than the studio has for a preview"))
         except OSError as error:
             connection.send((number, "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"))
-        except Exception as error:  # the last resort: whatever it is, the browser is told
+        except Exception as error:  # as a last resort, the browser gets any exception as text
             connection.send((number, "error", f"{type(error).__name__}: {error}"[:300]))
 
 
@@ -46,4 +49,4 @@ ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "lab-forms": lab.lab_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
     "picture": lab.episode_picture,
 }  # fmt: skip
-"""What may be asked, by name."""
+"""The possible questions by name."""

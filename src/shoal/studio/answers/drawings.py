@@ -1,4 +1,4 @@
-"""Drawn regions: polygons to search and zones to keep out of, in metres, with a place on Earth or without; opened, and written."""
+"""Drawn regions: polygons and no-go zones in metres, with or without a position on Earth; opening and writing them."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What was drawn.
+    """A drawing of the user.
 
     Parameters
     ----------
     parts, zones : tuple of ndarray of float64, shape (n, 2)
-        Corners of polygons to search and of zones to keep out of, in the units of a region: longitude and latitude if there is a
-        frame, else metres.
+        Corners of polygons to search and of no-go zones, in the units of a region: longitude and latitude with a frame, otherwise
+        metres.
     frame : LocalFrame or None
-        Where the metres are in which it was drawn.
+        Local frame of the metres in the drawing.
     """
 
     parts: tuple[Points, ...]
@@ -45,7 +45,7 @@ class Drawing:
     frame: LocalFrame | None
 
     def placed(self, problem: SearchProblem) -> SearchProblem:
-        """Return a problem whose region, or whose zones beside others, are the drawn ones, opened."""
+        """Return a problem with the drawn region, or with the drawn zones added to others, opened."""
         if not self.parts:
             return problem.replaced(no_go=(*problem.no_go, *self.zones))
         rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]
@@ -56,7 +56,7 @@ class Drawing:
         return problem.at_place(with_margin(region, problem.margin))
 
     def write(self, folder: Folder, stem: str) -> str:
-        """Write a new file, GeoJSON or CSV in metres, of the parts and zones or of the zones alone; return its name."""
+        """Write the parts and zones, or the zones alone, to a new GeoJSON or CSV file (metres). Return its name."""
         suffix = ".csv" if self.frame is None else ".geojson"
         name = folder.new_name(stem, suffix)
         with atomic(folder.path(name)) as temporary:
@@ -83,7 +83,7 @@ class Drawing:
 
 
 def frame_of(data: Any) -> LocalFrame | None:
-    """Return the frame that a page names by longitude and latitude, or None.
+    """Return the local frame for a longitude and latitude, or None.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def frame_of(data: Any) -> LocalFrame | None:
 
 
 def drawing_of(data: Any) -> Drawing | None:
-    """Return the drawing that a page describes; None where nothing was drawn.
+    """Return the drawing that a page describes, or None for an empty drawing.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
-    """Return the search that a page describes, with what was drawn, its region opened.
+    """Return the search that a page describes, including its drawing, with its region opened.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Answers for all places: episodes of the folder, problems as Python, command and file."""
+"""Answers for all places: episodes of the folder, and problems as Python, command and file."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the data of the player for an episode of the folder."""
+    """Return the player's data for an episode of the folder."""
     from importlib import import_module
 
     name = str(about["file"])

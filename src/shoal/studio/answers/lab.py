@@ -1,4 +1,4 @@
-"""Answers for the place Lab: sweeps of the folder, what is known of each, drafts of new ones, pictures of episodes."""
+"""Answers for the place Lab: sweeps of the folder with their results, drafts of new sweeps, pictures of episodes."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from shoal.studio.forms import checked_seed
 from shoal.studio.sweeps import checked_sweep, sweep_copies, sweep_forms
 
 MOST_SHOWN = 300
-"""Points of a sweep that pages show; exports have all."""
+"""Maximum number of a sweep's points on a page. Exports contain all points."""
 
 
 def lab_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return what sweeps can vary, by kind of problem."""
+    """Return the fields that sweeps can vary, by kind of problem."""
     return sweep_forms()
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the sweeps of the folder's stores, and how far each is."""
+    """Return the sweeps of the folder's stores and their progress."""
     told: list[dict[str, Any]] = []
     for file in folder.files():
         if file["kind"] == "store":
@@ -48,7 +48,7 @@ def _status(store: Store, name: str) -> dict[str, Any]:
 
 
 def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return what is known of one sweep: its means with intervals, and how paired points compare."""
+    """Return the results of one sweep: means with intervals, and comparisons of paired points."""
     with Store(folder.path(str(about["store"]))) as store:
         name = store.only(about.get("sweep"))
         stored = store.stored(name)
@@ -79,7 +79,7 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
-    """Return problem and seed of the first trial of each point, to be watched; none of code that is not built in."""
+    """Return problem and seed of the first trial of each point for playing, except for third-party code."""
     if stored.form.problem.get("kind") not in PARTS:
         return []
     try:
@@ -93,7 +93,7 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 
 
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a sweep that is being written, given as fields or as TOML, both ways; with an error if it is none yet."""
+    """Return a draft of a sweep, given as fields or as TOML, in both forms; with an error if it is invalid."""
     text = about.get("toml")
     told: dict[str, Any] = {"error": None}
     try:
@@ -103,7 +103,7 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         else:
             text = check_text(text, what="toml")
             fields = parse_toml(text, where="sweep")
-        told["sweep"] = fields | {"seed": str(fields.get("seed", 0))}  # as text, since numbers of pages have 53 bits
+        told["sweep"] = fields | {"seed": str(fields.get("seed", 0))}  # as text, because numbers in pages have 53 bits
         made = checked_sweep(text, folder)
     except ShoalError as error:
         return told | {"error": str(error)}
@@ -115,7 +115,7 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the figure of an episode, small, and what came of it."""
+    """Return a small figure of an episode, and its result."""
     from shoal.views import figure
     from shoal.views.drawing.notebook_figure import encode_figure
 

@@ -1,4 +1,4 @@
-"""Answers for the place Search: plans, what keeps vehicles apart, simulations, drawn regions, the Earth around a place."""
+"""Answers for the place Search: plans, separation of vehicles, simulations, drawn regions, map projection."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_seed
 
 MOST_DRAWN = 200_000
-"""Corners of ways that are drawn."""
+"""Maximum number of drawn path corners."""
 
-_STRAIGHT = 1 - 1e-9  # cosine of turns that are none
+_STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a turn
 
 Points = NDArray[np.float64]
 
-_DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and metres within which they are fitted
+_DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and radius in metres within which they are fitted
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a plan: the region, its tour, and by robot where it goes and how long it takes; metres around ``about["frame"]``."""
+    """Return a plan: the region, its tour, and each robot's path and time; metres around ``about["frame"]``."""
     problem = placed_problem(folder, about)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
@@ -62,13 +62,13 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Canvas:
-    """The metres in which a page draws: those of the region, or of another place on Earth."""
+    """The metres in which a page draws: those of the region, or those of another position on Earth."""
 
     def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
         self.own, self.shown = own, own if shown is None or own is None else shown
 
     def points(self, metres: Any) -> list[Any]:
-        """Return points as the page has them, to a centimetre."""
+        """Return points in the page's coordinates, rounded to a centimetre."""
         given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
         if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
             given = self.shown.to_metres(self.own.to_degrees(given))
@@ -100,7 +100,7 @@ def _tour(plan: SearchPlan) -> Points:
 
 
 class _Way:
-    """A way without the points at which it goes straight on, and the layers in which it lies."""
+    """A path without the points on its straight legs, and the layers of its points."""
 
     def __init__(self, points: Points, altitudes: list[float]) -> None:
         steps = np.diff(points, axis=0)
@@ -115,7 +115,7 @@ class _Way:
         self.layers = np.abs(heights - np.asarray(altitudes)).argmin(axis=1)
 
     def pieces(self, canvas: _Canvas) -> list[dict[str, Any]]:
-        """Return what lies in one layer each."""
+        """Return the pieces of the path, each in one layer."""
         cuts = np.flatnonzero(np.diff(self.layers)) + 1
         found = zip(np.split(self.corners, cuts), np.split(self.layers, cuts), strict=True)
         return [{"layer": int(layer[0]), "points": canvas.points(part[:, :2])} for part, layer in found if len(part) > 1]
@@ -135,7 +135,7 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return what missions of a plan would be: sorties with their heights and delays, and the nearest approach."""
+    """Return the missions of a plan: sorties with their heights and delays, and the nearest approach."""
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
@@ -152,12 +152,12 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return a problem with a vehicle that missions are for: a multirotor where none is named, as the command takes it."""
+    """Return a problem with a vehicle for missions. The default is a multirotor, as in the command."""
     return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a search as the player has it; nothing is written."""
+    """Return a simulated search for the player. No file is written."""
     from shoal.search.run import run
     from shoal.views.search.page import page_data
 
@@ -172,19 +172,19 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write what was drawn as a file; return its name."""
+    """Write a drawing as a file. Return its name."""
     drawing = drawing_of(about.get("drawing"))
     if drawing is None:
         raise InvalidInputError("drawing: expected a region or zones, got nothing")
-    drawing.placed(placed_problem(folder, about))  # what is not right is said now
+    drawing.placed(placed_problem(folder, about))  # reports invalid drawings immediately
     return {"file": drawing.write(folder, "drawn-region" if drawing.parts else "drawn-zones")}
 
 
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return polynomials between metres and degrees around a place: lists of (i, j, east or longitude, north or latitude).
+    """Return polynomials between metres and degrees around a position: lists of (i, j, east or longitude, north or latitude).
 
-    The coefficients are of x**i * y**j, where x and y are metres over ``reach``, or degrees from the origin. They keep to the
-    projection within 0.1 mm up to 30 km from the place, and 2 cm up to 100 km.
+    The coefficients belong to x**i * y**j, where x and y are metres divided by ``reach``, or degrees from the origin. They agree
+    with the projection within 0.1 mm up to 30 km from the position, and within 2 cm up to 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:

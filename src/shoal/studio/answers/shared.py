@@ -1,4 +1,4 @@
-"""What answers of several places share: seeds, opened places, pictures."""
+"""Common code of answers: seeds, opened places, pictures."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 LARGEST_SHOWN = 1600
-"""Pixels of the larger side of a photograph as pages show it."""
+"""Maximum length in pixels of a photograph's larger side on a page."""
 
 _places: dict[str, Any] = {}
 
 
 def opened(problem: Any) -> Any:
-    """Return the place of a problem; the last few are remembered while their files stay as they are."""
+    """Return the place of a problem. The last few places are cached while their files are unchanged."""
     name = next(iter(problem.declarations()))
     path = getattr(problem, name)
     stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
@@ -30,13 +30,13 @@ def opened(problem: Any) -> Any:
 
 
 def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return pixels at equal steps, so that the larger side is at most `LARGEST_SHOWN`."""
+    """Return every k-th pixel, so that the larger side is at most `LARGEST_SHOWN`."""
     step = -(-max(pixels.shape[:2]) // LARGEST_SHOWN)
     return pixels[::step, ::step]
 
 
 def picture_of(pixels: NDArray[Any], kind: str) -> str:
-    """Return pixels as the base 64 of a picture: JPEG or PNG."""
+    """Return pixels as a base64 JPEG or PNG picture."""
     from PIL import Image
 
     encoded = io.BytesIO()
@@ -45,7 +45,7 @@ def picture_of(pixels: NDArray[Any], kind: str) -> str:
 
 
 def picture_of_mask(mask: NDArray[np.bool_]) -> str:
-    """Return a mask as a PNG of one bit: white where it is true, else clear."""
+    """Return a mask as a one-bit PNG: white where True, otherwise transparent."""
     from PIL import Image
 
     encoded = io.BytesIO()

@@ -15,7 +15,7 @@ from shoal.studio.forms import checked_problem, checked_seed
 
 
 def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the plan of a steering problem: its moves, the ways of the particles, and what came of it."""
+    """Return the plan of a steering problem: its moves, the particles' paths, and the result."""
     from shoal.views.steering.trajectories import trajectories_of
 
     problem = checked_problem(about["problem"], folder)
@@ -32,7 +32,7 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the outline of a workspace, and where the particles start and are to go."""
+    """Return the outline of a workspace, and the start and goal points of the particles."""
     from shoal.views.steering.axes import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder)
@@ -45,7 +45,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the Δ configuration space: its outline, and what two, four, ... moves reach of it."""
+    """Return the Δ configuration space: its outline, and the sets that two, four, ... moves reach."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.axes import outlines_of
 
@@ -58,7 +58,7 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     turned = np.eye(2)
     if place.round:
         sets: Any = disk_reach(float(np.hypot(*delta)), moves=moves, radius=place.radius)
-        (cosine, sine), length = delta, max(float(np.hypot(*delta)), 1e-300)  # its sets lie as if Δ pointed right
+        (cosine, sine), length = delta, max(float(np.hypot(*delta)), 1e-300)  # its sets are rotated as if Δ pointed to the right
         turned = np.array([[cosine, sine], [-sine, cosine]]) / length
     else:
         sets = polygon_reach(place, delta, moves=moves)

@@ -1,4 +1,4 @@
-"""Answers for the place Vessels: maps, photographs and the vessels in them, painted cells."""
+"""Answers for the place Vessels: maps, photographs with their vessels, painted cells."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 
 MOST_CELLS = 4_000_000
-"""Cells of a map that pages draw."""
+"""Maximum number of cells of a map on a page."""
 
 
 def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a map, and where its particles start."""
+    """Return the cells of a map, and the start cells of its particles."""
     problem: Any = checked_problem(about["problem"], folder)
     workspace = opened(problem)
     if workspace.free.size > MOST_CELLS:
@@ -49,14 +49,14 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a picture for pages: PNG or JPEG, no larger than they show it."""
+    """Return a picture for pages as PNG or JPEG, at most as large as they show it."""
     pixels = _pixels(*_file(folder, str(about["file"])))
     height, width = pixels.shape[:2]
     return {"width": width, "height": height, "picture": picture_of(fit_to_page(pixels), "JPEG")}
 
 
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the vessels of a photograph as a picture of the same size as `photograph`'s; with ``exact`` also how sure it is."""
+    """Return the vessels of a photograph as a picture of the same size as `photograph`'s; with ``exact`` also the confidence."""
     from shoal.swarm.maps.open import finder_of, vessels_in
 
     problem: Any = checked_problem(about["problem"], folder)
@@ -77,7 +77,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write cells that were painted as a new map file; return its name."""
+    """Write painted cells as a new map file. Return its name."""
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 

@@ -1,1 +1,1 @@
-"""Long work: a store of jobs in the folder, a process for each that runs, and what each kind of job does."""
+"""Long work: a store of jobs in the folder, one process per running job, and the work of each kind of job."""

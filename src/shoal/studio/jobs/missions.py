@@ -1,4 +1,4 @@
-"""The job that writes missions: a zip of mission files, their map, and the report of the check; the map beside it, to look at."""
+"""The job that writes missions: a zip archive of mission files, their map and the check report, and a separate map for viewing."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import as_command, checked_fields, checked_problem, checked_seed, mission_words
 from shoal.studio.jobs.processes import Say
 
-_EPOCH = (1980, 1, 1, 0, 0, 0)  # so that the same missions are the same zip
+_EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 
 
 def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Plan a search, write its missions and check them; return the names of the zip and of the map, and the report of the check."""
+    """Plan a search, write its missions and check them. Return the names of the archive and the map, and the check report."""
     from shoal.search.allocation.plan import plan_search
     from shoal.search.missions import check_missions
     from shoal.views.search.mission_folder import MAP, MissionFolder, write_check

@@ -1,4 +1,4 @@
-"""Processes of the studio: forked from one that has loaded everything, with a limit of memory, and none outlives the server."""
+"""Processes of the studio: forked from a warm process, with a memory limit, and never outliving the server."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 MEMORY = 3 * 2**30
-"""Bytes of data that a process of the studio may have; one that asks for more is told that there are none."""
+"""Maximum data size in bytes of a process of the studio. Larger allocations fail."""
 
 Say = Callable[[str, Any], None]
-"""What a job is given to tell of itself: a word, and what there is to it."""
+"""Function with which a job reports events: a kind and its content."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def warm_up(module: str) -> None:
-    """Start the process that others are forked from; it imports a module, in the background, with what they all need."""
+    """Start the process from which others are forked. It imports a module with the common libraries in the background."""
     _CONTEXT.set_forkserver_preload([module])
     from multiprocessing.forkserver import ensure_running
 
@@ -31,14 +31,14 @@ def warm_up(module: str) -> None:
 
 
 class Worker:
-    """A process that runs a function and talks over a pipe.
+    """A process that runs a function and communicates over a pipe.
 
     Parameters
     ----------
     work : str
-        MODULE:FUNCTION, imported in the process only; takes the connection and the arguments.
+        MODULE:FUNCTION, imported only in the process. The function takes the connection and the arguments.
     *arguments
-        Of the work.
+        Further arguments of the function.
 
     Attributes
     ----------
@@ -52,35 +52,35 @@ class Worker:
         theirs.close()
 
     def kill(self) -> None:
-        """Kill the process and those that it started; the connection then ends."""
+        """Kill the process and its children. The connection then ends."""
         pid = self._process.pid
         if pid is not None and self._process.is_alive():
             try:
                 os.killpg(pid, signal.SIGKILL)
-            except (ProcessLookupError, PermissionError):  # it has not made its group yet, or is gone
+            except (ProcessLookupError, PermissionError):  # the process has not created its group yet, or has ended
                 self._process.kill()
 
     def end(self) -> None:
-        """Kill the process, and wait until it is gone."""
+        """Kill the process, and wait until it has ended."""
         self.kill()
         self._process.join()
         self.connection.close()
 
     @property
     def alive(self) -> bool:
-        """Whether it runs."""
+        """Whether the process is running."""
         return self._process.is_alive()
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Return the function that MODULE:FUNCTION names, one of ours."""
+    """Return the function MODULE:FUNCTION, which must be part of Shoal."""
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     return found
 
 
 def _begin(connection: Connection, work: str, arguments: tuple[Any, ...]) -> None:
-    """Do the work in a group of its own, which ends with the server; Ctrl-C in the terminal is the server's affair."""
+    """Run the function in its own process group, which ends with the server. Ctrl-C in the terminal is handled by the server."""
     os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_server, daemon=True).start()

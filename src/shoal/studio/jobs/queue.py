@@ -1,4 +1,4 @@
-"""The queue of jobs: as many at once as there are processors, with progress, time left and cancel."""
+"""The queue of jobs: one running job per processor, with progress, remaining time and cancellation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.studio.jobs.store import ENDED, JobStore
 
 MOST_QUEUED = 5000
 PAUSE = 5.0
-"""Seconds until a store that could not be written is tried again."""
+"""Seconds before a failed write of the store is repeated."""
 
 _JOBS = "shoal.studio.jobs"
 KINDS = {
@@ -28,48 +28,48 @@ KINDS = {
     "table": f"{_JOBS}.sweeps:write",
     "missions": f"{_JOBS}.missions:missions_zip",
 }
-"""What does a job of each kind: imported by the processes of jobs alone, so that the server begins at once."""
+"""The function for each kind of job. Only the processes of jobs import it, so the server starts fast."""
 
 LONG = ("sweep", "reproduce")
-"""Kinds of jobs that nobody waits for: while one is at work, a processor stays free for what somebody looks at."""
+"""Kinds of long jobs. While one is running, a processor is kept free for interactive jobs."""
 
 MOST_PIECES = 50_000_000
-"""Characters of an episode that is kept for those who watch it while it is played."""
+"""Maximum number of characters of a running episode that are kept for browsers that begin to watch."""
 
 
 class _Running:
-    """A job that runs: its process, how far it is, and what those have missed who begin to watch."""
+    """A running job: its process, its progress, and its pieces for browsers that begin to watch."""
 
     def __init__(self, job: dict[str, Any], processors: int) -> None:
         self.job, self.began, self.processors = job, time.monotonic(), processors
-        self.worker: Worker | None = None  # until its process has begun
+        self.worker: Worker | None = None  # before its process has started
         self.done, self.note, self.cancelled = 0.0, "", False
-        self.done_before: float | None = None  # what was done when it began: a sweep goes on where it was
+        self.done_before: float | None = None  # amount done at the start: a sweep continues where it was
         self.pieces: list[dict[str, Any]] = []
         self.size = 0
 
     @property
     def seconds_left(self) -> float | None:
-        """How long it will take, going on as until now."""
+        """Return the estimated remaining seconds."""
         fresh = self.done - (self.done_before or 0.0)
         return (time.monotonic() - self.began) * (1 - self.done) / fresh if fresh > 0.01 else None
 
 
 class JobQueue:
-    """The jobs of a folder and the processes that do them; lives in the server's event loop.
+    """The jobs of a folder and their processes, managed in the server's event loop.
 
     Parameters
     ----------
     folder : Folder
     tell : callable
-        Called with what all browsers are told.
+        Function that sends a message to all browsers.
     """
 
     def __init__(self, folder: Folder, tell: Callable[[dict[str, Any]], None]) -> None:
         self.folder, self.tell = folder, tell
         self.store = JobStore(folder.root)
         self._running: dict[int, _Running] = {}
-        self._unsaved: dict[int, tuple[str, dict[str, Any]]] = {}  # ends that a full disk did not take
+        self._unsaved: dict[int, tuple[str, dict[str, Any]]] = {}  # ends of jobs that a full disk could not store
         self._tasks: set[asyncio.Task[None]] = set()
         self._closing = False
 
@@ -79,9 +79,9 @@ class JobQueue:
         Raises
         ------
         InvalidInputError
-            If there is no such kind of job.
+            If the kind of job is unknown.
         OutputError
-            If the store cannot be written, or there are too many.
+            If the store cannot be written, or too many jobs are waiting.
         """
         kind = check_choice(kind, what="kind", choices=KINDS)
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
@@ -92,10 +92,10 @@ class JobQueue:
         return self.told(number)
 
     def go_on(self) -> None:
-        """Begin the jobs for which there is room."""
+        """Start jobs while processors are free."""
         try:
             self._begin_those_with_room()
-        except OutputError:  # a full disk; what waits is not lost
+        except OutputError:  # a full disk; waiting jobs are not lost
             if not self._closing:
                 asyncio.get_running_loop().call_later(PAUSE, self.go_on)
 
@@ -114,14 +114,14 @@ class JobQueue:
             task.add_done_callback(self._tasks.discard)
 
     def _free(self) -> int:
-        """Return how many processors no job has."""
+        """Return the number of processors without a job."""
         return default_workers() - sum(running.processors for running in self._running.values())
 
     async def _follow(self, running: _Running) -> None:
-        """Take in what a job says until it ends; a process that ends without a word has crashed."""
+        """Process the messages of a job until it ends. A process that ends without a final message has crashed."""
         job, number, state = running.job, running.job["id"], "failed"
         result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or took more memory than there is"}
-        # The process that others are forked from may still be loading: its answer is waited for in a thread.
+        # The process for forking may still be loading, so its answer is awaited in a thread.
         worker = running.worker = await asyncio.to_thread(
             Worker, f"{_JOBS}.work:work", str(self.folder.root), KINDS[job["kind"]], job["spec"], running.processors
         )
@@ -147,7 +147,7 @@ class JobQueue:
         await asyncio.to_thread(worker.end)
         del self._running[number]
         if self._closing and not running.cancelled:
-            return  # the store says that it runs: the next server finds it
+            return  # the store says that the job is running: the next server finds it
         self._end(number, state, result)
         self.go_on()
 
@@ -167,19 +167,20 @@ class JobQueue:
             try:
                 self.store.end(number, state, result)
             except OutputError:
-                return  # tried again with the next; if the server ends before, the job is done once more
+                return  # repeated with the next write; if the server ends before, the job runs again
             del self._unsaved[number]
 
     def pieces(self, number: int) -> list[dict[str, Any]]:
-        """Return what has been played of a job that runs."""
+        """Return the pieces of a running job that were played so far."""
         return list(self._running[number].pieces) if number in self._running else []
 
     def told(self, number: int) -> dict[str, Any]:
-        """Return a job as browsers are told of it; empty if there is none.
+        """Return a job for browsers; empty if it does not exist.
 
         Examples
         --------
-        A job has ``id, kind, spec, state, created, began, ended, result``; one that runs ``done`` (0 to 1), ``note``, ``left``.
+        A job has ``id, kind, spec, state, created, began, ended, result``. A running job also has ``done`` (0 to 1), ``note``,
+        ``left``.
         """
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)
@@ -198,7 +199,7 @@ class JobQueue:
         return job | {"done": running.done, "note": running.note, "left": running.seconds_left}
 
     def cancel(self, number: int) -> None:
-        """Cancel a job, whether it waits or runs."""
+        """Cancel a waiting or running job."""
         if self.store.cancel_queued(number):
             self.tell({"job": self.told(number)})
         elif number in self._running:
@@ -207,7 +208,7 @@ class JobQueue:
                 worker.kill()
 
     async def close(self) -> None:
-        """End the processes of all jobs; they are found again by the next server."""
+        """End the processes of all jobs. The next server finds the jobs again."""
         self._closing = True
         for running in self._running.values():
             if running.worker is not None:
@@ -216,5 +217,5 @@ class JobQueue:
         self.store.close()
 
     def has_ended(self, number: int) -> bool:
-        """Tell whether a job has ended."""
+        """Return whether a job has ended."""
         return self.told(number).get("state") in ENDED

@@ -1,4 +1,4 @@
-"""The store of jobs: one SQLite file in the folder, so that a server that was killed finds its jobs again."""
+"""The store of jobs: an SQLite file in the folder, from which a server restores its jobs after a crash."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.lab.storage.schema import told, transaction
 FILE = ".studio.sqlite"
 APPLICATION = 0x53484A42  # "SHJB"
 MOST_TRIES = 2
-"""How often a job is begun: one that a server's end has cut off this often is marked interrupted."""
+"""Maximum number of starts of a job. A job that the server's end has stopped this often is marked as interrupted."""
 
 _TABLE = """CREATE TABLE IF NOT EXISTS jobs (
   id INTEGER PRIMARY KEY, kind TEXT NOT NULL, spec TEXT NOT NULL, state TEXT NOT NULL, urgent INTEGER NOT NULL,
@@ -34,12 +34,12 @@ class JobStore:
     Parameters
     ----------
     folder : Path
-        Jobs that ran when its last server ended are queued again, or marked interrupted.
+        Jobs that were running when the last server ended are queued again, or marked as interrupted.
 
     Raises
     ------
     InvalidInputError, OutputError
-        If the file is no store of jobs, or cannot be written.
+        If the file is not a store of jobs, or cannot be written.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -71,7 +71,7 @@ class JobStore:
             self._job(row)
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
-        """Queue a job and return its number; urgent ones, which somebody waits for, begin first."""
+        """Queue a job and return its number. Urgent jobs, for which a user waits, start first."""
         with told(self.path):
             return int(
                 self._connection.execute(
@@ -82,7 +82,7 @@ class JobStore:
             )
 
     def begin_next(self, *, without: Sequence[str] = ()) -> dict[str, Any] | None:
-        """Return the job that is next, now running; None if none is queued but of the kinds ``without``."""
+        """Mark the next queued job as running and return it; None if there is none except of the kinds ``without``."""
         with told(self.path):
             row = self._connection.execute(
                 "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
@@ -93,7 +93,7 @@ class JobStore:
         return None if row is None else self._job(row)
 
     def end(self, number: int, state: str, result: dict[str, Any]) -> None:
-        """Say how a job ended."""
+        """Record the end of a job."""
         with told(self.path):
             self._connection.execute(
                 "UPDATE jobs SET state = ?, ended = ?, result = ? WHERE id = ?",
@@ -101,7 +101,7 @@ class JobStore:
             )
 
     def cancel_queued(self, number: int) -> bool:
-        """Cancel a job that has not begun; return whether it was one."""
+        """Cancel a job that has not started. Return whether there was one."""
         with told(self.path):
             return bool(
                 self._connection.execute(
@@ -116,7 +116,7 @@ class JobStore:
         return None if row is None else self._job(row)
 
     def newest(self, most: int = 100) -> list[dict[str, Any]]:
-        """Return jobs, those that have not ended and then the newest first."""
+        """Return jobs: active ones first, then the newest."""
         with told(self.path):
             rows = self._connection.execute(
                 f"SELECT {_COLUMNS} FROM jobs ORDER BY state NOT IN ('running', 'queued'), id DESC LIMIT ?", (most,)
@@ -124,7 +124,7 @@ class JobStore:
         return [self._job(row) for row in rows]
 
     def counts(self) -> dict[str, int]:
-        """Return how many jobs are in each state."""
+        """Return the number of jobs in each state."""
         with told(self.path):
             return dict(self._connection.execute("SELECT state, count(*) FROM jobs GROUP BY state").fetchall())
 
@@ -133,7 +133,7 @@ class JobStore:
         self._connection.close()
 
     def _job(self, row: tuple[Any, ...]) -> dict[str, Any]:
-        """Return the job that a row holds; a stranger may have written it."""
+        """Return the validated job of a row, because the file may come from somebody else."""
         job = dict(zip(_COLUMNS.split(", "), row, strict=True))
         where = f"{self.path}: job {shortened(job['id'])}"
         check_choice(job["state"], what=f"{where}: state", choices=_STATES)

@@ -1,4 +1,4 @@
-"""Jobs of the lab: run a sweep, or what is missing of it; write its table or figure."""
+"""Jobs of the lab: run a sweep, or its missing trials; write its table or figure."""
 
 from __future__ import annotations
 
@@ -19,12 +19,11 @@ from shoal.studio.jobs.processes import Say
 from shoal.studio.sweeps import checked_sweep
 
 FIGURES = ("png", "svg")
-
-"""Tells the server: ("progress", (share, words)) or ("piece", what was played)."""
+"""Suffixes of the figures of a sweep."""
 
 
 def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run what is missing of a sweep. Its file is written beside the store as soon as the store takes it."""
+    """Run the missing trials of a sweep. The sweep file is written beside the store when the store has accepted the sweep."""
     text = check_text(spec.get("toml"), what="toml")
     sweep = checked_sweep(text, folder)
     store = check_text(spec.get("store", f"{sweep.name}.sqlite"), what="store")

@@ -1,4 +1,4 @@
-"""What each kind of job does, in a process of its own: play an episode, compare policies, write films and figures."""
+"""The work of each kind of job in its own process: play an episode, compare policies, write films and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
 def work(connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int) -> None:
-    """Do a job on so many processors; its last word is "done" with the result, or "failed" with a sentence."""
+    """Run a job on several processors. Its last message is "done" with the result, or "failed" with a sentence."""
     os.chdir(root)
 
     def say(word: str, what: Any) -> None:
@@ -39,12 +39,12 @@ def work(connection: Connection, root: str, function: str, spec: dict[str, Any],
         say("failed", {"error": "it takes more memory than a job of the studio may have; the command has no such limit"})
     except OSError as error:
         say("failed", {"error": f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}"})
-    except Exception as error:  # the last resort: whatever it is, the browser is told
+    except Exception as error:  # as a last resort, the browser gets any exception as text
         say("failed", {"error": f"{type(error).__name__}: {error}"[:300]})
 
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Play an episode; what is played is told as it goes."""
+    """Run an episode, and report its moves during the run."""
     problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
         episode: Any = play_live(problem, seed, say)
@@ -60,7 +60,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
 
 
 def play_live(problem: Any, seed: int, say: Say) -> Any:
-    """Play an episode of a swarm; its begin, its moves as they are played and its end are told."""
+    """Run an episode of a swarm. Its start, its moves and its end are reported as they happen."""
     from shoal.core.episode import Status
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.commands import decode
@@ -91,14 +91,14 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
 
 
 def cells_to_classify(free: Any) -> int:
-    """Return how many cells a mapping classifies at most: free ones, and the walls beside them."""
+    """Return the maximum number of cells that a mapping classifies: free cells, and the walls beside them."""
     from scipy import ndimage
 
     return int(ndimage.binary_dilation(np.pad(free, 1)).sum())
 
 
 def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Play several policies from the same starts; the first trial of each is kept as an episode."""
+    """Run several policies from the same starts. The first trial of each policy is kept as an episode."""
     from shoal.swarm.run import run
 
     policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
@@ -128,7 +128,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
 
 
 def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
-    """Return the mean of each policy with its interval, and how much more moves each needs than the best, pair by pair."""
+    """Return the mean of each policy with its interval, and the paired difference of its moves from the best policy."""
     from shoal.lab.statistics import compare as paired
     from shoal.lab.statistics import estimate
 
@@ -168,7 +168,7 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
 
 
 def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Reproduce a figure of the papers, or all of them and the page of results."""
+    """Reproduce one figure of the papers, or all figures and the page of results."""
     from shoal.papers.reproduce import recipes, reproduce, reproduce_all
 
     name, quick, out = spec.get("name"), spec.get("quick") is not False, folder.path(PAPERS)
@@ -194,7 +194,7 @@ def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[st
 
 
 def storable(value: Any) -> Any:
-    """Return what JSON can hold: numbers that are not finite become None, those of NumPy Python's."""
+    """Return a value for JSON: non-finite numbers become None, NumPy numbers Python numbers."""
     if isinstance(value, dict):
         return {str(name): storable(one) for name, one in value.items()}
     if isinstance(value, list | tuple):

@@ -1,1 +1,1 @@
-"""What all parts draw with: a canvas for frames, the looks of charts, curves with their bands, and the encoding of films."""
+"""Common drawing tools of all parts: a canvas for frames, the style of charts, curves with bands, and film encoding."""

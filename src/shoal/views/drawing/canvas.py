@@ -1,4 +1,4 @@
-"""A canvas to draw frames on, antialiased and fast: matplotlib's own drawing machine, without figures and artists."""
+"""A fast antialiased canvas for frames, based on matplotlib's renderer without figures and artists."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CIRCLE = Path.unit_circle()
 
 
 class Canvas:
-    """Pixels to draw on; x goes right, y down, both in pixels.
+    """A pixel canvas. x points to the right and y down, both in pixels.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class Canvas:
 
     def __init__(self, width: int, height: int, *, background: Colour = "#ffffff") -> None:
         self.width, self.height = width, height
-        machine: Any = RendererAgg  # which has no types
+        machine: Any = RendererAgg  # which has no type annotations
         self._renderer = machine(width, height, 72)  # a point is a pixel
         self._pixels = np.asarray(self._renderer.buffer_rgba())
         self._flip = Affine2D().scale(1, -1).translate(0, height)
@@ -39,19 +39,19 @@ class Canvas:
         self._kept = self._pixels.copy()
 
     def keep(self) -> None:
-        """Remember what is drawn now as the background of all frames."""
+        """Store the current drawing as the background of all frames."""
         self._kept[...] = self._pixels
 
     def clear(self) -> None:
-        """Go back to the background."""
+        """Restore the background."""
         self._pixels[...] = self._kept
 
     def frame(self) -> NDArray[np.uint8]:
-        """Return a copy of what is drawn; uint8, shape (height, width, 3)."""
+        """Return a copy of the drawing; uint8, shape (height, width, 3)."""
         return np.asarray(Image.fromarray(self._pixels).convert("RGB"))  # several times as fast as a slice
 
     def paint(self, pixels: NDArray[np.uint8]) -> None:
-        """Take over a picture as it is; uint8, shape (height, width, 3)."""
+        """Replace the drawing by a picture; uint8, shape (height, width, 3)."""
         self._pixels[..., :3] = pixels
 
     def line(
@@ -68,14 +68,14 @@ class Canvas:
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
     def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
-        """Draw several lines at once: faster, and no darker where they meet."""
+        """Draw several lines at once. This is faster, and crossings are not darker."""
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
 
     def area(
         self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
     ) -> None:
-        """Fill what lies inside rings: those that run the other way round are holes."""
+        """Fill the inside of rings. Rings with opposite orientation are holes."""
         kept = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
         if kept:
             self._draw(_path(kept, closed=True), fill, edge, width, alpha, None)
@@ -90,12 +90,15 @@ class Canvas:
         width: float = 0,
         alpha: float = 1.0,
     ) -> None:
-        """Draw a disc or, without a fill, a ring."""
+        """Draw a disc, or a ring if there is no fill."""
         x, y = np.asarray(place)
         self._draw(_CIRCLE.transformed(Affine2D().scale(radius).translate(x, y)), fill, edge, width, alpha, None)
 
     def text(self, place: ArrayLike, words: str, colour: Colour, size: float, *, bold: bool = False, align: float = 0.0) -> float:
-        """Write words with their foot at a place; ``align`` 0 begins there, 0.5 is centred, 1 ends there. Return their width."""
+        """Write a text with its baseline at ``place``. ``align`` is 0 for left, 0.5 for centred, 1 for right.
+
+        Return the text's width.
+        """
         if not words:
             return 0.0
         path, width = self._outline(words, size, bold)
@@ -105,7 +108,7 @@ class Canvas:
         return width
 
     def _outline(self, words: str, size: float, bold: bool) -> tuple[Path, float]:
-        """Return the outline of words and their width; they are remembered."""
+        """Return the outline of a text and its width, from a cache."""
         known = self._words.get((words, size, bold))
         if known is None:
             font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")

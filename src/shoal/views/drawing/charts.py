@@ -1,4 +1,4 @@
-"""How charts look: the frame, the title and the colours that all of them share."""
+"""The style of all charts: frame, title and colours."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 INK, MUTED, GRID = "#22262c", "#6b7280", "#e5e7eb"
-# Told apart with every common colour blindness (Okabe and Ito), dark enough for thin lines.
+# These colours (Okabe and Ito) differ for all common kinds of colour blindness and are dark enough for thin lines.
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072b2", "#d55e00", "#009e73", "#aa4499", "#62c4f7"
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of that size in inches; notebooks show it."""
-    from shoal.views.drawing.notebook_figure import NotebookFigure  # needs matplotlib, which takes long to import
+    """Return an empty figure of the given size in inches that notebooks can display."""
+    from shoal.views.drawing.notebook_figure import NotebookFigure  # needs matplotlib, which is slow to import
 
     return NotebookFigure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
 
 
 def padded_figure(width: float, height: float) -> Figure:
-    """Return a figure whose titles keep off the border."""
+    """Return a figure whose titles keep a distance from the border."""
     figure = new_figure(width, height)
     engine = figure.get_layout_engine()
     assert engine is not None
@@ -36,12 +36,12 @@ def padded_figure(width: float, height: float) -> Figure:
 
 
 def set_title(axes: Axes, text: str) -> None:
-    """Write a title as it is: the name of a file may hold a "$", which is no formula."""
+    """Set a literal title, because a "$" in a file name must not start a formula."""
     axes.set_title(text, fontsize=11, color=INK, loc="left", fontweight="bold", parse_math=False)
 
 
 def plain_axes(axes: Axes) -> None:
-    """Leave of the frame what is needed: two sides, a pale grid behind the data."""
+    """Reduce the frame to two sides, with a pale grid behind the data."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=MUTED, labelcolor=INK)
     axes.grid(color=GRID, lw=0.6)
@@ -49,7 +49,7 @@ def plain_axes(axes: Axes) -> None:
 
 
 def bare_axes(axes: Axes) -> None:
-    """Leave of the frame only small numbers; one unit is as long to the right as it is up."""
+    """Reduce the frame to small tick labels, with equal scales of both axes."""
     axes.set_aspect("equal")
     axes.margins(0.04)
     axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=8)
@@ -58,24 +58,24 @@ def bare_axes(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure as PNG, SVG or PDF, whole or not at all.
+    """Write a figure as PNG, SVG or PDF. A failed write leaves no partial file.
 
     Parameters
     ----------
     figure : matplotlib.figure.Figure
     path : path
-        The suffix says the format.
+        The output file. Its suffix determines the format.
 
     Raises
     ------
     InvalidInputError
-        For another suffix.
+        If the suffix is unsupported.
     OutputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     target = Path(path)
     if target.suffix not in {".png", ".svg", ".pdf"}:
         raise InvalidInputError(f"{target}: expected the suffix .png, .svg or .pdf, got {target.suffix!r}")
     with atomic(target) as temporary, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph")  # a name in letters that the font has not is drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph")  # characters that the font lacks are drawn as boxes
         figure.savefig(temporary)

@@ -1,4 +1,4 @@
-"""Curves of means with their confidence bands, published ones behind them; and frontier cells by move."""
+"""Curves of means with confidence bands and published curves behind them; and curves of frontier cells by move."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """A curve, or some points, as published.
+    """A published curve, or published points.
 
     Parameters
     ----------
     x, mean : ndarray of float64, shape (n,)
     std : ndarray of float64, shape (n,), optional
-        Standard deviations; not a number where none is published.
+        Standard deviations; NaN where none is published.
     points : bool
-        Draw circles, as there is no whole curve.
+        Whether to draw circles because only some points of the curve are published.
     """
 
     x: Numbers
@@ -42,13 +42,13 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Means against something.
+    """A curve of means.
 
     Parameters
     ----------
     label : str
     x, mean, low, high : ndarray of float64, shape (n,)
-        With the ends of the confidence interval.
+        Positions, means, and the ends of the confidence intervals.
     published : Published, optional
     """
 
@@ -62,7 +62,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Labels:
-    """What a chart of curves says around them."""
+    """Title and axis labels of a chart."""
 
     title: str
     x: str
@@ -72,7 +72,7 @@ class Labels:
 
 
 def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
-    """Return means with their confidence bands; published curves behind them, grey with one standard deviation around.
+    """Return a figure of means with confidence bands. Published curves are grey, with a band of one standard deviation.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
 
 
 def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> None:
-    """Draw means with their bands on axes; see `mean_curves`."""
+    """Draw means with their bands on given axes; see `mean_curves`."""
     from matplotlib.ticker import LogLocator
 
     for curve, colour in zip(curves, COLOURS * len(curves), strict=False):
@@ -106,7 +106,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: b
 
 
 def add_note(figure: Figure, note: str) -> None:
-    """Write a note below a figure, or above it where a legend stands below."""
+    """Write a note below a figure, or above it if the legend is below."""
     note = fill(note, width=int(17 * figure.get_figwidth()))
     if note and figure.legends:
         figure.suptitle(note, fontsize=8, color=MUTED, x=0.01, ha="left")
@@ -115,7 +115,7 @@ def add_note(figure: Figure, note: str) -> None:
 
 
 def _behind(axes: Axes, published: Published | None, colour: str) -> None:
-    """Draw what is published, behind ours."""
+    """Draw a published curve behind ours."""
     if published is None:
         return
     if published.points:
@@ -132,7 +132,7 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
 
 
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
-    """Return errors down and up, such that a logarithmic axis can show them."""
+    """Return lower and upper errors that a logarithmic axis can show."""
     return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
 
 
@@ -168,15 +168,17 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
 def frontier_curves(
     groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "", printed: Mapping[str, float] | None = None
 ) -> Figure:
-    """Return frontier cells against moves, as paper M, Fig. 8: a thin line a trial, a thick one the median of each group.
+    """Return a figure of frontier cells against moves, as in paper M, Fig.
+
+    8: a thin line per trial, and a thick median per group.
 
     Parameters
     ----------
     groups : mapping from name to arrays of int32, shape (moves + 1,)
-        Frontier cells before the first move and after each.
+        Number of frontier cells before the first move and after each move.
     title, note : str
     printed : mapping from name to float, optional
-        Mean moves that a paper prints, to be marked.
+        Mean numbers of moves printed in a paper, to be marked.
 
     Raises
     ------
@@ -206,7 +208,7 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of curves of different lengths, those that have ended taken as 0; float64, as long as the longest."""
+    """Return the median of curves of different lengths as float64. A curve that has ended counts as 0."""
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve

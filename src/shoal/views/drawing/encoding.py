@@ -1,4 +1,4 @@
-"""From frames to files: GIF and MP4, for the films of all parts."""
+"""Encoding of frames as GIF or MP4 films."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from shoal.core.errors import InvalidInputError, MissingExtraError
 SUFFIXES = (".gif", ".mp4", ".html")
 LONGEST = {".gif": 400, ".mp4": 1800}  # frames
 OnFrame = Callable[[int, int], None]
-"""Called with (frames done, frames in all)."""
+"""Function that is called with (frames done, total frames)."""
 Frame = NDArray[np.uint8]
 At = TypeVar("At")
-_SAMPLES = 6  # frames that the colours of a GIF are taken from
-_KEPT = 32  # colours that are most frequent and so stay exactly as they are
-_APART = 9  # least difference of two colours of a palette: Pillow looks colours up to the next lower multiple of 4
+_SAMPLES = 6  # number of frames from which the palette of a GIF is computed
+_KEPT = 32  # number of most frequent colours that are kept exactly
+_APART = 9  # minimum difference of two palette colours, because Pillow rounds colours down to multiples of 4
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a film if its suffix is one that can be written.
+    """Return the path of a film after checking its suffix.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a film of pictures of that size: whole pixels a cell if it can be, even sides as video needs.
+    """Return (width, height) of a film: whole pixels per cell if possible, and even sides as video requires.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
 
 
 def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
-    """Yield the frames and tell how many of them are done."""
+    """Yield the frames and report the progress."""
     for done, frame in enumerate(frames, start=1):
         yield frame
         if on_frame is not None:
@@ -67,22 +67,22 @@ def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> It
 
 @dataclass(frozen=True, eq=False)
 class Clip(Generic[At]):
-    """A film that is to be encoded.
+    """A film to be encoded.
 
     Parameters
     ----------
     frames : callable
-        Takes moments; yields the picture at each, uint8 of shape (height, width, 3).
+        Function from moments to pictures; each picture is uint8 of shape (height, width, 3).
     moments : sequence
-        Those of the film.
+        The moments of the film.
     rate : float
-        Frames a second.
+        Frames per second.
     side : int or None
-        The longer side of the film, in pixels; smaller pictures are enlarged. None: that of its pictures.
+        Longer side of the film in pixels; smaller pictures are enlarged. None keeps the size of the pictures.
     quality : int
-        The constant rate factor of H.264.
+        Constant rate factor of H.264.
     palette : bytes, optional
-        The colours of a GIF, red, green and blue of each; those of a few of its frames if None.
+        Colours of a GIF as red, green and blue bytes. With None, they are computed from a few frames.
     """
 
     frames: Callable[[Sequence[At]], Iterator[Frame]]
@@ -94,7 +94,7 @@ class Clip(Generic[At]):
 
 
 def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
-    """Write a film: a GIF, or H.264."""
+    """Write a film as GIF or H.264."""
     frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
     if gif:
         palette = clip.palette
@@ -107,7 +107,10 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 
 
 def palette_of(frames: list[Frame]) -> bytes:
-    """Return up to 256 colours, red, green and blue of each, for a GIF of frames like these: the most frequent as they are."""
+    """Return up to 256 colours, as red, green and blue bytes, for a GIF of such frames.
+
+    The most frequent colours are kept exactly.
+    """
     from PIL import Image as Pillow
 
     packed = np.concatenate([frame.reshape(-1, 3) for frame in frames]).astype(np.uint32) @ np.array(
@@ -115,7 +118,7 @@ def palette_of(frames: list[Frame]) -> bytes:
     )
     colours, counts = np.unique(packed, return_counts=True)
     order = np.argsort(-counts, kind="stable")
-    # Soft edges have many colours of few pixels each: that they are seen, a colour counts little more for filling much.
+    # Soft edges have many colours of few pixels each. To keep them visible, the weight of a colour grows slowly with its area.
     rest = np.repeat(colours[order], 1 + np.log2(counts[order]).astype(np.int64))
     found = Pillow.fromarray(_unpacked(rest)[None]).quantize(256, method=Pillow.Quantize.MEDIANCUT).getpalette() or []
     chosen = np.zeros((0, 3), np.int64)
@@ -130,7 +133,7 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None) -> None:
-    """Write frames, uint8 of shape (H, W, 3), as a GIF; small ones are enlarged to about ``side``, no pixel mixed from two."""
+    """Write uint8 frames of shape (H, W, 3) as a GIF. Small frames are enlarged to about ``side`` without interpolation."""
     from PIL import Image as Pillow
 
     colours = Pillow.new("P", (1, 1))
@@ -143,14 +146,14 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
     images = (shown(frame) for frame in frames)
     first = next(images)
     duration = max(20, round(1000 / rate / 10) * 10)  # the format counts hundredths of a second
-    with path.open("wb") as file:  # Pillow would leave it open when it is interrupted
+    with path.open("wb") as file:  # Pillow would leave the file open after an interruption
         first.save(file, format="GIF", save_all=True, append_images=images, duration=duration, loop=0, optimize=False, disposal=1)
 
 
 def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int) -> None:
-    """Write frames as H.264, ``quality`` its constant rate factor, with our own ffmpeg process.
+    """Write frames as H.264 with our own ffmpeg process. ``quality`` is the constant rate factor.
 
-    What that says and how it ended tell whether the film is whole.
+    The messages and the exit code of ffmpeg show whether the film is complete.
     """
     first = next(frames)
     width, height = film_size(first.shape[0], first.shape[1], side)
@@ -167,7 +170,7 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | N
     with tempfile.TemporaryFile() as said, subprocess.Popen(command, stdin=subprocess.PIPE, stderr=said) as encoder:
         assert encoder.stdin is not None
         try:
-            with suppress(BrokenPipeError), encoder.stdin:  # the encoder has gone: its exit code says so
+            with suppress(BrokenPipeError), encoder.stdin:  # the encoder has ended: its exit code gives the reason
                 for frame in chain([first], frames):
                     encoder.stdin.write(frame.tobytes())
         except BaseException:
@@ -178,7 +181,7 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | N
         words = said.read().decode(errors="replace").splitlines()
     if failed:
         why = words[0].rpartition(": ")[2] if words else f"exit code {encoder.returncode}"
-        raise OSError(f"the film encoder stopped: {why}")  # atomic() adds which file
+        raise OSError(f"the film encoder stopped: {why}")  # atomic() adds the name of the file
 
 
 def _encoder() -> str:

@@ -1,4 +1,4 @@
-"""LiveWindow: a window that shows pictures as they come."""
+"""LiveWindow: a window for live pictures."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class LiveWindow:
-    """A window with one picture in it; without a display nothing is seen, and nothing fails.
+    """A window with one picture. Without a display nothing is shown and no error is raised.
 
     Parameters
     ----------
@@ -22,11 +22,11 @@ class LiveWindow:
         self._axes = self._figure.add_axes((0, 0, 1, 1))
 
     def show(self, picture: NDArray[np.uint8], *, pause: float) -> None:
-        """Show a picture, uint8, shape (height, width, 3), and let so many seconds go by."""
+        """Show a uint8 picture of shape (height, width, 3), and wait for ``pause`` seconds."""
         self._axes.clear()
         self._axes.set_axis_off()
         self._axes.imshow(picture)
-        if self._figure.canvas.required_interactive_framework is not None:  # there is a display
+        if self._figure.canvas.required_interactive_framework is not None:  # a display exists
             plt.pause(pause)
 
     def close(self) -> None:

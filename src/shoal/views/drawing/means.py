@@ -1,4 +1,4 @@
-"""The figure of a sweep: means with their intervals, over its first axis of numbers or point by point."""
+"""The figure of a sweep: means with intervals against its first numeric axis, or one row per point."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PointMean:
-    """A mean at a point of a sweep.
+    """The mean at one point of a sweep.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ class PointMean:
         By axis.
     mean : float
     low, high : float
-        Ends of the interval; not numbers for a single trial.
+        Ends of the confidence interval; NaN for a single trial.
     """
 
     values: Mapping[str, Any]
@@ -37,12 +37,12 @@ class PointMean:
 
 
 def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
-    """Return the figure of a sweep's means: a line for each combination of the other axes, or a row for each point.
+    """Return the figure of a sweep's means, with a line for each combination of the other axes, or a row for each point.
 
     Raises
     ------
     InvalidInputError
-        If there is no mean.
+        If there are no means.
     """
     if not means:
         raise InvalidInputError("means: expected one or more, got none")
@@ -81,7 +81,7 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
 
 
 def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return the first axis of numbers along which there are several values; None if there is none."""
+    """Return the first numeric axis with several values, or None."""
     for name in points[0]:
         found = {point[name] for point in points if isinstance(point[name], int | float) and not isinstance(point[name], bool)}
         if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):

@@ -1,4 +1,4 @@
-"""A matplotlib figure that notebooks show as a picture, whether pyplot was imported or not."""
+"""A matplotlib figure that notebooks display, whether or not pyplot is imported."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from matplotlib.figure import Figure
 
 
 class NotebookFigure(Figure):
-    """A figure that shows itself in a notebook."""
+    """A figure that displays itself in a notebook."""
 
     def _repr_png_(self) -> bytes:
         return encode_figure(self)
 
 
 def encode_figure(figure: Figure) -> bytes:
-    """Return a figure as PNG, as large as a notebook shows it."""
+    """Return a figure as PNG in the size for notebooks."""
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi=110)
     return picture.getvalue()

@@ -1,4 +1,4 @@
-"""The scale bar of a map, and the arrow to the north."""
+"""The scale bar and the north arrow of a map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def bar_length(most: float) -> float:
-    """Return the longest of 1, 2 and 5 times a power of ten that is not longer than ``most``.
+    """Return the largest of 1, 2 and 5 times a power of ten that is at most ``most``.
 
     Examples
     --------
@@ -27,19 +27,19 @@ def bar_length(most: float) -> float:
 def draw_scale_bar(
     figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: float | None = None, above: float | None = None
 ) -> None:
-    """Draw a scale bar under the right end of a map, and an arrow to the north.
+    """Draw a scale bar below the right end of a map, and a north arrow.
 
     Parameters
     ----------
     figure, axes : Figure, Axes
     unit : str
-        Of length, as "m" or "mm".
+        Unit of length, such as "m" or "mm".
     size : float
-        How long one unit of the x axis is in that unit.
+        Length of one unit of the x axis in ``unit``.
     north : float, optional
-        By how much north is turned from up, degrees clockwise; no arrow if it is not given.
+        Direction of north from up, in degrees clockwise. Without it, no arrow is drawn.
     above : float, optional
-        Draw it above the map instead, and end it there on the x axis.
+        Position on the x axis at which the bar ends above the map. By default the bar is below the map.
     """
     from matplotlib.transforms import blended_transform_factory
 

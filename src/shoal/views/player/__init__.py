@@ -1,9 +1,9 @@
-"""The player: one HTML page, with nothing outside it, that plays an episode of any part.
+"""The player: a self-contained HTML page that plays an episode of any part.
 
-Styles, scripts and the page's skeleton lie in ``shared/``, what only one part shows in the folder of that part. The page of a
-swarm episode simulates it again from its start and its commands, so the file stays small: some 70 kB, of which the episode takes
-a few. With noise it cannot, and is given what there is to see at each move. The pages of steering episodes and of searches are
-given trajectories, in straight pieces.
+Styles, scripts and the page template are in ``shared/``, and files for a single part in the folder of that part. The page of a
+swarm episode simulates the episode from its start and its commands. The file is therefore small: about 70 kB, of which the episode
+takes a few kB. With noise the page cannot simulate, and contains the observable data of each move. The pages of steering episodes
+and searches contain trajectories of straight segments.
 """
 
 from __future__ import annotations
@@ -29,26 +29,24 @@ def render(part: str, data: Mapping[str, Any]) -> str:
     part : str
         "swarm", "steering" or "search".
     data : mapping
-        The episode, ready for JSON, as the part's ``page_data`` returns it: `shoal.views.swarm.page.page_data`,
-        `shoal.views.steering.page.page_data`, `shoal.views.search.page.page_data`.
+        The episode in a form for JSON, from the part's ``page_data``: `shoal.views.swarm.page.page_data`,
+        `shoal.views.steering.page.page_data` or `shoal.views.search.page.page_data`.
 
     Returns
     -------
     str
-        An HTML document with styles, scripts and data inlined. It loads nothing; its content security policy
-        forbids it to.
+        An HTML document with inline styles, scripts and data. It loads no other files; its content security policy forbids that.
 
     Raises
     ------
     TypeError
-        If a value has no JSON form.
+        If a value cannot be represented in JSON.
     ValueError
         If a number is not finite.
 
     Notes
     -----
-    The data is not checked here: a page whose data describes no episode opens, and says in one sentence what
-    is wrong with it.
+    The data are not checked here. A page with invalid data opens and shows an error of one sentence.
 
     Examples
     --------
@@ -63,24 +61,26 @@ def render(part: str, data: Mapping[str, Any]) -> str:
         "title": html.escape(str(data.get("title") or "Shoal")),
         "styles": f"<style>\n{''.join(map(_read, styles))}</style>",
         "scripts": "\n".join(f"<script>\n{_read(name)}</script>" for name in scripts),
-        # A "<" could end the script block or open a comment in it. In JSON it only stands inside strings.
+        # A "<" could end the script block or open a comment. In JSON, it occurs only inside strings.
         "data": json.dumps(data, allow_nan=False, separators=(",", ":")).replace("<", r"\u003c"),
     }
     return _page(part, "swarm/volume.js" in scripts, parts)
 
 
 def served_page(part: str, *, volume: bool = False, recorded: bool = False, more: tuple[str, ...] = (), files: str = "") -> str:
-    """Return the page for a server: styles and scripts are links to ``files``, and a script gives the episode, also as it grows.
+    """Return the page for a server.
+
+    Styles and scripts are links to ``files``, and a script supplies the episode, also while it grows.
 
     Parameters
     ----------
     part : str
     volume, recorded : bool
-        Of a swarm: whether the map is 3-D, and whether there was noise.
+        For a swarm: whether the map is 3-D, and whether there is noise.
     more : tuple of str
-        Addresses of styles and scripts beside those that every player has.
+        Addresses of additional styles and scripts.
     files : str
-        The address of this package's files, with a slash at its end.
+        Base address of this package's files, with a slash at its end.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def served_page(part: str, *, volume: bool = False, recorded: bool = False, more
 
 
 def files_of(part: str, *, volume: bool = False, recorded: bool = False) -> tuple[list[str], list[str]]:
-    """Return the styles and scripts of a player; for the parameters see `served_page`."""
+    """Return the styles and scripts of a player. See `served_page` for the parameters."""
     if part != "swarm":
         scripts = [name.format(part=part) for name in (*_TRAJECTORIES, *_FRAME)]
         colours = ["search/colours.css"] if part == "search" else []
@@ -121,5 +121,5 @@ def _page(part: str, volume: bool, parts: Mapping[str, str]) -> str:
 
 
 def _read(file: str) -> str:
-    """Return the text of a file of this package."""
+    """Return the text of a file in this package."""
     return resources.files(__name__).joinpath(file).read_text(encoding="utf-8")

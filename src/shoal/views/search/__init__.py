@@ -1,1 +1,1 @@
-"""Searches as people look at them: figures of routes, timelines and tours, films, the data of the player."""
+"""Views of searches: figures of routes, timelines and tours, films, and the data of the player."""

@@ -1,4 +1,4 @@
-"""Figures of a search: where the robots went, what each did when, and the expected time of paper H, Fig. 5."""
+"""Figures of a search: the routes of the robots on the region."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
 NOT_SEEN = "#d81b1b"
 OBSTACLE = "#5b6470"
 _OUTSIDE, _EDGE, _LINES = "#eef0f3", "#39424e", "#e1e5ea"
-_OWN, _TAKEN = 0.16, 0.36  # how much of a robot's colour its cells have
-_GRID = 3000  # cells whose sides are still drawn
-_NAMED = 24  # findings whose confidence is still written
-_ARROWS = 14  # on a route, at the most
+_OWN, _TAKEN = 0.16, 0.36  # opacity of a robot's colour in its cells
+_GRID = 3000  # number of cells up to which cell borders are drawn
+_NAMED = 24  # number of findings up to which their confidences are written
+_ARROWS = 14  # maximum number of arrows on a route
 
 
 def routes_figure(episode: SearchEpisode) -> Figure:
-    """Return the figure of a search: the region, and the way of each robot in its colour.
+    """Return the figure of a search: the region and the path of each robot in its colour.
 
-    A square with its number is where a robot started, a cross where it died, a diamond a finding with how sure it is. Cells have
-    the colour of the robot that first searched them; those of another's part have a darker one and an outline, and the way through
-    them is thicker. Ways to cells farther off are thin and dashed. What nobody saw is red.
+    A square with a number marks a robot's start, a cross its death, and a diamond a finding with its confidence. A cell has the
+    colour of the robot that searched it first. Cells of another robot's part are darker with an outline, and the path through them
+    is thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
     """
     history = SearchHistory(episode)
     left, right, bottom, top = history.sides
@@ -53,14 +53,14 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     axes.set(xlim=(left, right), ylim=(bottom, top))
     if history.panels.labels:
         axes.set(xticks=[], yticks=[])
-    axes.set_xlabel("metres" if not history.panels.labels else "\n\n", color=MUTED, fontsize=8)  # room for the scale bar
+    axes.set_xlabel("metres" if not history.panels.labels else "\n\n", color=MUTED, fontsize=8)  # space for the scale bar
     bare_axes(axes)
     axes.set_title(
         _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None
     )
     draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(history.n_robots)}")
     _draw_legend(figure, history)
-    figure.draw_without_rendering()  # settles where the axes are, so that numbers can be kept apart on paper
+    figure.draw_without_rendering()  # fixes the positions of the axes, so that the numbers can be moved apart
     figure.set_layout_engine("none")
     _draw_robots(axes, history)
     draw_scale_bar(figure, axes, north=history.north)
@@ -79,7 +79,7 @@ def _summary(episode: SearchEpisode) -> str:
 
 
 def _draw_ground(axes: Axes, history: SearchHistory) -> None:
-    """Draw the cells in the colours of who searched them, and the region with its holes over them."""
+    """Draw the cells in the colours of their searchers, and the region with its holes over them."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
     from matplotlib.patches import PathPatch
@@ -109,7 +109,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return a path whose inside is what an odd number of rings goes around: the outer frame, without the parts."""
+    """Return a path that contains the points surrounded by an odd number of rings: the outer frame without the parts."""
     from matplotlib.path import Path
 
     frame, *rest = rings
@@ -119,9 +119,9 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:
-    """Return the colour of each cell at a time, white if nobody had searched it; float64, shape (n, 3), by number on the tour.
+    """Return the colour of each cell at a time; white for unsearched cells; float64, shape (n, 3), by tour index.
 
-    That of an obstacle once it was found.
+    A discovered obstacle has its own colour.
     """
     from matplotlib.colors import to_rgb
 
@@ -134,7 +134,7 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
 
 
 def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> None:
-    """Draw the way of a robot; ``side`` is that of a cell on paper, in points."""
+    """Draw the path of a robot. ``side`` is the side of a cell in points."""
     from matplotlib.collections import LineCollection
 
     episode, colour = history.episode, robot_colour(robot)
@@ -166,14 +166,14 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
 
 
 def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
-    """Draw how far a robot came that died before it searched anything."""
+    """Draw the path of a robot that died before it searched any cell."""
     way = history.trajectories[robot].points
     if len(way) > 1:
         axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
 
 
 def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: float) -> None:
-    """Draw arrowheads on pieces of a way, far from one another."""
+    """Draw arrowheads on parts of a path, with a distance between them."""
     from matplotlib.collections import PolyCollection
 
     lengths = np.hypot(*(pieces[:, 1] - pieces[:, 0]).T)
@@ -217,7 +217,7 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> N
 
 
 def _draw_robots(axes: Axes, history: SearchHistory) -> None:
-    """Draw starts and deaths; where starts are close, numbers are moved apart and joined to them by lines."""
+    """Draw starts and deaths. The numbers of close starts are moved apart and connected to the starts by lines."""
     places = history.on_picture(history.episode.plan.places)
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
@@ -244,7 +244,7 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
 
 
 def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Return places moved apart until no two are closer than ``least``, or nearly so; float64, shape (n, 2).
+    """Return points moved apart until the distance of any two is at least about ``least``; float64, shape (n, 2).
 
     Examples
     --------
@@ -265,7 +265,7 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
 
 
 def _not_seen(history: SearchHistory) -> Any:
-    """Return what was not seen in any layer, as it is drawn, but for obstacles."""
+    """Return the areas that were not seen in some layer, as drawn, without obstacles."""
     import shapely
 
     panels, episode = history.panels, history.episode

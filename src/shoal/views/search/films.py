@@ -1,4 +1,4 @@
-"""The frames of films of searches: robots move along their ways, cells take on their colour, robots die and others take over."""
+"""Frames of search films: moving robots, searched cells, deaths and takeovers."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
 from shoal.views.search.panels import sizes_text
 
-RATE = {".gif": 10, ".mp4": 30}  # frames a second
+RATE = {".gif": 10, ".mp4": 30}  # frames per second
 HEIGHT = {".gif": 432, ".mp4": 720}
 SECONDS = 24.0
 _SHORTEST = 4.0
-_REST = 1.2  # seconds for which the end stays
+_REST = 1.2  # seconds for which the final picture is shown
 _GROUND, _EDGE, _BAR = "#f1f3f5", "#39424e", "#dfe3e8"
-_FLASH = 40  # rings of a takeover grow for so large a part of the film: 1/40
+_FLASH = 40  # duration of a takeover's growing rings as a fraction of the film: 1/40
 
 
 def clip_of(episode: SearchEpisode, suffix: str) -> Clip[float]:
@@ -63,7 +63,7 @@ class SearchFilm:
         self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
-        """Return when the frames are, in the time of a cell; the end stays for a while."""
+        """Return the times of the frames in cell times. The final time is repeated."""
         seconds = float(np.clip(self.history.end / 8, _SHORTEST, SECONDS))
         rest = round(_REST * rate)
         count = min(round(seconds * rate), longest - rest)
@@ -86,7 +86,7 @@ class SearchFilm:
         return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
 
     def _pixels(self) -> NDArray[np.int64]:
-        """Return the number of the cell that each pixel lies in, the number of cells for none; int64, shape (height, width)."""
+        """Return the cell number of each pixel, or the number of cells outside; int64, shape (height, width)."""
         panels, (left, _, _, top) = self.history.panels, self.history.extent
         corner = self._at(np.array([left, top]))
         rows, cols = (
@@ -110,7 +110,7 @@ class SearchFilm:
         self._draw_cells(-1.0)
 
     def _draw_cells(self, time: float) -> None:
-        """Colour the cells, cover what of them lies outside, and keep that as the background of the frames to come."""
+        """Draw the cells, mask their parts outside the region, and store the result as the background of the next frames."""
         colours = np.rint(255 * np.vstack([cell_colours(self.history, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
         canvas = self._canvas
         canvas.paint(np.where((self._label < self.history.n_cells)[..., None], colours[self._label], self._plain))
@@ -173,7 +173,7 @@ class SearchFilm:
         canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
 
     def _draw_foot(self, time: float, now: list[Activity]) -> None:
-        """Draw the clock, the share searched, and what robots are doing."""
+        """Draw the clock, the searched fraction, and the activities of the robots."""
         canvas, unit, history = self._canvas, self._unit, self.history
         level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
         done = history.searched(time)
@@ -196,6 +196,6 @@ class SearchFilm:
 
 
 def _current(activities: tuple[Activity, ...], time: float) -> Activity:
-    """Return what a robot does at a time."""
+    """Return the activity of a robot at a time."""
     found = [activity for activity in activities if activity.begin <= time]
     return found[-1] if found else Activity(0.0, inf, "listening")

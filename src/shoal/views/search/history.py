@@ -1,4 +1,4 @@
-"""What a search episode tells, ready to be drawn: who was where when, whose cells are whose, and what each robot did in turn."""
+"""The history of a search episode for drawing: positions over time, owners of cells, and activities of robots."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from shoal.views.search.trajectories import RobotTrajectory, RobotWays, death_of
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-# Neighbours in the cycle differ in hue and in lightness; all are dark enough for thin lines and white numbers.
+# Neighbouring colours of the cycle differ in hue and lightness. All are dark enough for thin lines and white numbers.
 ROBOTS = (
     "#0072b2", "#d55e00", "#00805d", "#aa4499", "#946c00", "#2f94d6",
     "#882255", "#5f7a1f", "#d1495b", "#4b3ba6", "#7a4a21", "#138a94",
@@ -27,22 +27,22 @@ ROBOTS = (
 
 
 def robot_colour(robot: int) -> str:
-    """Return the colour of a robot, counted from 0; after twelve they come again, and the numbers tell them apart."""
+    """Return the colour of a robot counted from 0. Twelve colours repeat, and the numbers distinguish the robots."""
     return ROBOTS[robot % len(ROBOTS)]
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """A time in which a robot did one thing.
+    """A period in which a robot did one thing.
 
     Parameters
     ----------
     begin, end : float
-        In the time of a cell.
+        Times in cell times.
     kind : str
         "listening", "own" (searching its own part), "taken" (searching another's), "waiting", "paused", "dead" or "complete".
     other : int
-        Whose part, as the number of the robot; 0 if it is nobody's or not another's.
+        Number of the robot that owns the part; 0 if the part belongs to no other robot.
     """
 
     begin: float
@@ -52,9 +52,9 @@ class Activity:
 
 
 class SearchHistory:
-    """An episode, ready to be drawn.
+    """An episode with derived data for drawing.
 
-    The parts are those that all robots agree on who have heard of one another; who was dead from the beginning has none.
+    The parts are those on which all robots agree that know each other. A robot that was dead from the beginning has no part.
 
     Parameters
     ----------
@@ -69,14 +69,14 @@ class SearchHistory:
 
     @cached_property
     def end(self) -> float:
-        """When the last thing happened, in the time of a cell; above 0."""
+        """Time of the last event in cell times; above 0."""
         moments = [state[0] for log in self.episode.trace.robots for state in log.states]
         moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """Whose each cell was to search, by number on the tour (0: nobody's), and the order of the robots round the tour."""
+        """Owner of each cell by tour index (0: none), and the order of the robots around the tour."""
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
@@ -95,13 +95,14 @@ class SearchHistory:
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
     def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the plan's work of a robot, counted from 0."""
+        """Return the planned arcs of a robot counted from 0."""
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """Return whose part each cell belonged to that a robot stopped to search, 0 where it was its own work; int64, shape (k,).
+        """Return the owner of each cell in which a robot stopped to search, 0 for its own work; int64, shape (k,).
 
-        With a wider footprint: its own if any was that it had not seen before, else whose most of these were.
+        With a wider footprint, the stop counts as own work if any newly seen cell was its own; otherwise the most frequent owner
+        counts.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -115,14 +116,14 @@ class SearchHistory:
         if number not in ranks:
             return theirs
         mine = theirs == number
-        for other, rank in ranks.items():  # where cells are searched by several, the parts ahead are its own work, too
+        for other, rank in ranks.items():  # if several robots search each cell, the parts ahead also belong to its own work
             if (rank - ranks[number]) % len(ranks) < multiplicity:
                 mine |= theirs == other
         return np.where(mine, 0, theirs)
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """When each cell was first searched by a robot that does not lie (infinite if never), and by which (0 if by none)."""
+        """Time of the first search of each cell by a robot that does not lie (infinite if never), and that robot (0 if none)."""
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.trace.robots, start=1):
             if number not in self.liars and log.cells.size:
@@ -132,13 +133,13 @@ class SearchHistory:
         return times, by
 
     def seen_at(self, robot: int) -> Floats:
-        """Return when a robot first saw each cell that it searched, rising; float64, shape (k,)."""
+        """Return the time at which a robot first saw each cell that it searched, increasing; float64, shape (k,)."""
         log = self.episode.trace.robots[robot]
         return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """Which cells were first searched by a robot that had taken them over; bool, by number on the tour."""
+        """Which cells were first searched by a robot that took them over; bool, by tour index."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]
@@ -147,16 +148,16 @@ class SearchHistory:
         return found
 
     def searched(self, time: float) -> int:
-        """Return how many cells had been searched at a time."""
+        """Return the number of cells searched until a time."""
         return int(np.count_nonzero(self.first[0] <= time))
 
     def death(self, robot: int) -> float:
-        """Return when a robot died; infinite if it did not."""
+        """Return the time of a robot's death, or infinity."""
         return death_of(self.episode.trace.robots[robot])
 
     @cached_property
     def activities(self) -> tuple[tuple[Activity, ...], ...]:
-        """What each robot did."""
+        """The activities of each robot."""
         return tuple(tuple(self._activities(robot)) for robot in range(self.n_robots))
 
     def _activities(self, robot: int) -> list[Activity]:
@@ -174,51 +175,51 @@ class SearchHistory:
 
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
-        """Where each robot was, as `on_picture`."""
+        """The trajectory of each robot in the coordinates of `on_picture`."""
         found = (self.ways.trajectory(robot) for robot in range(self.n_robots))
         return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
 
     def on_picture(self, points: Floats) -> Floats:
-        """Return points of the region as they are drawn, metres: rows of cells level, whatever their angle.
+        """Return points of the region in drawing coordinates in metres, where rows of cells are horizontal whatever their angle.
 
-        A third column says in which layer; those without are in the lowest.
+        A third column contains the layer. Points without it are in the lowest layer.
         """
         return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
 
     @cached_property
     def panels(self) -> LayerPanels:
-        """Where all layers are drawn."""
+        """The panels in which the layers are drawn."""
         return LayerPanels(self.episode.plan)
 
     @cached_property
     def ways(self) -> RobotWays:
-        """Where the robots went."""
+        """The paths of the robots."""
         return RobotWays(self.episode)
 
     @property
     def north(self) -> float | None:
-        """By how much north is turned from up, degrees clockwise; None for a region without a place on Earth."""
+        """Direction of north from up in the drawing, in degrees clockwise; None for a region without a position on Earth."""
         return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle
 
     def place_of(self, finding: Finding) -> Floats:
-        """Return where a finding is drawn, float64, shape (2,)."""
+        """Return the drawing position of a finding; float64, shape (2,)."""
         plan = self.episode.plan
         place = plan.positions([finding.cell])[:, :2]
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return values in the order of the tour, one a cell, as an array of the panel's shape."""
+        """Return values given in tour order, one per cell, as an array of the panel's shape."""
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the cells, metres."""
+        """Left, right, bottom and top of the cells in metres."""
         return self.panels.extent
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the cells and of the ways of robots that set out elsewhere, metres."""
+        """Left, right, bottom and top in metres of the cells and of the paths from outside launch points."""
         left, right, bottom, top = self.extent
         x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
         seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))
@@ -226,7 +227,7 @@ class SearchHistory:
         return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
 
     def outline(self, robot: int) -> Floats:
-        """Return the sides around the cells that a robot was first to search for another one; shape (k, 2, 2), metres."""
+        """Return the border segments of the cells that a robot was first to search for other robots; shape (k, 2, 2), metres."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.panels.step
@@ -245,7 +246,7 @@ def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats
 
 
 def _add_searching(found: list[Activity], begin: float, end: float, times: Floats, others: Numbers) -> None:
-    """Add what a robot searched from one time to another: a activity for each part."""
+    """Add the searching activities of a robot between two times, one activity per part."""
     bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
     owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
     ends = [*(float(times[k]) for k in bounds), end]

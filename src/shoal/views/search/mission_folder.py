@@ -1,4 +1,4 @@
-"""A folder of missions: the files, their map, and the report of the check."""
+"""A folder of missions: mission files, their map, and the check report."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ MAP = "map.png"
 
 
 class MissionFolder:
-    """The missions of a plan, what each robot does if nothing goes wrong, in a folder.
+    """A folder for the missions of a plan, which assume that no fault occurs.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class MissionFolder:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        At once, before anything is planned, if an option is not right, or for a rover that would have to leave the region.
+        If an option is invalid, or a rover would have to leave the region. The error is raised at once, before any planning.
     """
 
     def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:
@@ -50,7 +50,7 @@ class MissionFolder:
         self.terrain = None if options.terrain is None else open_terrain(Path(options.terrain))
 
     def plan(self, plan: SearchPlan) -> None:
-        """Make the missions of a plan."""
+        """Create the missions of a plan."""
         given, region = self.given, plan.grid.region
         self.missions = plan_missions(
             plan,
@@ -63,7 +63,7 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
-        """Search as the missions say: robots set out with the delays that keep them apart."""
+        """Run the search with the missions' delays, which keep robots apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
@@ -74,7 +74,7 @@ class MissionFolder:
         return run(problem, seed=seed, plan=plan)
 
     def write(self, plan: SearchPlan) -> list[Path]:
-        """Make the missions of a plan, if they are not made, and write them, with their map; return the files."""
+        """Create the missions of a plan if necessary, and write them with their map. Return the files."""
         if not self.missions:
             self.plan(plan)
         written = write_missions(self.missions, self.folder, formats=self.given.format or None)
@@ -82,7 +82,7 @@ class MissionFolder:
         return [*written, self.folder / MAP]
 
     def report(self, plan: SearchPlan) -> dict[str, Any]:
-        """Return what was made for JSON."""
+        """Return the summary of the missions for JSON."""
         kept, near = self.given.kept_apart, self.approach
         return {
             "sorties": len(self.missions),
@@ -97,7 +97,7 @@ class MissionFolder:
 
 
 def write_check(result: MissionCheck, folder: Path, *, drawn: bool = True) -> list[Path]:
-    """Write the report of a check, what is not seen if that was measured, and the map if it is to be drawn; return the files."""
+    """Write a check report, the uncovered area if coverage was measured, and the map if requested. Return the files."""
     written = [folder / "check.json"]
     write_json(written[0], result.report())
     if result.coverage is not None:

@@ -1,4 +1,4 @@
-"""The map of missions: the ways of all vehicles by altitude layer, launch and rally points, zones, fence and nearest approach."""
+"""The map of missions: all paths by altitude layer, launch and rally points, zones, fence and nearest approach."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
 
 _LAYERS = ("#1f5fa8", "#d9822b", "#2a8c5a", "#8d4fb0", "#c23b58", "#6f6a1e", "#1b8a96", "#7a4a2a")
 _LAND, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#d81b1b", "#39424e", "#000000"
-_SHADES = 0.45  # by how much the ways of robots of one layer differ in brightness, at the most
-_PAD = 0.04  # of the longer side
+_SHADES = 0.45  # maximum difference in brightness between the robots of one layer
+_PAD = 0.04  # relative to the longer side
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return the map of missions: what is flown at one altitude in one colour, lighter and darker by robot.
+    """Return the map of missions, with one colour per altitude and a different lightness per robot.
 
-    A triangle is where vehicles set out, a square where they come down, a cross in a ring a rally point; hatched red zones are
-    those to keep out of, the dotted line is the fence. A black ring is the nearest approach.
+    A triangle marks a launch point, a square a landing point, and a cross in a ring a rally point. Hatched red areas are no-go
+    zones, and the dotted line is the fence. A black ring marks the nearest approach.
 
     Parameters
     ----------
     missions : sequence of Mission
-        In degrees if the region is.
+        The missions, in degrees if the region is.
     region : SearchRegion
     approach : MissionApproach, optional
     """
@@ -95,18 +95,18 @@ def _outline(rings: Sequence[Any]) -> Any:
 
 
 def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], heights: list[float]) -> None:
-    """Draw the ways: solid from the first waypoint to the last, dashed from home and to the end."""
+    """Draw the paths: solid between the first and the last waypoint, dashed from home and to the end."""
     levels = [np.round(mission.levels, 1) for mission in missions]
     flying = {height: sorted({one.robot for one, ups in zip(missions, levels, strict=True) if height in ups}) for height in heights}
     for mission, way, ups in zip(missions, ways, levels, strict=True):
         looks = [_shade(_colour(heights, up), flying[up].index(mission.robot) / max(len(flying[up]) - 1, 1)) for up in ups.tolist()]
         axes.plot(*way[:3, :2].T, color=looks[0], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*way[-3:, :2].T, color=looks[-1], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
-        first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint over home is none of the search
+        first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint above home does not belong to the search
         borders = [first, *(np.flatnonzero(np.diff(ups[first:])) + 1 + first).tolist(), len(ups)]
         for begin, end in pairwise(borders):
             stretch, rank = way[2 + begin : 2 + end, :2], heights.index(ups[end - 1])
-            under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower ones are wider, to be seen beneath higher ones
+            under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower paths are wider, to be visible below higher ones
             look: dict[str, Any] = {"color": looks[end - 1], "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
 
@@ -122,7 +122,7 @@ def _shade(colour: str, share: float) -> tuple[float, ...]:
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
-    """Draw launch, landing and rally points, each once, with the robots that set out there."""
+    """Draw launch, landing and rally points once each, with the numbers of the robots that start there."""
     placed = np.array if region.frame is None else region.frame.to_metres
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:
@@ -143,7 +143,7 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
 
 
 def _numbers(robots: list[int]) -> str:
-    """Return numbers for people: 1-4, 6."""
+    """Return numbers as text: 1-4, 6."""
     runs: list[list[int]] = []
     for robot in robots:
         if runs and robot == runs[-1][-1] + 1:

@@ -1,4 +1,4 @@
-"""From a search to the data of the player."""
+"""The player's data of a search."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from shoal.views.search.panels import sizes_text
 from shoal.views.search.trajectories import RobotTrajectory
 
 LARGEST = 300_000
-"""Visits of cells that a page still plays smoothly enough."""
-_STEPS = 65_535  # of places across the picture
+"""Maximum number of visits of cells that a page plays smoothly."""
+_STEPS = 65_535  # steps of positions across the picture
 
 
 def player_page(episode: SearchEpisode) -> str:
@@ -34,26 +34,26 @@ def player_page(episode: SearchEpisode) -> str:
 
 
 def page_data(episode: SearchEpisode) -> dict[str, object]:
-    """Return what the page is told: the search, ready for JSON. Arrays are base64 of little-endian numbers.
+    """Return the data of the page for JSON. Arrays are base64 texts of little-endian numbers.
 
     Returns
     -------
     dict
         - ``title``, ``tour``, ``allocation``, ``version`` : str; ``seed``, ``takeovers``, ``cells`` : int; ``cellTime`` : float,
           seconds.
-        - ``end``, ``covered`` : when the last thing happened and when all was searched (None for never), in the time of a cell.
-        - ``box`` : left, bottom, right and top of all squares; ``shape`` : their rows and columns; ``size`` : the side of one, as a
-          rule a cell's, whose side ``cellSize`` says; ``labels`` : [words, x, y] over each of several layers.
+        - ``end``, ``covered`` : times in cell times of the last event, and of the complete search (None if it never was complete).
+        - ``box`` : left, bottom, right and top of all squares. ``shape`` : rows and columns of squares. ``size`` : side of a
+          square, usually a cell's; ``cellSize`` is the side of a cell. ``labels`` : [text, x, y] above each of several layers.
         - ``parts`` : polygons, each a list of rings.
-        - ``first`` : when each searched square was first searched, float32, rising; ``searched`` : the same of cells where they are
-          not the squares; ``by``, ``where``, ``taken`` : by which robot
-          (uint16), at row * columns + column (uint32), and whether it was another's part (uint8).
-        - ``robots`` : for each its ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn, in
-          65,535ths of the box from its lower left), ``visits`` (float32), ``activities`` [begin, end, kind, other], ``outline``
-          (sides around what it took over, uint16: column, row, column, row), ``liar``.
-        - ``obstacles`` : list of row * columns + column and when it was found.
-        - ``findings`` : list of x, y, when it was first found, and confidence.
-        - ``north`` : by how much north is turned from up, degrees clockwise, or null.
+        - ``first`` : time of the first search of each searched square, float32, increasing. ``searched`` : the same for cells, if
+          cells are not squares. ``by``, ``where``, ``taken`` : the searching robot (uint16), row * columns + column (uint32), and
+          whether the square was in another robot's part (uint8).
+        - ``robots`` : for each robot, ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn,
+          in 65,535ths of the box from its lower left corner), ``visits`` (float32), ``activities`` [begin, end, kind, other],
+          ``outline`` (border segments of its takeovers, uint16: column, row, column, row), ``liar``.
+        - ``obstacles`` : list of row * columns + column, and the time of discovery.
+        - ``findings`` : list of x, y, time of the first discovery, and confidence.
+        - ``north`` : direction of north from up, in degrees clockwise, or null.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     order = np.argsort(times, kind="stable")[: int(np.count_nonzero(times < inf))]
     rank = np.full(history.n_cells, history.n_cells)
     rank[order] = np.arange(len(order))
-    squares = history.raster(rank, history.n_cells).ravel()  # of several a cell, where layers differ
+    squares = history.raster(rank, history.n_cells).ravel()  # several per cell if layers differ
     where = np.argsort(squares, kind="stable")[: int(np.count_nonzero(squares < history.n_cells))]
     order = order[squares[where]]
     count = history.n_robots
@@ -113,7 +113,10 @@ def _box(sides: tuple[float, float, float, float]) -> list[float]:
 
 
 def _found_at(history: SearchHistory, finding: Finding) -> float:
-    """Return when the first of those that found something searched its cell: others may have passed it before, and missed it."""
+    """Return the time at which a robot first found something in a cell.
+
+    Other robots may have searched the cell before without success.
+    """
     logs, seen = history.episode.trace.robots, history.episode.seen
     moments = [
         float(moment)
@@ -141,7 +144,7 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
 
 
 def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
-    """Return the same trajectory without moments at which it goes on straight and evenly, to a tolerance in metres."""
+    """Return a trajectory without moments of straight uniform motion, within a tolerance in metres."""
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
         return trajectory

@@ -1,4 +1,4 @@
-"""The panels on which a search is drawn: its one layer, or all of them beside each other, each with its altitude."""
+"""The panels of a search drawing: one layer, or all layers beside each other with their altitudes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,16 @@ from shoal.views.drawing.polygon_paths import rings_of
 
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
-_GAP = 0.12  # of a panel's longer side, between panels
-_FINE = 2  # squares in a side of the smallest cell where layers are cut into different cells
+_GAP = 0.12  # distance between panels, relative to a panel's longer side
+_FINE = 2  # squares per side of the smallest cell, if layers have different cells
 
 
 class LayerPanels:
-    """Where the cells of all layers are drawn, as squares in rows: layers that differ are cut into smaller squares.
+    """Positions of all layers' cells in a drawing, as squares in rows.
 
-    Rows of cells of the lowest layer are level. Panels go from left to right and down, the lowest layer first.
+    Layers with different cells are divided into smaller squares.
+
+    Rows of cells of the lowest layer are horizontal. Panels go from left to right and down, starting with the lowest layer.
 
     Parameters
     ----------
@@ -47,7 +49,7 @@ class LayerPanels:
         self._apart = self._panel + gap
 
     def _box(self, layer: CellGrid) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest corner of a layer's cells in the frame of the panels, metres."""
+        """Return the lowest and the highest corner of a layer's cells in the panels' frame in metres."""
         (left, top), (rows, columns) = layer.corner, layer.shape
         across, down = columns * layer.size, rows * layer.size
         corners = np.array([(left, top), (left + across, top), (left, top - down), (left + across, top - down)])
@@ -58,30 +60,30 @@ class LayerPanels:
         return np.asarray(self.layers[0].lattice.from_region(points))
 
     def _offsets(self, layers: Numbers) -> Floats:
-        """Return by how much each of some layers is drawn aside, metres; float64, shape (n, 2)."""
+        """Return the displacement of some layers' panels in metres; float64, shape (n, 2)."""
         return np.stack([layers % self.columns * self._apart[1], -(layers // self.columns) * self._apart[0]], axis=1) * self.step
 
     def place(self, points: Floats, layers: Floats | Numbers) -> Floats:
-        """Return points of the region, in some layers, as they are drawn, metres; float64, shape (n, 2)."""
+        """Return the drawing positions of the region's points in given layers, in metres; float64, shape (n, 2)."""
         turned = self._turned(points)
         return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Rows and columns of squares."""
+        """Numbers of rows and columns of squares."""
         down = ceil(len(self.layers) / self.columns)
         rows, columns = (self._apart * (down - 1, self.columns - 1) + self._panel).tolist()
         return rows, columns
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of all squares, metres."""
+        """Left, right, bottom and top of all squares in metres."""
         left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
         return left, left + self.shape[1] * self.step, top - self.shape[0] * self.step, top
 
     @cached_property
     def numbers(self) -> Numbers:
-        """The number on the tour of the cell in which each square lies, -1 for none; int64, of `shape`."""
+        """Tour index of the cell that contains each square, -1 for none; int64, of `shape`."""
         found = np.full(self.shape, -1, dtype=np.int64)
         position = self.plan.tour.position
         rows, columns = self._panel.tolist()
@@ -103,19 +105,19 @@ class LayerPanels:
 
     @cached_property
     def parts(self) -> list[list[Floats]]:
-        """The rings of each part of the region in each layer, the outer one first, as they are drawn."""
+        """The rings of each part of the region in each layer in drawing coordinates, the outer ring first."""
         shapes = [(self.shape_of(layer.region.area, number)) for number, layer in enumerate(self.layers)]
         return [rings for shape in shapes for rings in rings_of(shape)]
 
     def shape_of(self, shape: Any, layer: int) -> Any:
-        """Return a Shapely geometry of the region as it is drawn in a layer."""
+        """Return a Shapely geometry of the region in the drawing coordinates of a layer."""
         from shapely.affinity import translate
 
         return translate(rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist())
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
-        """What stands over each panel, and where: its upper left corner; none for a single layer."""
+        """Label and upper left corner of each panel; empty for a single layer."""
         if len(self.layers) == 1:
             return []
         ups, (left, _, _, top) = self.plan.altitudes, self.extent
@@ -128,6 +130,6 @@ class LayerPanels:
 
 
 def sizes_text(plan: SearchPlan) -> str:
-    """Return the sides of cells for people: 8.8 to 14.7 m."""
+    """Return the sides of cells as text: 8.8 to 14.7 m."""
     low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
     return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"

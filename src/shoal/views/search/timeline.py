@@ -1,4 +1,4 @@
-"""The timeline of a search: what each robot did when."""
+"""The timeline of a search: the activities of each robot over time."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ WAITING, LISTENING = "#d5dae0", "#eceff2"
 
 
 def draw_heading(figure: Figure, words: str) -> None:
-    """Write a heading over a whole figure."""
+    """Write a heading above a whole figure."""
     figure.suptitle(words, fontsize=11, color=INK, x=0.012, ha="left", fontweight="bold", parse_math=False)
 
 
 def timeline_figure(episode: SearchEpisode) -> Figure:
-    """Return the figure of what each robot did: a row a robot, in the time of a cell.
+    """Return the timeline of a search, with one row per robot and time in cell times.
 
-    Full colour: it searched its own part. Hatched: another's, whose number is written in it. Grey: it waited; pale: it listened;
-    dotted: it was paused; a cross: it died; a dot: it declared the search complete.
+    Full colour: the robot searched its own part. Hatched: it searched the part of the robot whose number is shown. Grey: it waited.
+    Pale: it listened. Dotted: it was paused. Cross: it died. Dot: it declared the search complete.
     """
     history = SearchHistory(episode)
     rows = history.n_robots
@@ -82,7 +82,7 @@ def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch
 
 
 def _draw_moments(axes: Axes, history: SearchHistory) -> None:
-    """Draw when all was searched, and when the last robot knew it."""
+    """Mark the time at which all cells were searched, and the time at which the last robot knew it."""
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
     if episode.trace.covered_at < inf:

@@ -1,4 +1,4 @@
-"""Figures of tours: the way coloured along its course, the start marked, the closing edge dashed."""
+"""Figures of tours: the path coloured from its start to its end, with a dashed closing edge."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BRIGHTEST = 0.93
-"""Of viridis: its last yellow is too pale for a thin line on white."""
+"""Upper limit of the colour map viridis, whose last yellow is too pale for a thin line on white."""
 _LINES = 40_000
-"""Tours of more cells are drawn as a picture of when each cell is visited: their lines would run into each other."""
+"""Maximum number of cells for drawing lines. Larger tours are drawn as a picture of visiting times, because lines would merge."""
 _GROUND, _OUTSIDE = "#ffffff", "#e3e6ea"
 
 
 def tour_figure(tour: Tour) -> Figure:
-    """Return the figure of a tour: its way from dark (first) to bright (last), grey where there is nothing to search.
+    """Return the figure of a tour, from dark (first) to bright (last), with grey for non-cells.
 
-    A ring marks the first cell, a square the last. The closing edge is dashed, steps over gaps are thin. A tour of more
-    than 40,000 cells is drawn as a picture: the colour of a cell says when it is visited. A tour in space is seen from above.
+    A ring marks the first cell and a square the last. The closing edge is dashed, and steps over gaps are thin. A tour of more than
+    40,000 cells is drawn as a picture whose colours show visiting times. A 3-D tour is seen from above.
     """
     metrics = tour.metrics()
     sides = " × ".join(str(side) for side in reversed(tour.shape))
@@ -58,7 +58,7 @@ def _course() -> Colormap:
 
 
 def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
-    """Draw the way as lines; ``points`` is the side of a cell on paper."""
+    """Draw the path as lines. ``points`` is the side of a cell in points."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import ListedColormap
 
@@ -90,7 +90,7 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
 
 
 def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the steps but for the closing edge, float64 of shape (N - 1, 2, dimensions), and which of them pass over a gap."""
+    """Return the steps without the closing edge, float64 of shape (N - 1, 2, dimensions), and which of them cross a gap."""
     return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
 
 
@@ -112,7 +112,7 @@ def _draw_space(axes: Any, tour: Tour) -> None:
     way[:, 1] = height - 1 - way[:, 1]
     pieces, thin = _pieces(tour, way)
     thick = float(np.clip(28 / max(tour.shape), 0.3, 3.0))
-    if len(pieces):  # matplotlib refuses to place no lines in space
+    if len(pieces):  # matplotlib refuses an empty list of lines in 3-D
         axes.add_collection3d(
             Line3DCollection(
                 list(pieces),

@@ -1,4 +1,4 @@
-"""Where robots were when: their routes laid out in time, with the layer in which they were."""
+"""Trajectories of robots: their routes over time, with the layers."""
 
 from __future__ import annotations
 
@@ -17,36 +17,36 @@ Numbers = NDArray[np.int64]
 
 
 def death_of(log: RobotLog) -> float:
-    """Return when a robot died; infinite if it did not."""
+    """Return the time of a robot's death, or infinity."""
     return next((moment for moment, state in log.states if state == "dead"), inf)
 
 
 @dataclass(frozen=True, eq=False)
 class RobotTrajectory:
-    """Where a robot is at each time.
+    """The position of a robot over time.
 
     Parameters
     ----------
     times : ndarray of float64, shape (k,)
-        Rising, in the time of a cell.
+        Increasing times in cell times.
     points : ndarray of float64, shape (k, 2)
-        Metres; in between it moves straight and evenly, before and after it stands.
+        Positions in metres. The motion between them is uniform; before and after them the robot stands still.
     """
 
     times: Floats
     points: Floats
 
     def at(self, time: float) -> Floats:
-        """Return the place at a time; float64, shape (2,)."""
+        """Return the position at a time; float64, shape (2,)."""
         return np.array([np.interp(time, self.times, column) for column in self.points.T])
 
     def until(self, time: float) -> Floats:
-        """Return the way up to a time; float64, shape (n, 2)."""
+        """Return the path up to a time; float64, shape (n, 2)."""
         return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
 
 
 class RobotWays:
-    """Where the robots of an episode went.
+    """The paths of an episode's robots.
 
     Parameters
     ----------
@@ -57,15 +57,15 @@ class RobotWays:
         self.episode = episode
 
     def stop_ends(self, robot: int) -> Numbers:
-        """Return where on its route a robot has searched each of its cells, before them its start; int64, shape (k + 1,)."""
+        """Return the route indices of a robot's start and of the ends of its searches, cell by cell; int64, shape (k + 1,)."""
         log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
         ends = cell_spans(self.episode.plan, route, log)[:, 1] if len(log.cells) else np.zeros(0, dtype=np.int64)
         return np.concatenate([[0], ends])
 
     def of(self, robot: int) -> Floats:
-        """Return the route of a robot, metres; with several layers a third column says in which; float64, shape (k, 2) or (k, 3).
+        """Return the route of a robot in metres, with a column for the layer if there are several; float64, shape (k, 2) or (k, 3).
 
-        Between two cells it is in the layer of the one whose altitude is nearer, or else in that of the second.
+        Between two cells, the layer with the nearest altitude counts; if both are equally near, the second cell's layer.
         """
         plan, route, log = self.episode.plan, self.episode.routes[robot], self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):
@@ -77,7 +77,7 @@ class RobotWays:
         return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return the way between two places as `of` gives them, and how far along it each point is, as robots pay for it."""
+        """Return the path between two points in the form of `of`, and the distances of its points along the path, as in costs."""
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
@@ -87,7 +87,7 @@ class RobotWays:
         heights = ups[ends[:, 2].astype(np.int64)]
         if plan.grid.region.contains(ends[:, :2]).all():
             found = plan.paths.legs(np.column_stack([ends[:, :2], heights])).points
-        else:  # a launch point outside: it changes its height where the way begins
+        else:  # an outside launch point: the altitude changes at the beginning of the path
             found = plan.leg(start, end)
             found = np.column_stack([found, np.where(np.arange(len(found)) == 0, *heights)])
         nearer = np.argmin(np.abs(found[:, 2, None] - ups[ends[:, 2].astype(np.int64)]), axis=1)
@@ -95,7 +95,7 @@ class RobotWays:
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
-        """Return how fast a robot moved before each time."""
+        """Return the speed of a robot before each time."""
         rates = np.full(len(times), self.episode.scenario.rates[robot])
         for fault in self.episode.scenario.faults:
             if isinstance(fault, Slow) and fault.robot == robot + 1:
@@ -103,7 +103,7 @@ class RobotWays:
         return rates
 
     def trajectory(self, robot: int) -> RobotTrajectory:
-        """Lay the route of a robot out in time: it comes to each cell when it has searched it, and sets out as late as it can."""
+        """Return the route of a robot over time. It reaches each cell when it has searched it, and departs as late as possible."""
         log = self.episode.trace.robots[robot]
         if not len(log.cells):
             return self._first_leg(robot)
@@ -114,7 +114,7 @@ class RobotWays:
         lengths = np.diff(far[ends]) / size
         rates = self._rate(robot, log.times)
         arrivals = log.times.copy()
-        arrivals[0] = max(arrivals[0] - 1.0 / rates[0], 0.0)  # in the first cell it searches where it stands
+        arrivals[0] = max(arrivals[0] - 1.0 / rates[0], 0.0)  # it searches the first cell from where it stands
         lasting = np.where(np.arange(len(lengths)) == 0, lengths, np.maximum(lengths, 1.0)) / rates
         departures = np.maximum(arrivals - lasting, np.concatenate([[0.0], log.times[:-1]]))
         leg = np.repeat(np.arange(len(lengths)), np.diff(ends))
@@ -128,9 +128,9 @@ class RobotWays:
         return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
     def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Lay in the ways to the start and back where a robot recharged: so long was it away between two cells."""
+        """Insert the paths to the start and back where a robot recharged, according to the time between two cells."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
-        if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's ways home are a part of the route
+        if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's paths home are part of the route
             return trajectory
         start, rates, size = int(plan.starts[robot]), self._rate(robot, log.times), plan.grid.size
         times, points, home = trajectory.times, trajectory.points, self._home(robot)
@@ -151,7 +151,7 @@ class RobotWays:
         return RobotTrajectory(times, points)
 
     def _first_leg(self, robot: int) -> RobotTrajectory:
-        """Return the trajectory of a robot that searched nothing: as far as it came on the way to its part."""
+        """Return the trajectory of a robot that searched no cell: its path towards its part."""
         plan, died = self.episode.plan, death_of(self.episode.trace.robots[robot])
         home, cells = self._home(robot), plan.numbers(plan.allocation.arcs[robot])
         began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
@@ -165,6 +165,6 @@ class RobotWays:
         return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def _home(self, robot: int) -> Floats:
-        """Return where a robot sets out, as `of` has it."""
+        """Return the launch point of a robot in the form of `of`."""
         home = self.episode.plan.places[robot]
         return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)

@@ -1,1 +1,1 @@
-"""Steering episodes as people look at them: figures of plans and of what moves reach, films, the data of the player."""
+"""Views of steering episodes: figures of plans and of reachable sets, films, and the data of the player."""

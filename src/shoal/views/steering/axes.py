@@ -1,4 +1,4 @@
-"""Workspaces, trajectories and their ends on the axes of a chart."""
+"""Drawing of workspaces and trajectories on the axes of a chart."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
 
 PARTICLES = (BLUE, ORANGE, PURPLE, "#009e73", "#b8860b")
 _ROUND = 240
-_BENT = 160  # largest number of numbered moves
+_BENT = 160  # maximum number of moves with numbers
 
 
 def colour_of(particle: int) -> str:
-    """Return the colour of a particle, counted from 0; after five they come again."""
+    """Return the colour of a particle counted from 0. Five colours repeat."""
     return PARTICLES[particle % len(PARTICLES)]
 
 
 def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
-    """Draw the walls of a workspace in the plane."""
+    """Draw the walls of a plane workspace."""
     for k, ring in enumerate(outlines_of(workspace)):
         hole = k > 0
         axes.fill(*ring.T, facecolor="#d6d9de" if hole else "#f7f8fa", edgecolor=INK, lw=1.6, zorder=0.5 if hole else 0)
@@ -34,7 +34,7 @@ def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
 
 
 def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
-    """Return the outline of a workspace in the plane and those of its obstacles; each float64, shape (n, 2)."""
+    """Return the outlines of a plane workspace and of its obstacles; each float64, shape (n, 2)."""
     if isinstance(workspace, Region):
         return list(workspace.rings)
     if workspace.round:
@@ -44,7 +44,7 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 
 
 def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray) -> None:
-    """Draw where each particle went, its start (a square) and its goal (a circle); ``at`` says where points lie on the axes."""
+    """Draw each particle's path, start (a square) and goal (a circle). ``at`` converts points to the axes."""
     size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
         way, colour = episode.states[:, particle], colour_of(particle)
@@ -59,12 +59,12 @@ def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayL
 
 
 def legend_below(axes: Axes, *, off: float = 0.06) -> None:
-    """Write the legend below the axes."""
+    """Place the legend below the axes."""
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -off), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
 
 
 def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
-    """Write the numbers of the moves where they end; moves that a particle spends at one place have none."""
+    """Write the numbers of the moves at their end points. Moves that do not displace the particle get no number."""
     if len(way) - 1 > _BENT:
         return
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []

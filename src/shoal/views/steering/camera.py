@@ -1,4 +1,4 @@
-"""A camera that looks at a workspace in space, for films and figures."""
+"""A camera for drawings of three-dimensional workspaces."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.dataclass import dataclass
 from shoal.steering import ConvexWorkspace
 
-FAR = 4.5  # distance of the eye, in times the reach of what it looks at
-CORNERS = 72  # that stand for a circle
-ABOVE = 0.42  # radians above the floor from which it looks
+FAR = 4.5  # distance of the camera, relative to the radius of the scene
+CORNERS = 72  # number of corners that approximate a circle
+ABOVE = 0.42  # elevation of the camera in radians
 
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Central projection from a point that looks at a centre.
+    """Central projection from a camera that points at a centre.
 
     Parameters
     ----------
     center : ndarray of float64, shape (3,)
     reach : float
-        Radius of what is looked at.
+        Radius of the scene.
     azimuth, elevation : float
-        Where the eye is, seen from the centre, in radians.
+        Direction of the camera, seen from the centre, in radians.
 
     Examples
     --------
@@ -42,16 +42,16 @@ class Camera:
 
     @property
     def toward(self) -> NDArray[np.float64]:
-        """Unit vector from the centre to the eye."""
+        """Unit vector from the centre to the camera."""
         return np.array([cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)])
 
     @property
     def eye(self) -> NDArray[np.float64]:
-        """Where the eye is."""
+        """Position of the camera."""
         return np.asarray(self.center + FAR * self.reach * self.toward)
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return x (right), y (up) and how much larger than at the centre things look, shape (..., 3)."""
+        """Return x (right), y (up) and the magnification relative to the centre, shape (..., 3)."""
         away = np.asarray(points, dtype=np.float64) - self.center
         right = np.array([-sin(self.azimuth), cos(self.azimuth), 0.0])
         toward = self.toward
@@ -62,14 +62,14 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame3D:
-    """A prism or cylinder as polygons in space, for drawing.
+    """A prism or cylinder as polygons in 3-D, for drawing.
 
     Parameters
     ----------
     floor, ceiling : ndarray of float64, shape (n, 3)
         Corners.
     round : bool
-        Whether the corners stand for a circle, so that no edge between two sides is to be drawn.
+        Whether the corners approximate a circle, so that edges between sides are not drawn.
     open_ends : bool
     """
 
@@ -80,7 +80,7 @@ class Frame3D:
 
     @classmethod
     def of(cls, workspace: ConvexWorkspace) -> Frame3D:
-        """Return what is to be drawn of a workspace in space."""
+        """Return the frame of a three-dimensional workspace."""
         if workspace.round:
             angles = 2 * np.pi * np.arange(CORNERS) / CORNERS
             base = workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -90,13 +90,13 @@ class Frame3D:
         return cls(low, high, workspace.round, workspace.open_ends)
 
     def facing(self, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Tell which sides have their outside turned to an eye; bool, shape (n,)."""
+        """Return which sides have their outside turned to the camera; bool, shape (n,)."""
         along = np.roll(self.floor, -1, axis=0) - self.floor
         outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
         return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
 
     def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-        """Return the lines behind what is inside, and those in front of it; each float64, shape (2, 3)."""
+        """Return the edges behind the content, and the edges in front of it; each float64, shape (2, 3)."""
         facing = self.facing(eye)
         above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
         behind: list[NDArray[np.float64]] = []
@@ -115,7 +115,7 @@ class Frame3D:
 
 
 def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Camera:
-    """Return a camera that looks at a workspace in space and at all states of its particles."""
+    """Return a camera that sees the whole workspace and all states of its particles."""
     low, high = min(0.0, float(states[..., 2].min())), max(workspace.height, float(states[..., 2].max()))
     reach_flat = workspace.radius if workspace.round else float(np.hypot(*(workspace.vertices - workspace.center).T).max())
     center = np.array([*workspace.center, (low + high) / 2])
@@ -123,7 +123,7 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
 
 
 def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
-    """Return how far right, up and down a workspace reaches in the picture, from whichever side it is looked at."""
+    """Return the extent of a workspace in the picture to the right, up and down, over all directions of view."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)
@@ -133,5 +133,5 @@ def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, floa
 
 
 def flattened(points: ArrayLike) -> NDArray[np.float64]:
-    """Return points on the floor right below others; shape (..., 3)."""
+    """Return points projected vertically onto the floor; shape (..., 3)."""
     return np.asarray(np.asarray(points) * np.array([1.0, 1.0, 0.0]))

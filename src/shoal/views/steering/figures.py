@@ -1,4 +1,4 @@
-"""Figures of steering: the workspace and the Δ configuration space side by side, the moves drawn in both."""
+"""Figures of steering: the workspace and the Δ configuration space side by side, with the moves in both."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ REACH_COLOURS = ("#08306b", "#2171b5", "#4292c6", "#6baed6", "#9ecae1", "#c6dbef
 
 
 def plan_figure(episode: SteeringEpisode) -> Figure:
-    """Return the figure of a plan: the workspace with the ways of the particles, and what became of Δ.
+    """Return the figure of a plan: the workspace with the particles' paths, and the path of Δ.
 
-    Moves are numbered where they end. In the Δ configuration space the set that the start reaches in two moves is shaded, if the
-    world is the ideal one. A plan in space is drawn as a camera sees it, with its shadow on the floor, and beside it the heights by
-    move.
+    Moves are numbered at their end points. In the ideal world, the set that the start reaches in two moves is shaded in the Δ
+    configuration space. A 3-D plan is drawn in perspective with its shadow on the floor, beside the heights by move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2
@@ -48,13 +47,13 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw the Δ configuration space, what two moves reach from the start, and what Δ became."""
+    """Draw the Δ configuration space, the set reached by two moves, and the path of Δ."""
     workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)
     deltas = episode.states[:, 1] - episode.states[:, 0]
     ideal = not episode.problem.noisy and not episode.problem.particle_radius and np.isinf(episode.problem.friction)
-    if ideal:  # else the set is another one
+    if ideal:  # otherwise the set has another shape
         for piece in two_move_pieces(workspace, deltas[0]):
             axes.fill(*piece.T, color="#9ecae1", alpha=0.9 if not workspace.round else 1.0, lw=0, zorder=1)
         axes.fill([], [], color="#9ecae1", label="reached in two moves")
@@ -83,14 +82,14 @@ def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
 
 
 def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None) -> Figure:
-    """Return the figure of what 2, 4, ... moves reach in the Δ configuration space, beside the workspace with the start.
+    """Return a figure of the sets that 2, 4, ... moves reach in the Δ configuration space, beside the workspace with the start.
 
     Parameters
     ----------
     sets : sequence of DiskReach or PolygonReach
-        As `disk_reach` and `polygon_reach` return them, at least one.
+        Sets as returned by `disk_reach` and `polygon_reach`, at least one.
     points : array_like of float, shape (2, 2), optional
-        Where the particles start.
+        Start points of the particles.
     """
     if not sets:
         raise InvalidInputError("reach figure: expected one set or more, got none")
@@ -128,7 +127,7 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     before = sets[0].before
     axes.plot(*before, "s", color=ORANGE, ms=7, zorder=4, label="Δ at the start")
     bare_axes(axes)
-    edge = 0.03 * (high - low).max()  # the picture would end where the line around it does
+    edge = 0.03 * (high - low).max()  # otherwise the picture would be cut at the outer line
     axes.set(xlim=(low[0] - edge, high[0] + edge), ylim=(low[1] - edge, high[1] + edge))
     axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False, labelcolor=INK)
     set_title(axes, "Reached in the Δ configuration space")

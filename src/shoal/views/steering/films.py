@@ -1,4 +1,4 @@
-"""The frames of films of steering episodes."""
+"""Frames of films of steering episodes."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from shoal.views.steering.camera import Camera
 from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
 from shoal.views.steering.trajectories import FilmMoment, FilmSchedule, MoveTrajectory, has_delta, trajectories_of
 
-RATE = {".gif": 20, ".mp4": 30}  # frames a second
+RATE = {".gif": 20, ".mp4": 30}  # frames per second
 HEIGHT = {".gif": 432, ".mp4": 720}
-_TURN = 0.5  # radians to both sides by which a camera turns in a film
+_TURN = 0.5  # radians by which the camera turns to both sides in a film
 _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 
@@ -37,7 +37,7 @@ class SteeringFilm:
     ----------
     episode : SteeringEpisode
     trajectories : list of MoveTrajectory
-        As `trajectories_of` returns them.
+        The trajectories from `trajectories_of`.
     height : int
         Pixels.
     """
@@ -46,7 +46,7 @@ class SteeringFilm:
         self._episode, self._trajectories = episode, trajectories
         pair, space = has_delta(episode), episode.problem.place.dimensions == 3
         self.height, self.width = height, 2 * round(height * (16 / 9 if pair else 4 / 3) / 2)
-        self._unit = unit = max(height / 720, 0.72)  # words and lines of small films stay readable
+        self._unit = unit = max(height / 720, 0.72)  # texts and lines of small films stay readable
         self._canvas: Canvas = Canvas(self.width, self.height)
         top, foot, side = 86 * unit, 124 * unit, 40 * unit
         room = Box(side, top, self.width - 2 * side, height - top - foot)
@@ -87,7 +87,7 @@ class SteeringFilm:
             canvas.text((middle, 66 * unit), name, MUTED, 14 * unit, align=0.5)
 
     def _draw_foot(self, moment: FilmMoment, turn: float) -> None:
-        """Draw the command as an arrow, what happens in words, and how far the plan is."""
+        """Draw the command as an arrow, the status text, and the progress of the plan."""
         canvas, unit, trajectories = self._canvas, self._unit, self._trajectories
         middle = np.array([76 * unit, self.height - 66 * unit])
         self._draw_command(middle, 38 * unit, moment, turn)
@@ -118,7 +118,10 @@ class SteeringFilm:
                 canvas.line([(first, level), (first + share * (final - first), level)], _BAR, 5 * unit)
 
     def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: FilmMoment, turn: float) -> None:
-        """Draw the dial with the present command, its length in proportion to the longest; in space as the camera sees it."""
+        """Draw the dial with the current command.
+
+        Its length is relative to the longest command; in 3-D it is drawn in perspective.
+        """
         canvas, unit = self._canvas, self._unit
         canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)
         if not self._trajectories:
@@ -148,7 +151,7 @@ def _short(length: float) -> str:
 
 
 def draw_arrow(canvas: Canvas, tail: NDArray[np.float64], tip: NDArray[np.float64], width: float, *, centred: bool) -> None:
-    """Draw an arrow; a centred one has its middle where the tail was given."""
+    """Draw an arrow. A centred arrow has its midpoint at ``tail``."""
     if centred:
         half = (tip - tail) * 0.9
         tail, tip = tail - half, tail + half

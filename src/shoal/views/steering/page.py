@@ -1,4 +1,4 @@
-"""From a steering episode to the data of the player."""
+"""The player's data of a steering episode."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.views.steering.axes import outlines_of
 from shoal.views.steering.trajectories import FilmSchedule, delta_outline, has_delta, trajectories_of, two_move_rings
 
 LARGEST = 200_000
-"""Points of ways that a page still plays smoothly enough."""
+"""Maximum number of path points that a page plays smoothly."""
 
 
 def player_page(episode: SteeringEpisode) -> str:
@@ -28,20 +28,19 @@ def player_page(episode: SteeringEpisode) -> str:
 
 
 def page_data(episode: SteeringEpisode) -> dict[str, object]:
-    """Return what the page is told: the episode, ready for JSON.
+    """Return the data of the page for JSON.
 
     Returns
     -------
     dict
         - ``title``, ``planner``, ``kind``, ``status``, ``reason``, ``version`` : str; ``seed`` : int.
         - ``size``, ``radius``, ``tolerance``, ``length`` : float; ``bound`` : float or None.
-        - ``walls`` : what `_walls` returns, of the workspace.
+        - ``walls`` : the result of `_walls` for the workspace.
         - ``start``, ``goal`` : lists of points.
         - ``trajectories`` : list of ``{"sent", "length", "shares", "points", "held"}``;
           see `shoal.views.steering.trajectories.MoveTrajectory`.
-        - ``starts``, ``lasting``, ``seconds`` : when the moves begin, how long they last and how long the film is.
-        - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and which of them belongs to
-          each move.
+        - ``starts``, ``lasting``, ``seconds`` : start and duration of each move, and duration of the film.
+        - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and the index of each move's set.
 
     Raises
     ------
@@ -91,7 +90,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
 
 
 def _walls(workspace: ConvexWorkspace | Region) -> dict[str, Any]:
-    """Return outlines (``rings``; of a circle its corners), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
+    """Return outlines (``rings``; a circle as its corners), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
     circle = [*workspace.center.tolist(), workspace.radius] if isinstance(workspace, ConvexWorkspace) and workspace.round else None
     return {
         "rings": [] if circle else [ring.tolist() for ring in outlines_of(workspace)],

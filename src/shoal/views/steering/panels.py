@@ -1,4 +1,4 @@
-"""The picture of a steering episode at one moment: the workspace in the plane or in space, and the Δ configuration space."""
+"""Panels of a steering picture at one moment: the workspace in 2-D or 3-D, and the Δ configuration space."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from shoal.views.steering.camera import Frame3D, camera_for, flattened, picture_
 from shoal.views.steering.trajectories import FilmMoment, MoveTrajectory, delta_outline, two_move_rings
 
 FLOOR, OBSTACLE, REACHED, FAINT = "#f4f6f8", "#d6d9de", "#cfe3f5", "#b9c0c9"
-_ARC = 0.2  # radians of a round wall, to both sides of the contact, that are shown as holding
-_OLD = 0.3  # opacity of the ways of earlier moves
+_ARC = 0.2  # radians of a round wall on both sides of a contact that are drawn as holding
+_OLD = 0.3  # opacity of the paths of earlier moves
 
 
 @dataclass(frozen=True)
 class Box:
-    """A part of the canvas, in pixels."""
+    """A rectangle of the canvas in pixels."""
 
     left: float
     top: float
@@ -31,7 +31,7 @@ class Box:
 
 
 class PlaneView:
-    """Where points of the plane lie on a canvas: as large as a box allows, in its middle."""
+    """Mapping of plane points to a canvas, as large as possible and centred in a box."""
 
     def __init__(self, outline: NDArray[np.float64], box: Box) -> None:
         low, high = outline.min(axis=0), outline.max(axis=0)
@@ -40,12 +40,12 @@ class PlaneView:
         self._center = np.array([box.left + box.width / 2, box.top + box.height / 2])
 
     def at(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return pixels, x right and y down; shape (..., 2)."""
+        """Return pixel coordinates, x right and y down; shape (..., 2)."""
         return np.asarray(self._center + (np.asarray(points)[..., :2] - self._middle) * self.scale * np.array([1, -1]))
 
 
 def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what to draw of a wall that holds: a line in the plane, the corners of a face in space; of a round wall a part."""
+    """Return the shape that marks a holding wall: a line in 2-D, the corners of a face in 3-D, and a part of a round wall."""
     if isinstance(workspace, Region):
         return np.asarray(workspace.edges[wall].reshape(2, 2))
     sides = len(workspace.vertices)
@@ -65,7 +65,7 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
 
 
 class PlanePanel:
-    """The workspace in the plane, from above."""
+    """The plane workspace seen from above."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -75,7 +75,7 @@ class PlanePanel:
         self._outlines = [self._view.at(outline) for outline in outlines]
 
     def draw_background(self) -> None:
-        """Draw what does not change: walls, starts, goals."""
+        """Draw the constant parts: walls, starts, goals."""
         canvas, unit = self._canvas, self._unit
         for k, ring in enumerate(self._outlines):
             canvas.area([ring], OBSTACLE if k else FLOOR, edge=INK, width=2 * unit)
@@ -88,7 +88,7 @@ class PlanePanel:
             canvas.disc(self._view.at(goal), 1.32 * self._radius, "#ffffff", edge=colour, width=2.6 * unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:
-        """Draw what moves."""
+        """Draw the moving parts."""
         canvas, unit = self._canvas, self._unit
         workspace = self._episode.problem.place
         here = points_at(self._episode, self._trajectories, moment)
@@ -102,7 +102,7 @@ class PlanePanel:
 
 
 class SpacePanel:
-    """The workspace in space, seen by a camera that turns."""
+    """The 3-D workspace seen by a turning camera."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -114,10 +114,10 @@ class SpacePanel:
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
 
     def draw_background(self) -> None:
-        """Draw nothing: all of it turns."""
+        """Draw nothing, because all parts turn."""
 
     def draw(self, moment: FilmMoment, turn: float) -> None:
-        """Draw everything, what is behind first: the camera looks from the azimuth ``turn``."""
+        """Draw everything from back to front. The camera has the azimuth ``turn``."""
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
         here = points_at(self._episode, self._trajectories, moment)
@@ -142,7 +142,7 @@ class SpacePanel:
         return np.asarray(self._center + self._scale * seen[..., :2] * np.array([1, -1]))
 
     def _draw_shadows(self, here: NDArray[np.float64], moment: FilmMoment) -> None:
-        """Draw on the floor what is right below: the ways and the particles, and a line down from each particle."""
+        """Draw the vertical projections of paths and particles on the floor, and a line down from each particle."""
         unit = self._unit
         draw_trails(self._canvas, self._trajectories, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
         angles = 2 * np.pi * np.arange(24) / 24
@@ -153,7 +153,7 @@ class SpacePanel:
             self._canvas.line(self._at([below, point]), colour_of(particle), 1.3 * unit, alpha=0.8, dashes=(3 * unit, 3 * unit))
 
     def _draw_ends(self, _moment: FilmMoment) -> None:
-        """Draw starts and goals, each with a line down to a cross or ring on the floor."""
+        """Draw starts and goals, each with a line down to a cross or a ring on the floor."""
         canvas, unit = self._canvas, self._unit
         angles = 2 * np.pi * np.arange(24) / 24
         for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
@@ -170,7 +170,7 @@ class SpacePanel:
 
 
 class DeltaPanel:
-    """The Δ configuration space: Δ, its way, its goal, and what two moves can make of it."""
+    """The Δ configuration space: Δ with its path and its goal, and the set that two moves can reach."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -180,11 +180,11 @@ class DeltaPanel:
         self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(episode)]
 
     def draw_background(self) -> None:
-        """Draw the outline; what lies in it is drawn over it."""
+        """Draw the outline. Its content is drawn over it."""
         self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:
-        """Draw what moves."""
+        """Draw the moving parts."""
         canvas, unit, view = self._canvas, self._unit, self._view
         canvas.area(self._rings[moment.move] if self._rings else [], REACHED)
         canvas.line(self._outline, INK, 2 * unit, closed=True)
@@ -203,14 +203,14 @@ class DeltaPanel:
 
 
 def points_at(episode: SteeringEpisode, trajectories: list[MoveTrajectory], moment: FilmMoment) -> NDArray[np.float64]:
-    """Return where the particles are at a moment."""
+    """Return the positions of the particles at a moment."""
     return trajectories[moment.move].at(moment.share) if trajectories else np.asarray(episode.states[0])
 
 
 def draw_trails(
     canvas: Canvas, trajectories: list[MoveTrajectory], moment: FilmMoment, at: Any, unit: float, *, shadow: bool = False
 ) -> None:
-    """Draw where the particles have gone: paler in earlier moves; as a shadow, grey."""
+    """Draw the paths of the particles, paler for earlier moves, and grey for shadows."""
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
         ways = trajectory.points if old else trajectory.until(moment.share)

@@ -1,4 +1,4 @@
-"""The figure of a plan in space: prism or cylinder as a camera sees it, with shadows on the floor."""
+"""The figure of a 3-D plan: prism or cylinder in perspective, with shadows on the floor."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from shoal.views.steering.camera import Frame3D, camera_for, flattened
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-AZIMUTH = -pi / 3  # of the eye: x to the right and away, y to the left and away
+AZIMUTH = -pi / 3  # direction of the camera: x to the right and away, y to the left and away
 _SHADOW, _FLOOR, _FAINT = "#8a919c", "#f4f6f8", "#b9c0c9"
 
 
 def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw a plan in space: ways and ends as in the plane, below them shadows, and a line down from each start and goal."""
+    """Draw a 3-D plan: paths and ends as in 2-D, shadows below them, and a line down from each start and goal."""
     workspace, states = episode.problem.place, episode.states
     assert isinstance(workspace, ConvexWorkspace)
     camera = camera_for(workspace, states, azimuth=AZIMUTH)

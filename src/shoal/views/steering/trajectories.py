@@ -1,4 +1,4 @@
-"""What happens within each move of a steering episode, and when a film shows it."""
+"""The motion within each move of a steering episode, and the schedule of a film."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.steering.simulation.apparatus import executed_moves
 from shoal.steering.workspaces.convex_geometry import Points
 
-FINE = 1e-4  # of the size: straight pieces stay so near to the way
-_LEAST = 2.0**-30  # shortest part of a move that is looked at
-_TOUCH = 1e-6  # of the size: who is nearer to a wall than this is shown on it
-_PUSHED = 1e-9  # of the length of a move
-_SPEED = 0.62  # sizes a second
-_REST, _FIRST_REST, _LAST_REST = 0.35, 0.7, 2.0  # seconds after each move, before the first, after the last
+FINE = 1e-4  # relative to the size: deviation of straight segments from the path
+_LEAST = 2.0**-30  # shortest fraction of a move that is evaluated
+_TOUCH = 1e-6  # relative to the size: contact tolerance for drawing
+_PUSHED = 1e-9  # relative to the length of a move
+_SPEED = 0.62  # sizes per second
+_REST, _FIRST_REST, _LAST_REST = 0.35, 0.7, 2.0  # seconds of pause after each move, before the first and after the last
 _QUICKEST = 0.25  # seconds for a short move
-_LONGEST = 36.0  # seconds: episodes of many moves are shown faster
+_LONGEST = 36.0  # seconds: longer episodes are shown faster
 
 
 @dataclass(frozen=True, eq=False)
 class MoveTrajectory:
-    """One move: the way of each particle in straight pieces, and what holds it.
+    """One move: the path of each particle in straight segments, and its wall contacts.
 
     Parameters
     ----------
     sent : ndarray of float64, shape (d,)
         The move that was sent.
     shares : ndarray of float64, shape (keys,)
-        From 0 to 1.
+        Fractions of the move, from 0 to 1.
     points : ndarray of float64, shape (keys, n, d)
-        Where the particles are when that share of the move is done.
+        Positions of the particles at these fractions.
     held : tuple of tuple of (int, int)
-        For each piece the pairs (particle, wall) where a wall holds a particle or has it slide. Walls are numbered as in
+        For each segment, the pairs (particle, wall) for which a wall holds a particle or lets it slide. Walls are numbered as in
         the workspace.
     """
 
@@ -50,22 +50,22 @@ class MoveTrajectory:
 
     @property
     def length(self) -> float:
-        """Of the move that was sent."""
+        """Length of the move that was sent."""
         return float(np.linalg.norm(self.sent))
 
     def at(self, share: float) -> Points:
-        """Return where the particles are when a share of the move is done; float64, shape (n, d)."""
+        """Return the positions of the particles after a fraction of the move; float64, shape (n, d)."""
         piece = self._piece(share)
         first, last = self.shares[piece], self.shares[piece + 1]
         part = min(max((share - first) / (last - first), 0.0), 1.0)
         return np.asarray(self.points[piece] + part * (self.points[piece + 1] - self.points[piece]))
 
     def until(self, share: float) -> Points:
-        """Return the way up to a share of the move; float64, shape (keys, n, d)."""
+        """Return the path up to a fraction of the move; float64, shape (keys, n, d)."""
         return np.concatenate([self.points[: self._piece(share) + 1], self.at(share)[None]])
 
     def holders(self, share: float) -> tuple[tuple[int, int], ...]:
-        """Return the pairs (particle, wall) where a wall holds when a share of the move is done."""
+        """Return the pairs (particle, wall) in contact after a fraction of the move."""
         return self.held[self._piece(share)]
 
     def _piece(self, share: float) -> int:
@@ -73,7 +73,7 @@ class MoveTrajectory:
 
 
 def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
-    """Return what happens within each move, from the world of the episode and the noise that its seed draws.
+    """Return the motion within each move, with the world of the episode and the noise of its seed.
 
     Examples
     --------
@@ -101,7 +101,7 @@ def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
 
 
 def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tuple[NDArray[np.float64], Points]:
-    """Return shares and the points there, so many that straight pieces between them stay within ``fine`` of the way."""
+    """Return fractions and the positions there, so that straight segments between them stay within ``fine`` of the path."""
     known = {0.0: start} | {share: at(share) for share in np.linspace(0, 1, 9)[1:].tolist()}
     open_ = list(pairwise(sorted(known)))
     while open_:
@@ -124,7 +124,7 @@ def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tup
 
 
 def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points, radius: float) -> set[tuple[int, int]]:
-    """Return the pairs (particle, wall) where a particle is on a wall and the move does not lead away from it."""
+    """Return the pairs (particle, wall) for which a particle is on a wall and the move does not lead away from it."""
     reach, least = radius + _TOUCH * workspace.size, _PUSHED * float(np.linalg.norm(move))
     if isinstance(workspace, Region):
         ends = workspace.edges.reshape(-1, 2, 2)
@@ -144,20 +144,20 @@ def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points,
 
 @dataclass(frozen=True)
 class FilmMoment:
-    """A moment of a film: in which move, from 0, and what share of it is done."""
+    """A moment of a film: the index of the move, from 0, and its completed fraction."""
 
     move: int
     share: float
 
 
 class FilmSchedule:
-    """When a film shows what: each move takes as long as it is long, with a rest after it and a longer one at the end.
+    """The schedule of a film. The duration of a move is proportional to its length; pauses follow each move and the end.
 
     Parameters
     ----------
     trajectories : list of MoveTrajectory
     size : float
-        Of the workspace.
+        Size of the workspace.
 
     Examples
     --------
@@ -174,11 +174,11 @@ class FilmSchedule:
         rests = [pace * _REST] * max(len(trajectories) - 1, 0) + [_LAST_REST]
         self.starts = list(
             accumulate((a + b for a, b in zip(self.lasting, rests, strict=False)), initial=_FIRST_REST)
-        )  # the last is the film's end
+        )  # the last value is the end of the film
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
-        """Return what is shown then; moves begin and end gently."""
+        """Return the moment at a time. Moves begin and end smoothly."""
         if not self.lasting:
             return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
@@ -186,18 +186,18 @@ class FilmSchedule:
         return FilmMoment(move, part * part * (3 - 2 * part))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
-        """Return what the frames of a film show, and how many there are in a second: ``rate``, or less for long films."""
+        """Return the moments of a film's frames, and the frame rate: ``rate``, or less for long films."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
 
 def room_of(episode: SteeringEpisode) -> Any:
-    """Return where the centres of the particles can be."""
+    """Return the set of possible positions of the particles' centres."""
     return episode.problem.world(seed=episode.seed).room
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
-    """Tell whether there is a Δ configuration space to draw: two particles in a convex workspace in the plane."""
+    """Return whether a Δ configuration space can be drawn: for two particles in a convex plane workspace."""
     workspace = episode.problem.place
     return isinstance(workspace, ConvexWorkspace) and workspace.dimensions == 2 and episode.problem.n_particles == 2
 
@@ -209,9 +209,9 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
 
 
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
-    """Return for Δ at the start of each move what two moves make of it: outlines and holes, to be filled even-odd.
+    """Return for each move the set of Δ that two moves reach from its start: outlines and holes, to be filled by the even-odd rule.
 
-    Nothing where walls do not hold without slipping: the set is that of the ideal world.
+    The result is empty if walls do not hold without slipping, because the set is valid in the ideal world only.
     """
     from shapely import Polygon, union_all
 

@@ -1,4 +1,4 @@
-"""How cells look in pictures of episodes: without noise five colours, with noise a shade from obstacle over unknown to free."""
+"""Colours of cells in pictures of episodes: five colours without noise, and a scale from obstacle to free with noise."""
 
 from __future__ import annotations
 
@@ -13,22 +13,25 @@ from shoal.swarm.maps.raster import PALETTE
 from shoal.swarm.noise import moments
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
-"""Settled wrongly: an obstacle as free, a free cell as obstacle. Told apart from particles with every common colour blindness."""
+"""Colours of wrongly classified cells: an obstacle as free, and a free cell as obstacle.
+
+They differ from particles for all common kinds of colour blindness.
+"""
 
 FRONTIER_TINT = 0.65
-"""How much of a frontier cell's colour is that of the frontier, with noise."""
+"""With noise: weight of the frontier colour in the colour of a frontier cell."""
 
 
 @dataclass(frozen=True)
 class CellPalette:
-    """The colours of codes.
+    """The colours of cell codes.
 
     Parameters
     ----------
     rgb : ndarray of uint8, shape (n, 3)
-        The last is that of a particle.
+        The colours by code; the last is the colour of a particle.
     solid : ndarray of bool, shape (n,)
-        Drawn in a 3-D view: behind unknown cells and obstacles nothing would be seen.
+        Which codes are drawn in a 3-D view. Unknown cells and obstacles are not, because they would hide everything.
     """
 
     rgb: NDArray[np.uint8]
@@ -68,14 +71,14 @@ def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return what each cell looks like without noise, a code of `PLAIN`; uint8, with one cell of rim on each side."""
+    """Return the code of each cell without noise, a code of `PLAIN`; uint8, with a rim of one cell on each side."""
     codes = belief.states
     codes[state.occupied.mask] = PLAIN.particle
     return codes
 
 
 def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
-    """Yield what each cell looks like at the start and after each move, codes of its palette; uint8, with the rim."""
+    """Yield the code of each cell at the start and after each move; uint8, with the rim."""
     if episode.noisy:
         for moment in episode.moments():
             yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
@@ -85,7 +88,7 @@ def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
 
 
 def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
-    """Return what each cell looks like after so many moves; uint8, with the rim."""
+    """Return the code of each cell after ``moves`` moves; uint8, with the rim."""
     if moves == episode.moves and palette_of_cells(episode) is PLAIN:
         return codes_of(*episode.final())  # the whole replay in compiled code
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)

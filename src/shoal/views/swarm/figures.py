@@ -1,4 +1,4 @@
-"""Figures of episodes: the final map, and the frontier by move."""
+"""Figures of swarm episodes: the map, and the frontier by move."""
 
 from __future__ import annotations
 
@@ -23,20 +23,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
-SIDE = 900  # pixels of its turned view
+SIDE = 900  # pixels of the rotated 3-D view
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
 def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     """Return the figure of a map: particles, frontier, free cells, obstacles, unknown cells.
 
-    Very wide maps are cut into strips, read like lines of text; a 3-D map is seen from a corner, with slices on the right.
+    Very wide maps are cut into strips that are stacked like lines of text. A 3-D map is seen from a corner, with slices on the
+    right.
 
     Parameters
     ----------
     episode : SwarmEpisode
     moves : int, optional
-        After how many moves; at the end if None.
+        Number of moves before the picture; None for the end.
 
     Raises
     ------
@@ -71,21 +72,21 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
 def map_panels(
     shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None, wide: float = 9.0
 ) -> Figure:
-    """Return the figure of maps of the plane side by side, each an episode after so many moves, as paper M, Fig. 1.
+    """Return a figure of plane maps side by side, each an episode after a number of moves, as in paper M, Fig. 1.
 
     Parameters
     ----------
     shown : sequence of (SwarmEpisode, int)
     columns : int
     chart : callable, optional
-        Draws a chart below the maps.
+        Function that draws a chart below the maps.
     wide : float
         Inches.
 
     Raises
     ------
     InvalidInputError
-        If there is nothing to draw.
+        If there are no maps.
     """
     if not shown:
         raise InvalidInputError("map panels: expected an episode or more, got none")
@@ -134,7 +135,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 
 
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
-    """Return the figure of frontier cells by move, as paper M, Fig. 8: a line an episode, and the median of many.
+    """Return a figure of frontier cells by move, as in paper M, Fig. 8: a line per episode, and the median of several.
 
     Raises
     ------

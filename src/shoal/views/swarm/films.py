@@ -1,4 +1,4 @@
-"""The frames of films of swarm episodes."""
+"""Frames of films of swarm episodes."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ from shoal.views.swarm.volume import Fit, Slices, sheet
 
 _SECONDS = 20.0
 _FONT = f"{get_data_path()}/fonts/ttf/DejaVuSans.ttf"
-ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have none
+ARROWS = dict(zip("lrud", "\u2190\u2192\u2191\u2193", strict=True))  # in and out have no arrows
 LEGEND = {name: name for name in ("particle", "frontier", "free", "obstacle", "unknown")}
-SHORT_SIDE, LONG_SIDE = 720, 1920  # pixels: at least, and at most unless the map has more cells
-CAPTION = 68  # pixels, below the cells
-TURNS = 2  # of a volume in a film
-VOLUME_SIDE = 720  # pixels of the view that turns
+SHORT_SIDE, LONG_SIDE = 720, 1920  # pixels: minimum side, and maximum side unless the map has more cells
+CAPTION = 68  # pixels below the cells
+TURNS = 2  # pixels of a volume in a film
+VOLUME_SIDE = 720  # pixels of the rotating view
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
-    """Return the film of an episode, for a GIF or H.264; of longer episodes it shows every k-th move."""
+    """Return the film of an episode for a GIF or H.264. Films of longer episodes show every k-th move."""
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
@@ -37,12 +37,12 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
         rate=float(np.clip(len(shown) / _SECONDS, 4, 30 if suffix == ".gif" else 60)),
         side=None,
         quality=26,
-        palette=None if volume else palette_of_cells(episode).rgb.tobytes(),  # a volume is drawn in shades
+        palette=None if volume else palette_of_cells(episode).rgb.tobytes(),  # a volume is drawn with shading
     )
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
-    """Return which positions (0 is the start) a film of at most so many frames shows: first and last always.
+    """Return the numbers of moves (0 is the start) shown in a film of at most ``at_most`` frames, including the first and last.
 
     Examples
     --------
@@ -53,9 +53,9 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
 
 
 def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture after each move in ``shown``; uint8, shape (H, W, 3).
+    """Yield the picture after each number of moves in ``shown``; uint8, shape (H, W, 3).
 
-    In 2-D it has one pixel a cell; in 3-D it is a view that turns, with ``side`` pixels, and slices.
+    In 2-D, a picture has one pixel per cell. In 3-D, it is a rotating view of ``side`` pixels with slices.
     """
     wanted = set(shown.tolist())
     workspace = episode.workspace
@@ -80,7 +80,7 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = 
 def pictures_with_legend(
     episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and what the colours mean."""
+    """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and a legend of colours."""
     blank: Image.Image | None = None
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
@@ -100,7 +100,7 @@ def pictures_with_legend(
 
 
 def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
-    """Return what all frames share: at the foot, what the colours mean."""
+    """Return the common footer of all frames: the legend of the colours."""
     sheet = Image.new("RGB", (width, height), _colour("free"))
     pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
     left, size = 10.0, font.size
@@ -113,7 +113,7 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
 
 
 def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) -> None:
-    """Draw a scale bar at the right of the caption, if the size of a cell is known; a cell has so many pixels in 2-D."""
+    """Draw a scale bar at the right of the caption, if the size of a cell is known. In 2-D, a cell has ``times`` pixels."""
     if workspace.spacing is None:
         return
     turned = workspace.ndim == 3
@@ -131,10 +131,10 @@ def _font(width: int) -> ImageFont.FreeTypeFont:
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
-    """Return a strip for the foot of a picture: a tape with one column a move and a black mark for each scan.
+    """Return a strip for the foot of a picture: a tape with one column per move and a black mark for each scan.
 
-    The present move is in the middle, with a mark below. The picture above shows what the last scan up to there has told. uint8,
-    shape (rows, width, 3), in colours of the palette.
+    The current move is in the middle, with a mark below it. The picture above shows the belief after the last scan. The strip is
+    uint8 of shape (rows, width, 3), in colours of the palette.
 
     Examples
     --------

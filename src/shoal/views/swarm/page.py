@@ -1,4 +1,4 @@
-"""From an episode to the data of the player."""
+"""The player's data of a swarm episode."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.views.swarm.cell_colours import FRONTIER_TINT
 from shoal.views.swarm.recording import packed_moments
 
 LARGEST = 2_000_000_000
-"""Cells times moves that a page still plays smoothly enough."""
+"""Maximum number of cells times moves that a page plays smoothly."""
 
 
 def player_page(episode: SwarmEpisode) -> str:
@@ -35,27 +35,27 @@ def player_page(episode: SwarmEpisode) -> str:
 
 
 def page_data(episode: SwarmEpisode) -> dict[str, object]:
-    """Return what the page is given: the episode, ready for JSON.
+    """Return the data of the page for JSON.
 
     Returns
     -------
     dict
-        - ``title``, ``map``, ``policy``, ``version`` : str, shown as they are; ``seed`` : int or None.
+        - ``title``, ``map``, ``policy``, ``version`` : str, shown literally; ``seed`` : int or None.
         - ``task`` : ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
         - ``rule`` : ``"block"``, ``"merge"`` or ``"tilt"``.
-        - ``shape`` : ``[H, W]`` or ``[D, H, W]``; ``spacing`` : None or missing, or the size of a cell along each axis.
+        - ``shape`` : ``[H, W]`` or ``[D, H, W]``; ``spacing`` : the size of a cell along each axis, or None or missing.
         - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
         - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``, in 3-D ``(l * H + r) * W + c``.
-        - ``targets`` : None, or the cells to cover in the form of ``free``; None in the task ``"coverage"``
-          means all free cells.
+        - ``targets`` : None, or the cells to cover in the form of ``free``. In the task ``"coverage"``, None means all free cells.
         - ``commands`` : str of the letters ``lurd``, in 3-D ``lurdio``.
-        - ``scanned`` : None or missing if a scan followed every command; else base64 of ``numpy.packbits`` of whether one
-          followed each.
-        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` : how many free cells no particle can get to.
-        - ``playing`` : whether the page plays at once; it shows the end to people who ask for little motion.
-        - With noise instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
-          ``looks`` : what their numbers mean; ``noise`` : rates by name; ``goal`` : how many cells there are to classify;
-          ``truth`` : whether it is known what is wrong; ``seen`` : whether particles are where they were seen, not where they are.
+        - ``scanned`` : None or missing if a scan followed every command; otherwise base64 of ``numpy.packbits`` of one flag per
+          command.
+        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` : number of free cells that no particle can
+          reach.
+        - ``playing`` : whether the page starts to play at once. For users who prefer reduced motion, it shows the end instead.
+        - With noise, instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
+          ``looks`` : meaning of their numbers; ``noise`` : probabilities by name; ``goal`` : number of cells to classify; ``truth``
+          : whether classification errors are known; ``seen`` : whether the positions of particles are observed instead of true.
     """
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
@@ -77,7 +77,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _simulated(episode: SwarmEpisode) -> dict[str, object]:
-    """Return what a page needs to simulate an episode again."""
+    """Return the data that a page needs to simulate an episode."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
         "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
@@ -86,7 +86,7 @@ def _simulated(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _recorded(episode: SwarmEpisode) -> dict[str, object]:
-    """Return what there is to see of an episode with noise, which a page cannot simulate."""
+    """Return the recorded data of an episode with noise, which a page cannot simulate."""
     errors = episode.errors
     if errors is None:
         seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)

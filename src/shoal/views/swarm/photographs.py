@@ -13,16 +13,16 @@ from scipy import ndimage
 
 from shoal.core.files import atomic
 
-OUTLINE = (64, 255, 96)  # found nowhere in an eye
+OUTLINE = (64, 255, 96)  # a colour that does not occur in an eye
 
 
 def mask_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a mask as a picture, vessels white; uint8, shape (H, W)."""
+    """Return a mask as a picture with white vessels; uint8, shape (H, W)."""
     return np.asarray(mask, dtype=np.uint8) * np.uint8(255)
 
 
 def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the photograph with the outline of the mask on it, beside the vessels, not over them; uint8, shape (H, W, 3)."""
+    """Return the photograph with the outline of the mask, drawn beside the vessels, not over them; uint8, shape (H, W, 3)."""
     drawn = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
     wide = max(1, round(max(mask.shape) / 1000))
     drawn[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
@@ -37,13 +37,13 @@ def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np
 
 
 def save_picture(picture: NDArray[Any], path: Path) -> Path:
-    """Write a picture, uint8, shape (H, W) or (H, W, 3), as its suffix says; return the path.
+    """Write a uint8 picture of shape (H, W) or (H, W, 3) in the format of the path's suffix. Return the path.
 
     Raises
     ------
     OutputError
     """
-    encoded = io.BytesIO()  # Pillow does not notice when a full disk takes only a part of what it writes
+    encoded = io.BytesIO()  # Pillow does not detect a partial write on a full disk
     jpeg = path.suffix.lower() in {".jpg", ".jpeg"}
     Image.fromarray(picture).save(encoded, format="JPEG" if jpeg else "PNG", **({"quality": 90} if jpeg else {}))
     with atomic(path) as temporary:

@@ -1,4 +1,4 @@
-"""The moments of an episode with noise as the player takes them: particles, and what looks otherwise than before."""
+"""Encoding of the moments of an episode with noise for the player: particles, and changed cells."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.noise import Moment, moments
 
 HEAVIEST = 40_000_000
-"""Bytes of moments that a page still loads within a moment."""
+"""Maximum size in bytes of moments that a page loads quickly."""
 
 
 def packed_moments(frames: Iterable[Moment]) -> bytes:
-    """Return moments as bytes: of each its particles, then the cells that look otherwise than before, each with its look.
+    """Return moments as bytes: for each its particles, and then the cells whose look changed, each with its new look.
 
-    Both lists begin with their length; cells are indices into the grid with its rim, each written as the difference from the one
-    before. Lengths and differences have seven bits a byte, the lowest first, and the highest bit set if more follow. At first all
-    cells look unknown.
+    Both lists begin with their length. Cells are indices into the grid with its rim, encoded as differences from the previous
+    index. Lengths and differences are base-128 numbers, lowest bits first; the high bit of a byte is set if more bytes follow.
+    Initially all cells look unknown.
 
     Raises
     ------
     InvalidInputError
-        If there are more of them than a browser takes.
+        If the moments are too large for a browser.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Figures of one dimension: what placements cost, and what schedules cost."""
+"""Figures of the one-dimensional theory: costs of placements and of schedules."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ _BARS = 60
 
 
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
-    """Return the distributions of first gap, last gap, largest gap and spread, as paper M, Fig. 5.
+    """Return the distributions of first gap, last gap, largest gap and spread, as in paper M, Fig. 5.
 
-    Lines are exact; bars, if there is a sample, Monte Carlo.
+    Lines are exact values. Bars show the Monte Carlo sample, if there is one.
     """
     figure = new_figure(7.6, 5.2)
     first = line.first_distribution
@@ -50,7 +50,7 @@ def _heading(line: Line, sample: LineSample | None) -> str:
 
 
 def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) -> None:
-    """Draw an exact distribution as a line and its mean, over the bars of a sample."""
+    """Draw an exact distribution as a line with its mean, over the bars of a sample."""
     probabilities = exact.probabilities
     shown = np.flatnonzero(probabilities > probabilities.max() / 1000)
     low, high = int(exact.values[shown[0]]), int(exact.values[shown[-1]])
@@ -67,7 +67,7 @@ def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) 
 
 
 def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: str, label: str) -> None:
-    """Draw shares a cell of values in bars of whole cells."""
+    """Draw a histogram with bars that are a whole number of cells wide."""
     width = max(1, (high - low + 1) // _BARS)
     edges = np.arange(low, high + width + 1, width)
     heights = np.histogram(values, bins=edges)[0] / (len(values) * width)
@@ -75,14 +75,14 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return the distributions of the moves that find both ends and that cover all cells, as paper M, Fig. 6.
+    """Return the distributions of the numbers of moves that find both ends and that cover all cells, as in paper M, Fig. 6.
 
     Parameters
     ----------
     line : Line
     sample : LineSample
     printed : sequence of float
-        Means that a paper prints, to be marked.
+        Means printed in a paper, to be marked.
     """
     figure = new_figure(6.8, 3.6)
     axes = figure.add_subplot()
@@ -113,7 +113,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
     decades : sequence of int
         k.
     ours, best, growth : array_like of float, shape (k,)
-        The worst of both ratios of i^i, the least of any schedule, and log D / log log D.
+        The worst of both ratios of i^i, the smallest of any schedule, and log D / log log D.
     """
     figure = new_figure(7.6, 3.8)
     left, right = figure.subplots(1, 2)
@@ -132,7 +132,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return both ratios of schedules against the distance of the wall, up to distances of any size.
+    """Return both ratios of schedules against the distance of the wall, for distances of any size.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
     for schedule, colour in zip(schedules, colours, strict=False):
         costs = [schedule.cost(distance) for distance in telling_distances(schedule, max_distance)]
-        at = [log10(cost.distance + 1) for cost in costs]  # of exact integers: they may be too large for a float
+        at = [log10(cost.distance + 1) for cost in costs]  # quotients of exact integers, which may be too large for a float
         left.plot(at, [_float(cost.move_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
         right.plot(at, [_float(cost.scan_ratio) for cost in costs], color=colour, lw=1.3, label=schedule.name)
     for axes, name in ((left, "moves"), (right, "scans")):
@@ -157,21 +157,21 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
     highest = max(
         (float(s.cost(max_distance).scan_ratio) for s in schedules if isinstance(s, Powers | Hyperexponential)), default=5
     )
-    right.set_ylim(0.9, 2 * highest)  # that of a scan a move would hide the others
+    right.set_ylim(0.9, 2 * highest)  # the range of one scan per move would hide the other curves
     right.legend(frameon=False, fontsize=9)
     return figure
 
 
 def _float(ratio: Fraction) -> float:
-    """Return a ratio as a float, the largest ones as 1e100."""
+    """Return a ratio as a float, limited to 1e100."""
     return float(min(ratio, Fraction(10**100)))
 
 
 def telling_distances(schedule: ScanSchedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
     """Return distances that show a schedule's ratios.
 
-    Each side of its scans; where these are many, only the worst side, so that the line runs along the peaks; where they are
-    too many even for that, ten distances a decade.
+    These are both sides of each scan. If there are many scans, only the worse side is used, so that the line connects the peaks. If
+    there are still too many, ten distances per decade are used.
     """
     scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), at_most + 1)]
     if len(scans) <= teeth:

@@ -1,4 +1,4 @@
-"""Pictures of 3-D workspaces: a view that turns, and slices along the three axes."""
+"""Pictures of 3-D workspaces: a rotated view, and slices along the three axes."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from shoal.swarm.maps.raster import PALETTE
 from shoal.views.drawing.canvas import Canvas
 from shoal.views.swarm.cell_colours import PLAIN, CellPalette
 
-CORNER = 0.6  # radians from which a picture is seen that does not turn
-ELEVATION = 0.35  # radians above the middle from which is looked
-FARTHEST = 0.45  # brightness of what is farthest away
-THROUGH = 0.45  # how much of a hidden particle is seen through the wall of its vessel
+CORNER = 0.6  # azimuth in radians of a picture that does not rotate
+ELEVATION = 0.35  # elevation of the view in radians
+FARTHEST = 0.45  # brightness of the farthest cells
+THROUGH = 0.45  # visibility of a hidden particle through its vessel's wall
 BACKGROUND = tuple(bytes.fromhex(PALETTE["obstacle"][1:]))
-FINEST = 4  # pixels of a cell, before the picture is enlarged
+FINEST = 4  # pixels per cell, before the picture is enlarged
 GAP = 8  # pixels between the parts of a sheet
-NARROWEST, WIDEST = 0.31, 0.42  # of the side of a sheet: the width of its slices, and of their names
-LEAST_LINE = 13  # pixels, of a line of words
+NARROWEST, WIDEST = 0.31, 0.42  # relative to the side of a sheet: width of its slices, and of their names
+LEAST_LINE = 13  # pixels per line of text
 
 
 @dataclass(frozen=True)
 class Slices:
-    """Where a volume is cut: the layer, row and column with most free cells."""
+    """The slices of a volume: the layer, row and column with most free cells."""
 
     layer: int
     row: int
@@ -36,23 +36,23 @@ class Slices:
 
     @classmethod
     def of(cls, workspace: GridWorkspace) -> Slices:
-        """Return the cuts for a workspace."""
+        """Return the slices of a workspace."""
         counts = [np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)]
         return cls(*(int(np.argmax(count)) for count in counts))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """How much of a volume a view shows that turns: as little as holds what is drawn, from whichever side it is seen.
+    """The visible part of a volume in a rotated view: the smallest part that contains the drawn cells from every direction.
 
     Parameters
     ----------
     centre : tuple of float
-        What is turned about: layer, row and column, in the units of the cells' sizes, from the corner of the rim.
+        Centre of rotation: layer, row and column in units of the cells' sizes, from the corner of the rim.
     wide, tall : float
-        What must fit, in the same units.
+        Required width and height in the same units.
     middle : float
-        How far below the centre the middle of the picture is.
+        Distance of the picture's centre below the centre of rotation.
     """
 
     centre: tuple[float, float, float]
@@ -65,7 +65,7 @@ class Fit:
         """Return the fit of the free cells of a workspace and the walls around them."""
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
-        places = (workspace.cells + 1.5) * sizes  # the rim has the first cell
+        places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
         z, y, x = ((places.min(axis=0) + places.max(axis=0)) / 2).tolist()
         away = np.hypot(places[:, 0] - z, places[:, 2] - x)
         height = (places[:, 1] - y) * np.cos(elevation)
@@ -73,12 +73,12 @@ class Fit:
         return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
 
     def pixels_a_cell(self, side: int) -> float:
-        """Return how long the shortest side of a cell is in a turned view of so many pixels."""
+        """Return the length in pixels of a cell's shortest side in a rotated view of the given size."""
         return 0.96 * side / max(self.wide, self.tall)
 
 
 def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
-    """Return the size of a cell along each axis, the smallest 1."""
+    """Return the size of a cell along each axis, with the smallest size scaled to 1."""
     return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
 
 
@@ -92,31 +92,31 @@ def turned_view(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return known-free cells, frontier and particles as seen from a turning place; uint8, shape (side, side, 3).
+    """Return known free cells, frontier and particles in a rotated view; uint8, shape (side, side, 3).
 
     Parameters
     ----------
     codes : ndarray of uint8, shape (D + 2, H + 2, W + 2)
-        As of `shoal.views.swarm.cell_colours.codes_by_move`.
+        Codes as in `shoal.views.swarm.cell_colours.codes_by_move`.
     azimuth : float
-        Radians; 0 looks at layer 0, with row 0 on top.
+        Azimuth in radians. 0 looks at layer 0, with row 0 on top.
     side : int
         Pixels.
     spacing : tuple of float, optional
-        Size of a cell along each axis; only their ratio matters.
+        Size of a cell along each axis. Only the ratios matter.
     elevation : float
-        Radians above the middle from which is looked.
+        Elevation of the view in radians.
     palette : CellPalette
         The colours of the codes.
     fit : Fit
-        How much is shown.
+        The visible part of the volume.
     """
     sizes = _sizes(spacing)
     background, cells = BACKGROUND, _surface(codes, palette)
     if not len(cells):
         return np.full((side, side, 3), background, dtype=np.uint8)
     largest = max(fit.wide, fit.tall)
-    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no fine picture
+    coarse = max(1, int(0.96 * side / largest * float(sizes.max()) / FINEST))  # large cells need no high resolution
     small = -(-side // coarse)
     picture = np.full((small, small, 3), background, dtype=np.uint8)
     scale = 0.96 * small / largest
@@ -135,7 +135,7 @@ def turned_view(
     shade = (FARTHEST + (1 - FARTHEST) * nearness)[:, None]
     colours = (palette.rgb[codes[tuple(cells.T)]] * shade).astype(np.uint8)
     _splat(picture, left[order], top[order], depth[order], colours[order], size)
-    # Particles inside a wide vessel shine through its wall.
+    # Particles inside a wide vessel are visible through its wall.
     particles = np.argwhere(codes == palette.particle)
     through, colour = picture.copy(), palette.rgb[palette.particle]
     _splat(through, *placed(particles), np.broadcast_to(colour, (len(particles), 3)), size)
@@ -146,7 +146,7 @@ def turned_view(
 
 
 def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64]:
-    """Return the cells that are drawn and have a neighbour that is not, or lie in the rim; int64, shape (n, 3)."""
+    """Return the drawn cells that have a neighbour that is not drawn, or lie in the rim; int64, shape (n, 3)."""
     shown = np.pad(palette.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
@@ -164,7 +164,7 @@ def _splat(
     colours: NDArray[np.uint8],
     size: int,
 ) -> None:
-    """Draw squares, far ones first; a square's pixels yield to nearer squares."""
+    """Draw squares from far to near, so that nearer squares cover farther ones."""
     side = len(picture)
     near = np.full((side, side), np.inf)
     for dx in range(size):
@@ -177,20 +177,20 @@ def _splat(
 
 
 def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN) -> list[NDArray[np.uint8]]:
-    """Return the three slices, one pixel a cell, rim included: from the front, from above, from the right."""
+    """Return the three slices with one pixel per cell, rim included: from the front, from above, from the right."""
     front = codes[slices.layer + 1]
-    above = codes[::-1, slices.row + 1]  # what is in front is below
+    above = codes[::-1, slices.row + 1]  # the front is at the bottom
     right = codes[:, :, slices.column + 1].T
     return [palette.rgb[cut] for cut in (front, above, right)]
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
-    """Return how wide a sheet of an array of codes of that shape is."""
+    """Return the width of a sheet for an array of codes of the given shape."""
     return side + GAP + _room(shape, side, spacing)[1]
 
 
 def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
-    """Return how high and wide the slices of a sheet may get, and how high their names are; pixels."""
+    """Return the maximum height and width of a sheet's slices, and the height of their names, in pixels."""
     line = max(LEAST_LINE, side // 30)
     high = (side - 2 * GAP) // 3 - line
     deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
@@ -208,7 +208,7 @@ def sheet(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return a picture of the turned view with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
+    """Return a picture of the rotated view, with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
     names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
@@ -229,7 +229,7 @@ def sheet(
 
 
 def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.uint8]:
-    """Return the sheet of a 3-D workspace of which all is known; uint8, shape (side, about 1.4 side, 3)."""
+    """Return the sheet of a completely known 3-D workspace; uint8, shape (side, about 1.4 side, 3)."""
     codes = np.pad(np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8), 1, constant_values=raster.OBSTACLE)
     fit = Fit.of(workspace)
     return sheet(codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit)
@@ -237,7 +237,7 @@ def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.
 
 @lru_cache(maxsize=16)
 def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
-    """Return a line of words, dark on white; uint8, shape (height, width, 3)."""
+    """Return a line of text, dark on white; uint8, shape (height, width, 3)."""
     canvas, size = Canvas(width, height), 0.74 * height
     wide = canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], size)
     if wide > width:
