@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,8 @@ import shapely
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.staggering import Separation
 from shoal.search.missions import Mission
-from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.missions.approach import missions_approach
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.region import region_of
 
@@ -46,7 +49,7 @@ def random_problem(rng: np.random.Generator) -> SearchProblem:
     )  # fmt: skip
 
 
-def least_distance(missions: list[Mission], late: Any, vertical: float) -> float:
+def least_distance(missions: Sequence[Mission], late: Any, vertical: float) -> float:
     """Return the least horizontal distance of vehicles in flight that are nearer in height, by small steps."""
     flown = []
     for mission, wait in zip(missions, late, strict=True):
@@ -56,38 +59,38 @@ def least_distance(missions: list[Mission], late: Any, vertical: float) -> float
         ]
         points = np.array([*way, (*mission.end, 0.0)])
         lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        flown.append((mission.delay + wait + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed, points))
-    clock = np.arange(0.0, max(times[-1] for times, _ in flown), _STEP)
-    places = [np.stack([np.interp(clock, times, points[:, k]) for k in range(3)], axis=1) for times, points in flown]
-    aloft = [(times[0] <= clock) & (clock <= times[-1]) for times, _ in flown]
+        start = (mission.start or 0.0) + mission.delay + wait
+        flown.append((mission.robot, start + np.concatenate([[0.0], np.cumsum(lengths)]) / mission.speed, points))
     least = np.inf
-    for k in range(len(flown)):
-        for j in range(k):
-            apart = np.abs(places[k] - places[j])[aloft[k] & aloft[j]]
-            least = min(least, np.hypot(*apart[apart[:, 2] < vertical - 0.01, :2].T).min(initial=np.inf))
+    for (one, mine, here), (other, theirs, there) in combinations(flown, 2):
+        clock = np.arange(max(mine[0], theirs[0]), min(mine[-1], theirs[-1]), _STEP)
+        if one == other or not len(clock):
+            continue
+        apart = np.abs([np.interp(clock, mine, here[:, k]) - np.interp(clock, theirs, there[:, k]) for k in range(3)])
+        least = min(least, np.hypot(*apart[:2, apart[2] < vertical - 0.01]).min(initial=np.inf))
     return float(least)
 
 
 def main(count: int = 50, seed: int = 0) -> None:
     """Fly random plans and print what was found."""
     separation, began = Separation(), time.perf_counter()
-    nearest, exact, layers, waits = np.inf, np.inf, [], []
+    nearest, exact, layers, waits, sorties = np.inf, np.inf, [], [], 0
     for number in range(count):
         rng = np.random.default_rng([seed, number])
         plan = plan_search(random_problem(rng), seed=number)
         missions = plan_missions(plan, separation=separation)
-        for sortie in sorted({mission.sortie for mission in missions}):
-            now = [mission for mission in missions if mission.sortie == sortie]
-            for _ in range(_DRAWS):
-                late = separation.delay * rng.choice([0.0, 1.0, rng.random()], len(now))
-                nearest = min(nearest, least_distance(now, late, separation.vertical))
+        for _ in range(_DRAWS):
+            late = separation.delay * rng.choice([0.0, 1.0, rng.random()], len(missions))
+            nearest = min(nearest, least_distance(missions, late, separation.vertical))
         found = missions_approach(missions, separation, None)
         exact = min(exact, np.inf if found is None else found.horizontal)
         layers.append(len({mission.altitude for mission in missions}))
         waits.append(max(mission.delay for mission in missions))
+        sorties += len(missions)
         if min(nearest, exact) < separation.horizontal - 0.01:
             raise SystemExit(f"plan {number} of seed {seed}: {nearest:.3f} m in the simulation, {exact:.3f} m exactly")
-    print(f"{count} plans in {time.perf_counter() - began:.0f} s: nearest {nearest:.2f} m in the simulation, {exact:.2f} m exactly")
+    print(f"{count} plans, {sorties} sorties, in {time.perf_counter() - began:.0f} s")
+    print(f"nearest {nearest:.2f} m in the simulation, {exact:.2f} m exactly")
     late = f"last start: median {np.median(waits):.0f} s, {max(waits):.0f} s at most"
     print(f"layers: mean {np.mean(layers):.2f}, at most {max(layers)}; {late}")
 

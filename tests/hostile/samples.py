@@ -26,9 +26,9 @@ from shoal.lab import Sweep, run_sweep
 from shoal.lab.coordinator import prepare
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.flight.vehicle import vehicle_of
+from shoal.search.missions import missions_of
 from shoal.search.missions.checking import check_missions
 from shoal.search.missions.files import FORMATS, write_missions
-from shoal.search.missions.mission import missions_of
 from shoal.search.regions.builder import open_region
 from shoal.search.regions.places import read_points
 from shoal.search.regions.region import SearchRegion

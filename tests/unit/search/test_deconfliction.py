@@ -15,11 +15,14 @@ from shoal.core import notices
 from shoal.core.errors import InvalidInputError
 from shoal.search import open_region
 from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.flight import Flight
 from shoal.search.flight.separation import conflicts, nearest_approach
 from shoal.search.flight.staggering import Separation, staggered
-from shoal.search.flight.timing import Trajectory
-from shoal.search.missions import Mission, check_missions, lint, read_mission, write_missions
-from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.flight.timing import Trajectory, trajectory
+from shoal.search.flight.vehicle import vehicle_of
+from shoal.search.missions import Mission, check_missions, lint, missions_of, read_mission, write_missions
+from shoal.search.missions.approach import airspace_of, missions_approach
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.missions.fence import fence_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.region import region_of
@@ -291,3 +294,93 @@ def test_a_fence_that_cannot_be_made_so_simple_is_told(monkeypatch):
     fence = fence_of(region_of(shapely.box(0, 0, 100, 100), no_go=posts), [], most=64)
     assert sum(map(len, fence.rings)) > 64
     assert told[0].startswith("fence: expected at most 64 corners")
+
+
+@pytest.fixture(scope="module")
+def wing():
+    return plan_search(SearchProblem("rectangle:500x300", robots=2, footprint=50, margin=5, vehicle="fixed-wing,turn_radius=30"))
+
+
+@pytest.mark.parametrize("airspace", [None, 20.0])
+def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, tmp_path):
+    region = wing.grid.region
+    missions = plan_missions(wing, separation=Separation(), airspace=airspace)
+    needed = airspace_of(missions, region)
+    assert (needed > 20) == (airspace is None)
+    assert all(one.fence.area(None).covers(shapely.linestrings(one.way_in(None)[:, :2])) for one in missions)
+    write_missions(missions, tmp_path)
+    result = check_missions(tmp_path, region, 50.0, vehicle=wing.vehicle, airspace=airspace)
+    assert not result.errors
+    assert result.coverage.covered_fraction > 0.9999
+    assert {one.rule for one in result.diagnostics} == ({"transit"} if airspace is None else set())
+    narrow = check_missions(tmp_path, region, None, vehicle=wing.vehicle, airspace=needed - 1).errors
+    assert {one.rule for one in narrow} == {"airspace"}
+    assert {one.rule for one in lint(tmp_path, vehicle=vehicle_of("fixed-wing,turn_radius=35"))} == {"turn-radius"}
+
+
+def test_turns_keep_the_margin_to_no_go_zones():
+    """Where a row ends at the margin of a zone its end is passed in other directions."""
+    region = region_of(shapely.box(0, 0, 300, 150), no_go=shapely.box(120, 50, 170, 100))
+    plan = plan_search(SearchProblem(region, robots=1, footprint=50, margin=15, vehicle="fixed-wing,turn_radius=30"))
+    (mission,) = plan_missions(plan)
+    assert shapely.distance(region.no_go, shapely.linestrings(mission.way_in(None)[:, :2])) > 15 - 0.01
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints", ".geojson", ".kml", ".gpx", ".csv"])
+def test_every_format_holds_loiter_and_landings_of_fixed_wings(suffix, tmp_path):
+    home = (8.499, 47.4)
+    away = Mission([(8.5, 47.4), (8.51, 47.4)], home, kind="fixed-wing", altitude=80.0, loiter=40.4, takeover=95.0, start=12.0)
+    down = replace(away, robot=2, loiter=None, landing=(8.5, 47.401))
+    write_missions([away, down], tmp_path)
+    read = [read_mission(tmp_path / f"robot-0{robot}{suffix}") for robot in (1, 2)]
+    assert [one.loiter for one in read] == [40.4, None]
+    assert read[0].landing == pytest.approx(home)
+    assert [one.glides for one in read] == [False, True]
+    assert lint(tmp_path) == []
+    if suffix not in (".plan", ".waypoints"):
+        assert [(one.takeover, one.start) for one in read] == [(95.0, 12.0)] * 2
+
+
+def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
+    wing = vehicle_of("fixed-wing,wind_speed=5,wind_from=90")
+    lanes = [(0, 0), (900, 0), (900, 60), (0, 60)]
+    (free,) = missions_of(lanes, None, vehicle=wing, landing=(100, -50))
+    descent = free.way_in(None)[-2:]
+    assert descent[-1].tolist() == [100, -50, 0]
+    assert descent[0].tolist() == pytest.approx([100 - 11 * 80 / 2, -50, 80])  # 11 m/s over ground, 2 m/s down
+    (other,) = missions_of(lanes, None, vehicle=wing, landing=(100, -50), blocked=shapely.box(-200, -60, -150, -40))
+    aside = other.way_in(None)[-2]
+    assert aside[1] != pytest.approx(-50)
+    assert np.hypot(*(aside[:2] - (100, -50))) / 80 * 2 > 11  # less wind from ahead: faster over ground
+    assert Flight(wing, np.zeros(2), ending="land").flown(np.array([(-440.0, 0.0, 80.0)])).points[-2, 2] == 80
+
+
+def test_later_sorties_begin_when_their_vehicle_is_back(region):
+    """Each when it is recharged and others leave it room, not when all have landed; simulated with random delays."""
+    small = "multirotor,endurance=6,recharge=1"
+    problem = SearchProblem(region, robots=3, footprint=20, launch=[(-120, 0)], delays=(0, 200, 400), vehicle=small)
+    plan, separation = plan_search(problem, seed=3), Separation()
+    missions = plan_missions(plan, separation=separation)
+    assert max(one.sortie for one in missions) > 1
+    ends = {}
+    for one in missions:
+        flight = trajectory(one.way_in(region.frame), plan.vehicle, rate=one.speed / plan.vehicle.cruise)
+        since = (one.start or 0.0) + one.delay
+        before = ends.get((one.robot, one.sortie - 1))
+        assert before is None or since >= before + 60 + separation.delay
+        ends[one.robot, one.sortie] = since + flight.duration
+    assert any(one.sortie > 1 and one.start < max(end for (_, n), end in ends.items() if n < one.sortie) for one in missions)
+    assert missions_approach(missions, separation, region.frame, vehicle=plan.vehicle).horizontal >= 10 - 0.005
+    rng = np.random.default_rng(2)
+    shifted = [replace(one, delay=one.delay + (one.start or 0.0)) for one in missions]
+    crossing = [(a, b) for a in shifted for b in shifted if a.robot < b.robot]
+    for _ in range(3):
+        late = {one.name: rng.uniform(0, 10) for one in shifted}
+        for a, b in crossing:
+            assert simulated([a, b], region.frame, [late[a.name], late[b.name]], 5.0) > 10 - 0.05
+
+
+def test_layers_for_takeovers_are_apart_from_all_others(team):
+    _, missions, separation = team
+    takeovers = sorted(one.takeover for one in missions if one.sortie == 1)
+    assert np.diff([max(one.altitude for one in missions), *takeovers]).min() >= separation.vertical

@@ -16,7 +16,8 @@ from shoal.search.flight.staggering import Separation
 from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import check_missions, missions_of, write_missions
-from shoal.search.missions.deconfliction import missions_approach, plan_missions
+from shoal.search.missions.approach import missions_approach
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.missions.files import read_mission
 from shoal.search.tours.layers import joined
 from shoal.views import figure
@@ -175,10 +176,34 @@ def test_climbs_come_before_ways_and_descents_after_them():
     assert np.column_stack([way, ups]).tolist() == [[0, 0, 30], [0, 0, 50], [9, 0, 50], [9, 0, 30]]
 
 
-def test_fixed_wings_are_told_that_they_cannot_climb_on_the_spot():
-    flight = Flight(vehicle_of("fixed-wing"), np.zeros(2))
-    with pytest.raises(InvalidInputError, match="expected one that climbs where it stands for several altitudes, got a fixed wing"):
-        flight.waypoints(np.array([(0.0, 0.0, 80.0), (900.0, 0.0, 80.0), (900.0, 0.0, 120.0)]))
+def test_fixed_wings_climb_in_circles():
+    """No steeper than they can, in whole circles, on the side where there is room; refused where there is none."""
+    way = np.array([(0.0, 0.0, 80.0), (900.0, 0.0, 80.0), (900.0, 0.0, 140.0), (900.0, 300.0, 140.0), (0.0, 300.0, 100.0)])
+    wing = vehicle_of("fixed-wing,wind_speed=4,wind_from=200")
+    for blocked, side in ((None, 1), (shapely.box(850, 10, 950, 90), -1)):
+        flown = Flight(wing, np.array([-50.0, 0.0]), blocked=blocked).waypoints(way)
+        first, last = (int(np.flatnonzero((flown[:, :2] == (900, 0)).all(axis=1) & (flown[:, 2] == up))[0]) for up in (80, 140))
+        climb = flown[first : last + 1]
+        assert (side * climb[1:-1, 1] > -1e-6).all()
+        steps, rises = np.hypot(*np.diff(climb[:, :2], axis=0).T), np.diff(climb[:, 2])
+        assert (rises > 0).all()
+        assert (rises / steps <= 3.0 / 20.0 + 1e-9).all(), "3 m/s at 16 m/s and the wind"
+        assert np.hypot(*(climb[1:-1, :2] - (900, side * wing.ground_radius)).T).max() < 1.06 * wing.ground_radius
+        assert {80.0, 140.0, 100.0} <= {*flown[:, 2].tolist()}
+        assert (flown[-1, 2], flown[0, 2]) == (100.0, 80.0)
+    with pytest.raises(InvalidInputError, match=r"turn_radius: expected room to climb in a circle of .* m, got none at"):
+        Flight(wing, np.zeros(2), blocked=shapely.union_all([shapely.box(895, y, 905, y + 10) for y in (-131, 121)])).waypoints(way)
+
+
+def test_fixed_wings_search_several_altitudes(tmp_path):
+    """Whole missions through two bands, read back: all is seen at both, and no turn is narrower than the radius."""
+    plan = plan_search(
+        SearchProblem("rectangle:400x200", robots=1, footprint=50, bands=(80, 120), vehicle="fixed-wing,turn_radius=30")
+    )
+    write_missions(plan_missions(plan, separation=Separation()), tmp_path)
+    result = check_missions(tmp_path, plan.grid.region, 50.0, bands=(80, 120), vehicle=plan.vehicle)
+    assert not result.errors
+    assert all(one.covered_fraction > 0.9999 for one in result.coverages)
 
 
 def test_pictures_show_all_layers(box, bands, passes):

@@ -12,6 +12,7 @@ import pytest
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError
 from shoal.search import open_region
+from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import FORMATS, RULES, Mission, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.fence import Fence
 
@@ -27,8 +28,11 @@ FIELD = {
     ],
 }
 LANES = [(8.50030017, 47.40030013), (8.50370017, 47.40030013), (8.50370017, 47.40060013), (8.50030017, 47.40060013)]
+OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
+
+EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing"), "airspace": 20.0}
 
 
 @pytest.fixture(scope="module")
@@ -255,6 +259,15 @@ PLANTS = [
     ("gimbal", ".plan", instead(gimbal_pitch=-90.0, then=items(lambda rows: rows[2]["params"].__setitem__(0, -100))), "item 3", ()),
     ("gimbal", ".waypoints", instead(gimbal_pitch=-90.0, then=wpl(4, 10, "0")), "line 5", ()),
     ("acceptance", ".plan", instead(acceptance_radius=40.0), "item 4", ()),
+    ("approach", ".plan", instead(kind="fixed-wing", landing=(8.5003, 47.4009)), "item 6", ("turn-radius",)),
+    ("turn-radius", ".csv", instead(kind="fixed-wing"), "line 5", ()),
+    (
+        "airspace",
+        ".csv",
+        instead(kind="fixed-wing", waypoints=OUTSIDE),
+        "",
+        ("turn-radius", "few-decimals"),
+    ),
     ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
     ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
@@ -289,9 +302,9 @@ def write_good(folder, suffix):
 )
 def test_planted_mistakes_are_found(rule, suffix, plant, place, others, tmp_path, region):
     write_good(tmp_path, suffix)
-    assert lint(tmp_path, region, autopilot="px4") == []
+    assert lint(tmp_path, region, **EXPECTED) == []
     plant(tmp_path, suffix)
-    found = lint(tmp_path, region, autopilot="px4")
+    found = lint(tmp_path, region, **EXPECTED)
     assert {diagnostic.rule for diagnostic in found} - {*others} == {rule}, found
     diagnostic = next(diagnostic for diagnostic in found if diagnostic.rule == rule)
     assert diagnostic.place.startswith(place), diagnostic

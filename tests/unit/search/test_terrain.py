@@ -21,6 +21,7 @@ from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import lint, missions_of, read_mission, write_missions
+from shoal.search.missions.approach import clearance_of
 
 FRAME = LocalFrame(8.5, 47.4)
 TO_UTM = Transformer.from_crs(4326, 32632, always_xy=True)
@@ -94,6 +95,12 @@ def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_
                 worst = max(worst, abs(z + share * (top - z) + base - ground - wanted))
                 checked += 1
     assert worst <= error
+    ground = open_terrain(path)
+    read = clearance_of([read_mission(file) for file in files], ground, FRAME)
+    assert max(read.highest - wanted, wanted - read.lowest) == pytest.approx(worst, abs=0.03)
+    asked = clearance_of(missions, ground, FRAME)
+    assert asked.error == pytest.approx(worst, abs=0.03)
+    assert (asked.lowest, asked.highest) == pytest.approx((read.lowest, read.highest), abs=0.03)
     assert worst > error / 2, "no more waypoints than are needed"
     assert checked > 9000
 

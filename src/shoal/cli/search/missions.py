@@ -90,6 +90,32 @@ FlownBy = Annotated[
         show_default=False,
     ),
 ]
+Airspace = Annotated[
+    float | None,
+    typer.Option(
+        "--airspace",
+        metavar=_KEPT["airspace"].option.metavar,
+        help="How far turns of fixed wings may lead beyond the border of the region, less --margin. Default: any, with a warning.",
+        show_default=False,
+    ),
+]
+OverTerrain = Annotated[
+    Path | None,
+    typer.Option(
+        "--terrain",
+        metavar=_KEPT["terrain"].option.metavar,
+        help="Heights of the ground: a GeoTIFF or an ESRI ASCII grid. The heights above it are measured along all ways.",
+        show_default=False,
+    ),
+]
+HeightError = Annotated[
+    float,
+    typer.Option(
+        "--terrain-error",
+        metavar=_KEPT["terrain_error"].option.metavar,
+        help="Largest error of the height above ground of missions whose altitudes count from it.",
+    ),
+]
 Bands = Annotated[
     str | None,
     typer.Option(
@@ -128,6 +154,9 @@ def check(
     separation: Separated = SEPARATION,
     delay_tolerance: Late = DELAY,
     vehicle: FlownBy = None,
+    airspace: Airspace = None,
+    terrain: OverTerrain = None,
+    terrain_error: HeightError = _KEPT["terrain_error"].default,
     bands: Bands = None,
     seed: Seed = 0,
     out: Out = None,
@@ -135,7 +164,8 @@ def check(
 ) -> None:
     """Check mission files: read them back, report mistakes, and measure how much of a region the vehicles see.
 
-    The check does not use the planner. The exit code is 1 if there are mistakes, or less than --least is seen.
+    Nothing of the planner is asked. Exit code 1 if there are mistakes, if less than --least is seen, or if vehicles come too
+    near to each other or to the ground.
     """
     from shoal.search import open_region
     from shoal.search.missions import check_missions
@@ -151,6 +181,11 @@ def check(
     flown = None if vehicle is None else vehicle_of(vehicle)
     if sides is None and flown is not None:
         sides = flown.row_spacing
+    ground = None
+    if terrain is not None:
+        from shoal.search.flight.terrain_files import open_terrain
+
+        ground = open_terrain(terrain)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
         folder,
@@ -163,6 +198,8 @@ def check(
         separation=kept,
         vehicle=flown,
         bands=None if bands is None else parsed(_FIELDS["bands"], bands),
+        airspace=None if airspace is None else check_number(airspace, what="--airspace", least=0),
+        terrain=ground,
     )
     written = []
     if out is not None:
@@ -179,6 +216,11 @@ def check(
         faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
     if kept is not None and near is not None and near.horizontal < kept.horizontal - ROUNDING:
         faults.append(f"robots {near.robots[0]} and {near.robots[1]} come within {near.horizontal:.3g} m")
+    low = result.clearance
+    if low is not None and low.lowest <= 0:
+        faults.append(f"{low.missions[0]} meets the ground")
+    if low is not None and low.error > check_number(terrain_error, what="--terrain-error", least=0.01):
+        faults.append(f"heights above ground differ from the altitudes asked for by up to {low.error:.3g} m")
     if faults:
         say(f"shoal: {' and '.join(faults)}")
         raise typer.Exit(1)
@@ -207,6 +249,9 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
         rows.append(
             ("nearest", nearest if timed else f"{nearest}; by the speeds in the files, give --vehicle for climbs and turns")
         )
+    if result.clearance is not None:
+        low = result.clearance
+        rows.append(("above ground", f"{low.lowest:.4g} m ({low.missions[0]}) to {low.highest:.4g} m ({low.missions[1]})"))
     errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
     rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
@@ -237,7 +282,7 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
     place = (
         f"({near['x']:.6g}, {near['y']:.6g}) m" if "latitude" not in near else f"{near['latitude']:.6f}, {near['longitude']:.6f}"
     )
-    sortie = f" of sortie {near['sortie']}" if near["sortie"] > 1 else ""
+    sortie = f" in sorties {' and '.join(map(str, near['sorties']))}" if max(near["sorties"]) > 1 else ""
     return (
         f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and {other} "
         f"after {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or {vertical:g} m in height"

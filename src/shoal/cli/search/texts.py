@@ -53,9 +53,11 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     ]
     if "missions" in result:
         told = result["missions"]
-        waits = max((start["delay_s"] for start in told["starts"]), default=0.0)
+        waits = max((start["start_s"] + start["delay_s"] for start in told["starts"]), default=0.0)
         heights = sorted({start["altitude_m"] for start in told["starts"]})
         rows.append(("starts", f"within {waits:g} s, at {', '.join(f'{height:g}' for height in heights)} m"))
+        if told["airspace_m"]:
+            rows.append(("airspace", f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence contains them"))
         if told["separation_m"] is not None:
             rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     rows += [("compared", text) for text in compared_texts(result["compared"])]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from itertools import pairwise
+from math import ceil, cos, pi, sin
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, profile_of
 from shoal.search.flight.timing import Trajectory, trajectory
-from shoal.search.flight.turning import NEAR, KnownCurves, turned_way
+from shoal.search.flight.turning import NEAR, KnownCurves, circled, room_beside, turned_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -21,8 +22,13 @@ from shoal.search.regions.projection import LocalFrame
 FRAMES = ("home", "sea", "ground")
 """Reference surfaces of altitudes."""
 
+ENDINGS = ("return", "land", "loiter")
+"""How a flight ends: as the autopilot returns, by a landing, or by a stay in the air, of a fixed wing in circles."""
+
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
+_APPROACHES = 12  # directions among which that of a landing is chosen
+_TOUCHING = 0.9  # of an approach, at the end of which it may be near to the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +56,10 @@ class Flight:
         Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
         Landing point in metres. The default is home.
+    area : Shapely geometry, optional
+        What turns between places of it do not leave.
+    ending : "return", "land" or "loiter"
+        A fixed wing lands by a straight approach, on which it sinks all the way.
 
     Raises
     ------
@@ -66,9 +76,12 @@ class Flight:
     link: float = 0.0
     blocked: Any = None
     landing: Points | None = None
+    area: Any = None
+    ending: str = "return"
 
     def __post_init__(self) -> None:
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
+        check_choice(self.ending, what="ending", choices=ENDINGS)
         check_number(self.terrain_error, what="terrain_error", least=0.01)
         if check_number(self.rate, what="rate", above=0) != 1.0:
             self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses a wind that is too strong for the vehicle
@@ -89,6 +102,16 @@ class Flight:
         """Whether the vehicle leaves the ground."""
         return self.vehicle.kind != "rover"
 
+    @property
+    def radius(self) -> float:
+        """How wide turns are flown, metres; 0 for what turns where it stands."""
+        return _WIDER * self.vehicle.ground_radius
+
+    @property
+    def glides(self) -> bool:
+        """Whether the last leg leads down to the ground."""
+        return bool(self.vehicle.radius) and self.ending == "land"
+
     @cached_property
     def elevation(self) -> float | None:
         """Height of home above sea level in metres, or None if unknown."""
@@ -107,27 +130,100 @@ class Flight:
         Raises
         ------
         InvalidInputError
-            If the path has several altitudes and the vehicle cannot climb vertically, or if the path meets the ground.
+            For turns, circles or an approach for which there is no room, and for a way that meets the ground.
         """
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
-        ups = np.pad(inner, 1, mode="edge") if len(inner) else ups
+        whole, ups = climbs_apart(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
         if self.vehicle.radius:
-            if np.ptp(ups):
-                raise InvalidInputError("vehicle: expected one that climbs where it stands for several altitudes, got a fixed wing")
-            turned = turned_way(whole, _WIDER * self.vehicle.ground_radius, link=self.link, blocked=self.blocked, known=self._known)
-            first, last = (np.hypot(*(way[[0, -1], :2] - self.home).T) <= NEAR).astype(int).tolist()  # home is then also a waypoint
-            whole = np.vstack([turned[:first], turned, turned[len(turned) - last :]])
-            ups = np.full(len(whole), ups[0])
-        if not self.flies or self.terrain is None:
+            return self._curved(whole, ups, way)
+        if self.terrain is None:
             return self._level(whole[1:-1], ups[1:-1])
-        whole, ups = climbs_apart(whole, ups)
         borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
-        over = [self._over(self.terrain, whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)]
-        return np.concatenate(over) if self.altitude_frame == "ground" else np.concatenate(over)[1:-1]
+        over = np.concatenate([self._at(whole[begin:end], float(ups[begin])) for begin, end in pairwise(borders)])
+        return over if self._follows else over[1:-1]
 
-    def _over(self, terrain: Terrain, way: Points, up: float) -> Floats:
-        """Return the waypoints of a path at constant height above terrain."""
+    @property
+    def _follows(self) -> bool:
+        """Whether waypoints follow the ground; then the places above home and the end are among them."""
+        return self.flies and self.terrain is not None and self.altitude_frame == "ground"
+
+    def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
+        """Return the waypoints of a way with turns, and with circles in which it climbs or sinks from one altitude to the next."""
+        if self.glides:
+            whole = np.vstack([whole[:-1], self._approach(whole[-2]), whole[[-1, -1]]])  # its last leg is flown straight
+            ups = np.append(ups, ups[[-1, -1]])
+        away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
+        begin, end = (int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1]))
+        ups = np.concatenate([np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])])[: len(ups)]
+        changes = np.flatnonzero(np.diff(ups)) + 1
+        changes = changes[np.insert(np.diff(whole[changes], axis=0).any(axis=1), 0, np.ones(min(len(changes), 1)))]
+        stretches = turned_way(
+            whole, self.radius, link=self.link, blocked=self.blocked, area=self.area, known=self._known, cuts=changes.tolist()
+        )
+        if self.glides:
+            stretches[-1] = stretches[-1][:-1]
+        levels = [*ups[changes - 1].tolist(), float(ups[-1])]
+        flown = [self._at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)]
+        climbs = [self._circles(one[-2:], float(other[0, 2])) for one, other in pairwise(flown)]
+        found = np.vstack([flown[0], *(piece for pair in zip(climbs, flown[1:], strict=True) for piece in pair)])
+        if self._follows:
+            return found
+        kept = [np.hypot(*(way[k, :2] - place)) <= NEAR for k, place in ((0, self.home), (-1, self.end))]  # it is a waypoint, too
+        return found[int(not kept[0]) : len(found) - int(not (kept[1] or self.glides))]
+
+    def _circles(self, arriving: Floats, top: float) -> Floats:
+        """Return the way in circles from the end of a leg to another height above it, without its first and last point."""
+        place, toward = arriving[-1], np.diff(arriving[:, :2], axis=0)[0]
+        start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
+        sense = room_beside(start, self.radius, blocked=self.blocked, area=self.area)
+        if not sense:
+            raise InvalidInputError(
+                f"turn_radius: expected room to climb in a circle of {self.radius:.4g} m, got none at {text_of(place[:2])}"
+            )
+        lasting = float(self.vehicle.vertical_seconds(top - place[2]))
+        length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
+        way = circled(start, sense, max(1, ceil(length / (2 * pi * self.radius))), self.radius)
+        far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
+        return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])[1:-1]
+
+    def _approach(self, last: Points) -> Points:
+        """Return where the approach to a landing begins: against the wind if there is room, else as little aside as can be."""
+        import shapely
+
+        up = self.vehicle.height
+        lasting, best = float(self.vehicle.vertical_seconds(-up)), None
+        toward = -self.vehicle.wind_vector if self.vehicle.wind else self.end - last
+        heading = float(np.arctan2(toward[1], toward[0]))
+        for number in range(_APPROACHES):
+            aside = (-1) ** number * ((number + 1) // 2) * 2 * pi / _APPROACHES
+            course = np.array([cos(heading + aside), sin(heading + aside)])
+            best = self.end - course * max(lasting * float(self.vehicle.ground_speed([course])[0]) * self.rate, 2 * self.radius)
+            leg = shapely.linestrings([best, self.end])
+            if (self.blocked is None or not shapely.intersects(self.blocked, leg)) and self._clear(best, up):
+                return best
+        raise InvalidInputError(
+            f"landing: expected a way free of no-go zones and of higher ground on which it sinks by {up:g} m to "
+            f"{text_of(self.end)}, got none from any direction"
+        )
+
+    def _clear(self, begin: Points, up: float) -> bool:
+        """Tell whether an approach that begins at an altitude stays above the ground."""
+        if self.terrain is None:
+            return True
+        shares = np.linspace(0.0, _TOUCHING, 64)[:, None]
+        try:
+            ground = self.terrain.at((1 - shares) * begin + shares * self.end, self.frame)
+            base = float(self.terrain.at(self.end[None], self.frame)[0])
+        except InvalidInputError:
+            return False  # where nobody knows how high it is
+        return bool((base + (1 - shares[:, 0]) * up > ground).all())
+
+    def _at(self, way: Points, up: float) -> Floats:
+        """Return the waypoints of a way at one altitude, over terrain if there is one."""
+        terrain = self.terrain
+        if terrain is None or not self.flies:
+            return self._level(way, np.full(len(way), up))
         profile = profile_of(terrain, way, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
@@ -153,7 +249,7 @@ class Flight:
 
     def flown(self, waypoints: Floats) -> Trajectory:
         """Return the vehicle's trajectory from the ground at home along waypoints to the ground at its landing point."""
-        return trajectory(whole_way(self.home, waypoints, self.landing), self.vehicle, rate=self.rate)
+        return trajectory(whole_way(self.home, waypoints, self.landing, glides=self.glides), self.vehicle, rate=self.rate)
 
 
 def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
@@ -172,11 +268,10 @@ def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
     return kept, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
 
 
-def whole_way(home: Points, waypoints: Floats, landing: Points | None = None) -> Floats:
+def whole_way(home: Points, waypoints: Floats, landing: Points | None = None, *, glides: bool = False) -> Floats:
     """Return the complete path: from the ground at home, along the waypoints, and to the ground at home or the landing point.
 
-    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint. Heights are
-    above home.
+    Up over home to the height of the first waypoint, and down from that of the last; on the way there if it glides.
 
     Examples
     --------
@@ -184,4 +279,5 @@ def whole_way(home: Points, waypoints: Floats, landing: Points | None = None) ->
     [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0], [40.0, 0.0, 30.0], [0.0, 0.0, 30.0], [0.0, 0.0, 0.0]]
     """
     end = home if landing is None else landing
-    return np.vstack([[*home, 0.0], [*home, waypoints[0, 2]], waypoints, [*end, waypoints[-1, 2]], [*end, 0.0]])
+    over = np.zeros((0, 3)) if glides else np.array([[*end, waypoints[-1, 2]]])
+    return np.vstack([[*home, 0.0], [*home, waypoints[0, 2]], waypoints, over, [*end, 0.0]])

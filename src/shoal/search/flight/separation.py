@@ -41,26 +41,33 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The moving legs of a trajectory: start time, duration, start position and velocity of each."""
+    """The legs of a trajectory that take time: when each begins, how long it takes, where it begins and how it moves.
+
+    A vehicle may be as far from there as its reach: it circles.
+    """
 
     begins: Floats
     lasts: Floats
     points: Floats
     velocities: Floats
+    reach: Floats
 
     @classmethod
     def of(cls, flown: Trajectory) -> _Legs:
         lasts = np.diff(flown.times)
         there = lasts > 0
         velocities = np.diff(flown.points, axis=0)[there] / lasts[there, None]
-        return cls(flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities)
+        reach = np.zeros(len(velocities))
+        reach[-1:] = flown.circle
+        return cls(flown.times[:-1][there], lasts[there], flown.points[:-1][there], velocities, reach)
 
     def __getitem__(self, index: NDArray[np.int64]) -> _Legs:
-        return _Legs(self.begins[index], self.lasts[index], self.points[index], self.velocities[index])
+        return _Legs(self.begins[index], self.lasts[index], self.points[index], self.velocities[index], self.reach[index])
 
     def bounds(self) -> tuple[Floats, Floats]:
         ends = self.points + self.velocities * self.lasts[:, None]
-        return np.minimum(self.points, ends), np.maximum(self.points, ends)
+        around = self.reach[:, None] * (1.0, 1.0, 0.0)
+        return np.minimum(self.points, ends) - around, np.maximum(self.points, ends) + around
 
 
 def nearest_approach(
@@ -185,7 +192,7 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
         at = np.clip(best, np.where(there, low, 0.0), np.where(there, high, 0.0))
         apart = np.hypot(*(base + at[:, None] * change).T)
         found.append((np.where(there, apart, np.inf), point + at[:, None] * along))
-    apart = np.array([one for one, _ in found])
+    apart = np.array([np.maximum(one - mine.reach - theirs.reach, 0.0) for one, _ in found])
     which, k = np.unravel_index(int(np.argmin(apart)), apart.shape)
     if not np.isfinite(apart[which, k]):
         return np.inf, None
@@ -249,13 +256,13 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     a, b = mine[first[near]], theirs[second[near]]
     normals, limits = _planes(a, b, min(vertical, _HIGHEST) - LEVEL, None)
     start = a.points[:, :2] - b.points[:, :2]
-    begins = a.begins - b.begins
-    found = [_tangents(start, a.velocities, b.velocities, normals, limits, horizontal)]
+    begins, near_by = a.begins - b.begins, horizontal + a.reach + b.reach
+    found = [_tangents(start, a.velocities, b.velocities, normals, limits, near_by)]
     for edge in range(normals.shape[1]):
         point, along, least, most = _clipped(normals, limits, edge)
         base = start + point[:, :1] * a.velocities[:, :2] - point[:, 1:] * b.velocities[:, :2]
         change = along[:, :1] * a.velocities[:, :2] - along[:, 1:] * b.velocities[:, :2]
-        least, most = _near(base, change, horizontal, least, most)
+        least, most = _near(base, change, near_by, least, most)
         there = (least <= most) & np.isfinite(least) & np.isfinite(most)
         ends = np.where(there[:, None], np.stack([least, most], axis=1), 0.0)
         shifts = (point[:, 0] - point[:, 1])[:, None] + ends * (along[:, 0] - along[:, 1])[:, None]
@@ -264,7 +271,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     return merged_intervals(np.stack([every[..., 0].min(axis=0) + begins, every[..., 1].max(axis=0) + begins], axis=1))
 
 
-def _near(base: Floats, change: Floats, horizontal: float, least: Floats, most: Floats) -> tuple[Floats, Floats]:
+def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
     """Return the interval along a line in which two vehicles are too close horizontally, within bounds."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
@@ -277,7 +284,7 @@ def _near(base: Floats, change: Floats, horizontal: float, least: Floats, most: 
     return least, np.where(~still & (root < 0), -np.inf, most)
 
 
-def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: float) -> Floats:
+def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
     """Return the extreme time differences at which two lines are too close, if they lie within the limits; otherwise none."""
     middle, there = _solved(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
@@ -288,7 +295,7 @@ def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limi
     way /= np.maximum(np.hypot(*way.T), np.finfo(float).tiny)[:, None]
     found = np.full((2, len(start)), np.inf)
     for k, sign in enumerate((-1.0, 1.0)):
-        times = middle + sign * horizontal * (rows * way[:, None]).sum(axis=2)
+        times = middle + sign * horizontal[:, None] * (rows * way[:, None]).sum(axis=2)
         good = there & _within(times, normals, limits)
         found[k] = np.where(good, times[:, 0] - times[:, 1], -sign * np.inf)
     return np.stack([found[0], found[1]], axis=1)

@@ -19,6 +19,7 @@ _WORTH = 0.05  # relative to the longest flight: time that another layer must sa
 _AFTER = 1.0  # seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
 
 Flights = Callable[[int], Sequence[Trajectory]]
+Started = tuple[Sequence[Trajectory], float]
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,11 @@ class Separation:
 
 
 def staggered(
-    flights: Sequence[Flights], separation: Separation, layers: Sequence[int] | None = None, earliest: Floats | None = None
+    flights: Sequence[Flights],
+    separation: Separation,
+    layers: Sequence[int] | None = None,
+    earliest: Floats | None = None,
+    before: Sequence[Started] = (),
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return layers and delays for which all vehicles in flight keep the separation.
 
@@ -57,6 +62,8 @@ def staggered(
         Given layers. Then only the delays are computed.
     earliest : ndarray of float64, shape (m,), optional
         Lower bounds on the delays in seconds.
+    before : sequence of (sequence of Trajectory, float)
+        Flights that are settled already, with their delays.
 
     Returns
     -------
@@ -82,10 +89,10 @@ def staggered(
         if not flown[vehicle](0):
             continue
         options = range(opened + 1) if layers is None else [layers[vehicle]]
-        before = [(flown[one](int(chosen[one])), float(delays[one])) for one in settled]
+        others = [*before, *((flown[one](int(chosen[one])), float(delays[one])) for one in settled)]
         found: list[tuple[float, int, float]] = []
         for layer in options:
-            delay = _earliest(flown[vehicle](layer), before, separation, float(least[vehicle]))
+            delay = _earliest(flown[vehicle](layer), others, separation, float(least[vehicle]))
             dear = _WORTH * float(lasting.max()) if layer == opened and layers is None else 0.0
             found.append((max(delay + lasting[vehicle], end) + dear, layer, delay))
             if found[-1][0] <= end:
@@ -96,12 +103,12 @@ def staggered(
     return chosen, delays
 
 
-def _earliest(
-    mine: Sequence[Trajectory], others: list[tuple[Sequence[Trajectory], float]], separation: Separation, delay: float
-) -> float:
+def _earliest(mine: Sequence[Trajectory], others: Sequence[Started], separation: Separation, delay: float) -> float:
     """Return the smallest delay, at least ``delay``, with which a vehicle keeps its separation from vehicles with fixed delays."""
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
+        if started + max(one.duration for one in theirs) + separation.delay < delay:
+            continue  # it has landed, however late it is
         for one, other in zip(mine, theirs, strict=True):
             apart = conflicts(one, other, horizontal=separation.horizontal, vertical=separation.vertical)
             # With both uncertainties, the start differs by delay - started, plus or minus the tolerance.

@@ -24,11 +24,14 @@ class Trajectory:
     times : ndarray of float64, shape (n,)
         Times in seconds, nondecreasing. A vehicle stands still while it turns, so the position of a turn occurs twice.
     points : ndarray of float64, shape (n, 3)
-        Positions in metres east, north and up.
+        Metres east, north and up.
+    circle : float
+        Metres: in its last leg it circles around its place with this radius.
     """
 
     times: Floats
     points: Floats
+    circle: float = 0.0
 
     @property
     def duration(self) -> float:
@@ -55,7 +58,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     Parameters
     ----------
     way : array_like of float, shape (k, 3), k >= 1
-        Path in metres east, north and up.
+        Metres east, north and up.
     vehicle : Vehicle
     rate : float
         Airspeed relative to the vehicle's cruise speed.

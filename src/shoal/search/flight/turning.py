@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import field
+from itertools import pairwise
 from math import ceil, pi
 from typing import Any
 
@@ -16,8 +18,10 @@ from shoal.search.regions.outline_checks import text_of
 NEAR = 0.05
 """Distance in metres below which two points count as one."""
 
-HEADINGS = 13  # headings at a free point: every 30 degrees from the next leg, and along the previous leg
+HEADINGS = 17  # at a point that may be passed in any direction: those of `_FREE` from the leg after it, and along the leg before
 LINK = 1.001  # footprints: both ends of a shorter leg see all of it, so it need not be flown straight
+_FREE = np.radians([*range(0, 360, 30), *range(45, 360, 90)])  # corners are passed across
+_KEPT, _CUT = 1, 2  # marks of vertices
 _AT_ONCE = 1000  # number of links whose curves are computed at once
 _TOUCH = 0.005  # metres by which a curve may enter a blocked area because of rounding
 _SAME = 1e-6  # metres, and radians
@@ -37,6 +41,37 @@ class _Poses:
 
 
 @dataclass
+class _Room:
+    """Where curves may lead: through nothing blocked, and out of the area only where the straight way between their ends does."""
+
+    blocked: Any
+    area: Any
+
+    @classmethod
+    def of(cls, blocked: Any, area: Any) -> _Room:
+        """Return it with shapes made ready, smaller and larger by rounding."""
+        import shapely
+
+        closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
+        room = cls(closed, None if area is None else area.buffer(_TOUCH, join_style="mitre"))
+        shapely.prepare([shape for shape in (room.blocked, room.area) if shape is not None])
+        return room
+
+    def crossing(self, curves: list[Floats]) -> list[int]:
+        """Return the numbers of the curves for which there is no room."""
+        if not curves or (self.blocked is None and self.area is None):
+            return []
+        import shapely
+
+        lines = np.array([shapely.linestrings(curve if len(curve) > 1 else np.repeat(curve, 2, axis=0)) for curve in curves])
+        wrong = np.zeros(len(lines), dtype=np.bool_) if self.blocked is None else shapely.intersects(self.blocked, lines)
+        if self.area is not None:
+            chords = shapely.linestrings(np.array([curve[[0, -1]] for curve in curves]))
+            wrong |= ~shapely.covers(self.area, lines) & shapely.covers(self.area, chords)
+        return [int(number) for number in np.flatnonzero(wrong)]
+
+
+@dataclass
 class KnownCurves:
     """Cache of curves between points, shared by all sorties that are tried.
 
@@ -52,7 +87,16 @@ class KnownCurves:
     loose: set[bytes] = field(default_factory=set)
 
 
-def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = None, known: KnownCurves | None = None) -> Floats:
+def turned_way(
+    way: Floats,
+    radius: float,
+    *,
+    link: float = 0.0,
+    blocked: Any = None,
+    area: Any = None,
+    known: KnownCurves | None = None,
+    cuts: Sequence[int] = (),
+) -> list[Floats]:
     """Return a path along the legs of another path, with turns of at least a minimum radius outside the legs.
 
     The path passes all vertices. Legs longer than ``link``, except the first and the last, are flown straight from end to end.
@@ -70,8 +114,17 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
         Length in metres: `LINK` footprints.
     blocked : Shapely geometry, optional
         Areas that no curve may cross.
+    area : Shapely geometry, optional
+        What no curve leaves whose ends could be joined straight inside of it.
     known : KnownCurves, optional
-        Results for other paths with the same radius, link and blocked area. New results are added.
+        What was found for other ways with the same radius, link, blocked and area, and is then added to.
+    cuts : sequence of int
+        Inner vertices at which the way is cut; it goes on in the direction in which it arrives.
+
+    Returns
+    -------
+    list of ndarray of float64, each of shape (m, 2)
+        The stretches between cuts; one without.
 
     Raises
     ------
@@ -81,35 +134,39 @@ def turned_way(way: Floats, radius: float, *, link: float = 0.0, blocked: Any = 
     Examples
     --------
     >>> rows = np.array([(0.0, 0.0), (400.0, 0.0), (400.0, 20.0), (0.0, 20.0), (-50.0, 0.0)])
-    >>> flown = turned_way(rows, 50.0, link=30.0)
+    >>> (flown,) = turned_way(rows, 50.0, link=30.0)
     >>> bool((flown[:, 0].max() > 450.0) & (len(flown) > 12))
     True
     """
     moves = np.hypot(*np.diff(way, axis=0).T) > NEAR
     points = np.asarray(way[np.concatenate([[True], moves])])
     if len(points) < 3:
-        return points
+        return [points]
+    marks = np.zeros(len(points), dtype=np.int8)
+    marks[[1, -2, -1]] = _KEPT
+    marks[np.cumsum(moves)[np.asarray(cuts, dtype=np.int64) - 1]] = _CUT
     straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
     straight[[0, -1]] &= ~moves[[0, -1]]  # if the path begins at its second point, its first leg has length zero
-    closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
+    room = _Room.of(blocked, area)
     memory = KnownCurves() if known is None else known
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]
     while True:
         for vertex in reversed(loosen):
-            points, straight = _loosened(points, straight, vertex, 3 * radius, max(link / LINK, radius / 8))
-        found = _along(_poses(points, straight), radius, closed, memory)
+            points, straight, marks = _loosened(points, straight, marks, vertex, 3 * radius, max(link / LINK, radius / 8))
+        found = _along(_poses(points, straight), radius, room, memory)
         if not isinstance(found, list):
-            return found
-        if not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in found):
+            return _joined(*found, marks)
+        *stuck, lost = found
+        if not any(straight[max(vertex - 1, 0) : vertex + 1].any() for vertex in stuck):
+            allowed = "outside the no-go zones" if area is None else "in the airspace around the region"
             raise InvalidInputError(
-                f"turn_radius: expected room for turns of {radius:.4g} m outside the no-go zones, got none at "
-                f"{text_of(points[found[0]])}: keep a margin to them"
+                f"turn_radius: expected room for turns of {radius:.4g} m {allowed}, got none at {text_of(points[lost])}"
             )
-        memory.loose.update(points[vertex].tobytes() for vertex in found)
-        loosen = found
+        memory.loose.update(points[vertex].tobytes() for vertex in stuck)
+        loosen = stuck
 
 
-def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any]:
+def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any, Any]:
     """Return a path on which the straight legs at a vertex end before it. The rest of each leg is passed point by point."""
     for leg in (vertex, vertex - 1):  # the later leg first, because indices change after it
         if not (0 <= leg < len(straight)) or not straight[leg]:
@@ -123,35 +180,35 @@ def _loosened(points: Floats, straight: Any, vertex: int, reach: float, step: fl
         left = np.zeros(len(shares) + 1, dtype=np.bool_)
         left[-1 if leg == vertex else 0] = not whole
         points = np.insert(points, leg + 1, points[leg] + shares[:, None] * along, axis=0)
+        marks = np.insert(marks, leg + 1, np.zeros(len(shares), dtype=np.int8))
         straight = np.concatenate([straight[:leg], left, straight[leg + 1 :]])
-    return points, straight
+    return points, straight, marks
 
 
-def _along(poses: _Poses, radius: float, closed: Any, known: KnownCurves) -> Floats | list[int]:
-    """Return the shortest path through poses. If there is none, return the vertices where it fails, in increasing order."""
+def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
+    """Return the shortest way through poses; if there is none the vertices to loosen, rising, and then the first out of reach."""
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
     while True:
         chosen = _cheapest(poses, links, lengths)
-        if chosen is None:
+        if isinstance(chosen, int):
             stuck = [number for number in looked if not np.isfinite(lengths[number]).any()] or looked
             ends = (poses.vertices[links[number] + end] for number in stuck for end in (0, 1))
-            return sorted({int(vertex) for vertex in ends})
+            return [*sorted({int(vertex) for vertex in ends}), poses.vertices[chosen]]
         curves = _curves(poses, links, words, chosen, radius)
-        crossing = [number for number in _crossing(curves, closed) if number not in looked]
+        crossing = [number for number in room.crossing(curves) if number not in looked]
         if not crossing:
-            return _joined(poses, links, curves)
+            return poses, links, curves
         for number in crossing:  # all curves of these links are tested once
             looked.add(number)
-            lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, closed, known)
+            lengths[number], words[number] = _free_costs(poses, int(links[number]), radius, room, known)
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
     """Return the poses to pass: both ends of each straight leg with its heading, otherwise a point with free headings."""
     legs = np.diff(points, axis=0)
     courses = np.arctan2(legs[:, 1], legs[:, 0])
-    free = np.arange(HEADINGS - 1) * (2 * pi / (HEADINGS - 1))
     vertices: list[int] = []
     headings: list[Floats] = []
     straight: list[bool] = []
@@ -161,7 +218,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
         for number, direction in enumerate(directions or [None]):
             allowed = np.full(HEADINGS, np.nan)
             if direction is None:
-                allowed[:-1], allowed[-1] = free + courses[min(index, len(legs) - 1)], courses[max(index - 1, 0)]
+                allowed[:-1], allowed[-1] = _FREE + courses[min(index, len(legs) - 1)], courses[max(index - 1, 0)]
             else:
                 allowed[0] = np.arctan2(direction[1], direction[0])
             vertices.append(index)
@@ -192,7 +249,7 @@ def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> F
     return dubins_parts(ends[0][:, :, None, :], ends[1][:, None, :, :], radius)
 
 
-def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any, known: KnownCurves) -> tuple[Floats, Any]:
+def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves) -> tuple[Floats, Any]:
     """Return the lengths and words of the shortest unblocked curves of one link."""
     key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
     if key in known.costs:
@@ -204,14 +261,14 @@ def _free_costs(poses: _Poses, link: int, radius: float, blocked: Any, known: Kn
         dubins_way((*poses.points[link], poses.headings[link, one]), WORDS[word], parts[one, other, word], radius)
         for one, other, word in there.tolist()
     ]
-    for number in _crossing(ways, blocked):
+    for number in room.crossing(ways):
         lengths[tuple(there[number])] = np.inf
     known.costs[key] = lengths.min(axis=-1), lengths.argmin(axis=-1)
     return known.costs[key]
 
 
-def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | None:
-    """Return the heading of each point on the shortest path as a column of ``headings``, or None if there is no path."""
+def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
+    """Return the heading of each place, as a column of ``headings``, of the shortest way; if none, the first place out of reach."""
     number = dict(zip(links.tolist(), range(len(links)), strict=True))
     costs = [np.where(np.isnan(poses.headings[0]), np.inf, 0.0)]
     came: list[Any] = []
@@ -223,8 +280,8 @@ def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | None:
             every[0, 0] = costs[-1][0]
         came.append(every.argmin(axis=0))
         costs.append(every.min(axis=0))
-    if not np.isfinite(costs[-1]).any():
-        return None
+        if not np.isfinite(costs[-1]).any():
+            return place + 1
     chosen = [int(costs[-1].argmin())]
     for before in reversed(came):
         chosen.append(int(before[chosen[-1]]))
@@ -244,34 +301,37 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
     return found
 
 
-def _crossing(curves: list[Floats], blocked: Any) -> list[int]:
-    """Return the indices of curves that cross a blocked area."""
-    if blocked is None or not curves:
-        return []
-    import shapely
+def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
+    """Return the whole way in stretches, without points on straight stretches but those that are marked.
 
-    shapely.prepare(blocked)
-    lines = [shapely.linestrings(curve if len(curve) > 1 else np.repeat(curve, 2, axis=0)) for curve in curves]
-    return [int(number) for number in np.flatnonzero(shapely.intersects(blocked, np.array(lines)))]
-
-
-def _joined(poses: _Poses, links: Any, curves: list[Floats]) -> Floats:
-    """Return the whole path. On straight sections, only the second and the second-last point to pass are kept.
-
-    The ends of rows lie on the first legs of curves. A mission takes images between the two kept points.
+    Ends of rows lie on the first legs of curves. Between the second and the last but one, which are kept, lies what a mission sees.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
-    pieces, always = [poses.points[:1]], [True]
-    last = max(poses.vertices)
+    pieces, told = [poses.points[:1]], [_KEPT]
     for place in range(len(poses.straight)):
         piece = number[place][1:] if place in number else poses.points[place + 1 : place + 2]
         pieces.append(piece)
-        always += [*[False] * (len(piece) - 1), poses.vertices[place + 1] in (1, last - 1, last)]
-    way, kept = np.vstack(pieces), np.array(always)
+        again = poses.vertices[place + 1] == poses.vertices[place]  # where a place is passed twice it is cut the first time
+        here = int(marks[poses.vertices[place + 1]])
+        told += [*[0] * (len(piece) - 1), min(here, _KEPT) if again else here]
+    way, mark = np.vstack(pieces), np.array(told)
     apart = np.concatenate([[True], np.hypot(*np.diff(way, axis=0).T) > _SAME])
-    kept[:-1] |= kept[1:] & ~apart[1:]  # of two equal points, the first is kept
-    way, kept = way[apart], kept[apart]
+    mark[:-1] = np.maximum(mark[:-1], np.where(apart[1:], 0, mark[1:]))  # of two at one place the first one stays
+    way, mark = way[apart], mark[apart]
     legs = np.diff(way, axis=0)
     legs /= np.hypot(*legs.T)[:, None]
-    kept[1:-1] |= np.hypot(*np.diff(legs, axis=0).T) > _SAME
-    return np.asarray(way[kept])
+    mark[1:-1] = np.maximum(mark[1:-1], np.hypot(*np.diff(legs, axis=0).T) > _SAME)
+    way, mark = way[mark > 0], mark[mark > 0]
+    borders = [0, *np.flatnonzero(mark == _CUT).tolist(), len(way) - 1]
+    return [np.asarray(way[begin : end + 1]) for begin, end in pairwise(borders)]
+
+
+def circled(start: Floats, sense: str, count: int, radius: float) -> Floats:
+    """Return a way of so many circles from a place and heading back to it, to the left (L) or right (R); shape (k, 2)."""
+    return dubins_way(start, sense, [count * 2 * pi], radius)
+
+
+def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
+    """Return to which side of a place and heading there is room for a circle: L, R, or none."""
+    room = _Room.of(blocked, area)
+    return "".join(sense for sense in "LR" if not room.crossing([circled(start, sense, 1, radius)]))[:1]

@@ -6,7 +6,8 @@ from shoal.search.missions.checking import MissionCheck, check_missions
 from shoal.search.missions.diagnostics import RULES, Diagnostic, Rule
 from shoal.search.missions.files import FORMATS, MissionFormat, mission_files, read_mission, write_missions
 from shoal.search.missions.lint import lint
-from shoal.search.missions.mission import Mission, missions_of
+from shoal.search.missions.mission import Mission
+from shoal.search.missions.splitting import missions_of
 from shoal.search.problem.mission_options import CAPS
 
 __all__ = [

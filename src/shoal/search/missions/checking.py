@@ -16,8 +16,9 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 from shoal.search.flight.staggering import Separation
+from shoal.search.flight.terrain import Terrain
 from shoal.search.flight.vehicle import Vehicle
-from shoal.search.missions.deconfliction import MissionApproach, missions_approach
+from shoal.search.missions.approach import Clearance, MissionApproach, clearance_of, missions_approach
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import FORMATS, format_of, mission_of
 from shoal.search.missions.lint import examine
@@ -57,6 +58,8 @@ class MissionCheck:
         The nearest approach of two vehicles. None if all vehicles always keep the vertical separation, or no check was requested.
     bands : tuple of float
         Altitudes in metres, from each of which the whole region must be seen.
+    clearance : Clearance or None
+        Heights above ground; None without a terrain.
     """
 
     region: SearchRegion
@@ -70,6 +73,7 @@ class MissionCheck:
     separation: Separation | None = None
     approach: MissionApproach | None = None
     bands: tuple[float, ...] = ()
+    clearance: Clearance | None = None
 
     @property
     def coverage(self) -> AreaCoverage | None:
@@ -105,6 +109,7 @@ class MissionCheck:
             "separation_m": None if self.separation is None else [self.separation.horizontal, self.separation.vertical],
             "delay_tolerance_s": None if self.separation is None else self.separation.delay,
             "nearest_approach": None if self.approach is None else self.approach.report(self.region.frame),
+            "above_ground": None if self.clearance is None else self.clearance.report(self.region.frame),
             "errors": len(self.errors),
             "warnings": len(self.diagnostics) - len(self.errors),
             "diagnostics": [diagnostic.report() for diagnostic in self.diagnostics],
@@ -146,6 +151,8 @@ def check_missions(
     separation: Separation | None = None,
     vehicle: Vehicle | None = None,
     bands: Sequence[float] | None = None,
+    airspace: float | None = None,
+    terrain: Terrain | None = None,
 ) -> MissionCheck:
     """Read mission files and measure how much of a region the vehicles see.
 
@@ -164,7 +171,7 @@ def check_missions(
     format : str, optional
         Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
     cap, autopilot : optional
-        As for `lint`.
+        As for `lint`, to which ``vehicle`` and ``airspace`` go, too.
     separation : Separation, optional
         Required separation of vehicles in flight. If given, the nearest approach is computed.
     vehicle : Vehicle, optional
@@ -173,6 +180,8 @@ def check_missions(
         Increasing altitudes in metres, from each of which the whole region must be seen. A flight counts for the highest band that
         is not above it. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's view. For
         a volume, the default is its layers.
+    terrain : Terrain, optional
+        The ground: if given, heights above it are found along all ways.
 
     Raises
     ------
@@ -184,7 +193,7 @@ def check_missions(
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
-    sheets = examine(folder, region, cap=cap, autopilot=autopilot)
+    sheets = examine(folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)
@@ -205,12 +214,15 @@ def check_missions(
             coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
             for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    missions = tuple(mission_of(sheet, sheet.file) for sheet in flown if sheet.altitude_frame != "ground")
+    missions = tuple(mission_of(sheet, sheet.file) for sheet in flown)
+    low = None if terrain is None else clearance_of(missions, terrain, region.frame)
+    missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
         approach=near,
+        clearance=low,
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),

@@ -4,34 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import combinations
+from functools import partial
+from heapq import heappop, heappush
 from typing import Any
 
 import numpy as np
 
-from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
-from shoal.search.flight.separation import nearest_approach
 from shoal.search.flight.staggering import Separation, staggered
-from shoal.search.flight.timing import Floats, Trajectory, trajectory
+from shoal.search.flight.timing import Trajectory
 from shoal.search.flight.turning import LINK
 from shoal.search.flight.vehicle import Vehicle
+from shoal.search.missions.approach import common_way, constant_speed, mission_trajectory
 from shoal.search.missions.fence import CORNERS, fence_of
-from shoal.search.missions.mission import Mission, missions_of
+from shoal.search.missions.mission import Mission
+from shoal.search.missions.splitting import missions_of
+from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
-from shoal.search.regions.projection import LocalFrame
 
 Sorties = tuple[Mission, ...]
 
+_ENDINGS = {"multirotor": "land", "fixed-wing": "loiter", "rover": "return"}
+
 
 def plan_missions(
-    plan: SearchPlan, *, separation: Separation | None = None, rally: Points | None = None, **options: Any
+    plan: SearchPlan,
+    *,
+    separation: Separation | None = None,
+    rally: Points | None = None,
+    airspace: float | None = None,
+    ending: str | None = None,
+    **options: Any,
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, assuming that no fault occurs.
 
-    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least those of the plan. The
-    second sorties begin when all robots have landed, and so on.
+    The first sorties of all robots begin at one time, but for their delays, which are those of the plan or longer. Each later one
+    begins when its vehicle is back and recharged, and the others leave it room.
 
     Parameters
     ----------
@@ -41,6 +50,11 @@ def plan_missions(
         delays.
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
+    airspace : float, optional
+        Metres: how far turns of fixed wings may lead beyond the border less its margin; as far as they need if not given.
+    ending : "return", "land" or "loiter", optional
+        How missions end. If not given, with a separation multirotors land, and fixed wings loiter if they have no landing point: a
+        return is flown at a height of the autopilot's own. Else as `missions_of`.
     options
         Options of `missions_of` that the plan does not determine.
 
@@ -48,31 +62,35 @@ def plan_missions(
     ------
     InvalidInputError
     """
+    if ending is None and separation is not None and (plan.landing is None or plan.vehicle.kind == "multirotor"):
+        ending = _ENDINGS[plan.vehicle.kind]
+    region = plan.grid.region
+    options |= {
+        "blocked": grown(region.no_go, region.margin),
+        "area": None if airspace is None else region.free.buffer(airspace),
+        "ending": ending,
+    }
 
     def sorties(robot: int, layer: int) -> Sorties:
         vehicle = plan.vehicle
         if layer and separation is not None:
             vehicle = vehicle.replaced(altitude=vehicle.height + layer * separation.vertical)
-        return _sorties(plan, robot, vehicle, explicit=separation is not None, options=options)
+        return _sorties(plan, robot, vehicle, options)
 
     robots = range(len(plan.places))
     made = [sorties(robot, 0) for robot in robots]
     made = [(replace(one[0], delay=float(delay)), *one[1:]) if one else () for one, delay in zip(made, plan.delays, strict=True)]
     if separation is not None:
-        made = _separated(made, sorties, plan, separation)
+        made = _Schedule(plan, separation, sorties).settled(made)
     return _fenced([mission for one in made for mission in one], plan, np.zeros((0, 2)) if rally is None else rally)
 
 
-def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot; empty for a robot in reserve.
-
-    With ``explicit``, the missions of a multirotor end with a landing command, because an autopilot chooses its own altitude for a
-    return command.
-    """
+def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
+    """Return the missions of one robot; none for one in reserve."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
-    landing = plan.places[robot] if explicit and vehicle.kind == "multirotor" else None
+    landing = None if options["ending"] in (None, "return") else plan.places[robot]
     way = plan.route(robot, stops).points
     if way.shape[1] == 3:
         way = way[int(len(way) > 1 and np.array_equal(way[0, :2], way[1, :2])) :]  # above home it climbs to its first cell anyway
@@ -85,61 +103,83 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, *, explicit: bool, 
         vehicle=vehicle,
         rate=float(plan.rates[robot]),
         link=float(plan.footprints[robot]) * LINK,
-        blocked=plan.grid.region.no_go,
         ways=plan.leg,
         landing=landing if plan.landing is None else plan.landing[robot],
         **options,
     )
 
 
-def _separated(
-    made: list[Sorties], sorties: Callable[[int, int], Sorties], plan: SearchPlan, separation: Separation
-) -> list[Sorties]:
-    """Return the missions of all robots with layers and delays."""
-    frame, robots = plan.grid.region.frame, range(len(made))
-
-    def flights(robot: int, sortie: int, found: Sequence[Sorties], raised: bool) -> Callable[[int], Sequence[Trajectory]]:
-        def flown(layer: int) -> Sequence[Trajectory]:
-            if sortie >= len(found[robot]):
-                return ()
-            up = layer * separation.vertical if raised else 0.0
-            return _reckoned(found[robot][sortie], frame, plan.vehicle, float(plan.rates[robot]), up)
-
-        return flown
-
-    layers: Sequence[int] = [0] * len(made)
-    if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # from between the layers of a volume, no part of it is seen
-        first = [flights(robot, 0, made, True) for robot in robots]
-        layers = staggered(first, separation, earliest=plan.delays)[0].tolist()
-    made = [sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
-    delays = [
-        staggered([flights(robot, sortie, made, False) for robot in robots], separation, layers, None if sortie else plan.delays)[
-            1
-        ].tolist()
-        for sortie in range(max(map(len, made), default=0))
-    ]
-    return [tuple(replace(mission, delay=delays[number][robot]) for number, mission in enumerate(made[robot])) for robot in robots]
+def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
+    return flights  # its layer is settled
 
 
-def _reckoned(mission: Mission, frame: LocalFrame | None, vehicle: Vehicle, rate: float, up: float) -> Sequence[Trajectory]:
-    """Return two trajectories of a mission: with the vehicle's own dynamics, and at the constant speed in its file."""
-    way = _common_way(mission, frame)
-    way[1:-1, 2] += up
-    return trajectory(way, vehicle, rate=rate), trajectory(way, constant_speed(mission))
+class _Schedule:
+    """Finds the layers and the starts with which all sorties of a plan keep their separation."""
 
+    def __init__(self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]) -> None:
+        self.plan, self.separation, self.sorties = plan, separation, sorties
+        self.stay = 0.0
 
-def _common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
-    """Return the path of a mission with heights above a common reference, as far as the heights of the homes are known."""
-    way = mission.way_in(frame)
-    way[:, 2] += mission.elevation or 0.0
-    return way
+    def settled(self, made: list[Sorties]) -> list[Sorties]:
+        """Return missions with layers, delays, starts, and altitudes for takeovers."""
+        self.stay = 2 * max((self._flights(made, robot, 0, 0.0)[0].duration for robot, one in enumerate(made) if one), default=0.0)
+        while True:
+            found, last = self._once(made)
+            if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
+                return found
+            self.stay = 1.5 * last  # who stays in the air must be kept apart from all that are still to come
 
+    def _once(self, made: list[Sorties]) -> tuple[list[Sorties], float]:
+        """Return missions, and when all are back, if those who stay in the air do so for so long."""
+        plan, robots = self.plan, range(len(made))
+        layers: Sequence[int] = [0] * len(made)
+        if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # nothing of a volume is seen from between its layers
+            raised = [partial(self._raised, made, robot) for robot in robots]
+            layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
+        made = [self.sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
+        flights = [[self._flights(made, robot, number, 0.0) for number in range(len(made[robot]))] for robot in robots]
+        delays = staggered([partial(_same, one[0] if one else ()) for one in flights], self.separation, layers, plan.delays)[1]
+        starts = {(robot, 0): float(delays[robot]) for robot in robots if made[robot]}
+        ready = [(self._back(flights[robot], 0, starts[robot, 0]), robot, 1) for robot in robots if len(made[robot]) > 1]
+        while ready:
+            since, robot, number = heappop(ready)
+            others = [(flights[one][other], at) for (one, other), at in starts.items() if one != robot]
+            _, (start,) = staggered([partial(_same, flights[robot][number])], self.separation, [0], np.array([since]), others)
+            starts[robot, number] = float(start)
+            if number + 1 < len(made[robot]):
+                heappush(ready, (self._back(flights[robot], number, float(start)), robot, number + 1))
+        last = max((start + flights[robot][number][0].duration for (robot, number), start in starts.items()), default=0.0)
+        return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
 
-def constant_speed(mission: Mission) -> Vehicle:
-    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and turns in no time."""
-    return Vehicle(
-        preset="ideal", cruise_speed=mission.speed, climb_speed=min(mission.speed, 50), sink_speed=min(mission.speed, 50)
-    )
+    def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
+        """Return how the first sortie of a robot goes in a layer."""
+        return self._flights(made, robot, 0, layer * self.separation.vertical)
+
+    def _told(self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]) -> Sorties:
+        """Return the missions of a robot with what was found."""
+        told: dict[str, Any] = {}
+        if self.plan.vehicle.kind != "rover":
+            above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
+            base = float(made[0].elevation or 0.0) if made and made[0].altitude_frame == "sea" else 0.0
+            told = {"takeover": above + base}
+        first = [replace(one, delay=starts[robot, 0], **told) for one in made[:1]]
+        return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
+
+    def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
+        """Return when a vehicle can set out again, however late it was."""
+        lasting = max(one.duration for one in flights[number])
+        return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
+
+    def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
+        """Return when a vehicle is where: as it flies, and at constant speed, as one is simulated that has only the file."""
+        if number >= len(made[robot]):
+            return ()
+        mission, plan = made[robot][number], self.plan
+        way = common_way(mission, plan.grid.region.frame)
+        way[1 : len(way) - 1, 2] += up
+        stay = self.stay if number + 1 == len(made[robot]) else 0.0
+        as_flown = mission_trajectory(mission, way, plan.vehicle, float(plan.rates[robot]), stay)
+        return as_flown, mission_trajectory(mission, way, constant_speed(mission), 1.0, stay)
 
 
 def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tuple[Mission, ...]:
@@ -157,77 +197,3 @@ def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tup
     placed = rally if region.frame is None else region.frame.to_degrees(rally)
     points = tuple((x, y) for x, y in placed.tolist())
     return tuple(replace(mission, fence=fence, rally=points) for mission in missions)
-
-
-@dataclass(frozen=True, eq=False)
-class MissionApproach:
-    """The nearest approach of any two vehicles.
-
-    Parameters
-    ----------
-    robots : tuple of int
-        Their numbers.
-    sortie : int
-    horizontal, vertical : float
-        Horizontal and vertical distance of the vehicles in metres.
-    time : float
-        Time in seconds after the start of these sorties, if the first vehicle has no delay.
-    place : ndarray of float64, shape (3,)
-        Position of the first vehicle at that time: metres east, north and up.
-    """
-
-    robots: tuple[int, int]
-    sortie: int
-    horizontal: float
-    vertical: float
-    time: float
-    place: Floats
-
-    def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the approach for JSON. With a frame, the position is also given in degrees."""
-        told = {
-            "robots": list(self.robots), "sortie": self.sortie, "horizontal_m": self.horizontal, "vertical_m": self.vertical,
-            "time_s": self.time, "x": float(self.place[0]), "y": float(self.place[1]), "up_m": float(self.place[2]),
-        }  # fmt: skip
-        if frame is None:
-            return told
-        return told | dict(zip(("longitude", "latitude"), frame.to_degrees(self.place[None, :2])[0].tolist(), strict=True))
-
-
-def missions_approach(
-    missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
-) -> MissionApproach | None:
-    """Return the nearest approach of two vehicles that follow missions, each late by up to the separation's delay.
-
-    Parameters
-    ----------
-    missions : sequence of Mission
-        The missions. Missions of the same sortie begin at the same time, apart from their delays.
-    separation : Separation
-        The separation. Moments with a larger difference in height than its vertical part do not count.
-    frame : LocalFrame or None
-        Local frame in whose metres distances are measured.
-    vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used. By default all motion has the speed in the file.
-
-    Returns
-    -------
-    MissionApproach or None
-        None if all vehicles always keep the vertical separation.
-    """
-    flown: dict[tuple[int, int], tuple[Mission, Trajectory]] = {}
-    for mission in missions:
-        kept = constant_speed(mission) if vehicle is None else vehicle
-        rate = 1.0 if vehicle is None else mission.speed / vehicle.cruise
-        flown[mission.sortie, mission.robot] = mission, trajectory(_common_way(mission, frame), kept, rate=rate)
-    best: MissionApproach | None = None
-    for (sortie, one), (other_sortie, other) in combinations(sorted(flown), 2):
-        if sortie != other_sortie:
-            continue
-        (mine, there), (theirs, here) = flown[sortie, one], flown[sortie, other]
-        later = theirs.delay - mine.delay
-        found = nearest_approach(there, here, vertical=separation.vertical, later=later, tolerance=separation.delay)
-        if found is not None and (best is None or found.horizontal < best.horizontal):
-            time = mine.delay + found.times[0]
-            best = MissionApproach((one, other), sortie, found.horizontal, found.vertical, time, found.places[0])
-    return best

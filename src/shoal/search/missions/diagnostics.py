@@ -63,6 +63,9 @@ RULES: dict[str, Rule] = {
     "camera": Rule("warning", "a series of images that begins and does not end, or the reverse"),
     "gimbal": Rule("error", "a camera whose pitch is beyond ±90°, or that is not aimed by angles"),
     "acceptance": Rule("warning", "an acceptance radius as large as the way to the next waypoint, without curves"),
+    "approach": Rule("error", "a landing of a fixed wing for which it would have to dive"),
+    "turn-radius": Rule("error", "a turn that is narrower than the vehicle's radius"),
+    "airspace": Rule("error", "turns of a fixed wing that lead farther out of the region than they may"),
     "speed": Rule("error", "a speed of 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
     "few-decimals": Rule("warning", "coordinates with fewer than 7 decimals: 6 are 0.11 m"),
@@ -132,6 +135,9 @@ class Sheet:
     altitudes: list[float] = field(default_factory=list)
     home: tuple[float, float] | None = None
     landing: tuple[float, float] | None = None
+    loiter: float | None = None
+    start: float | None = None
+    takeover: float | None = None
     delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()

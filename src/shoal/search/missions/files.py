@@ -6,7 +6,9 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -114,7 +116,8 @@ def write_missions(
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
-    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)})
+    starts = {mission.name: mission.start for mission in missions if mission.start is not None}
+    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | ({"starts_s": starts} if starts else {}))
     return [*named, *(path for path in texts if path not in named)]
 
 
@@ -126,7 +129,15 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add the fence and the rally points from the neighbouring files to the sheets of WPL files, with diagnostics."""
+    """Give to sheets what stands beside their files: to all when they start, to those of WPL the fence and the rally points.
+
+    What is wrong with fence and rally points is noted.
+    """
+    starts = _manifest(folder).get("starts_s")
+    for sheet in sheets:
+        start = starts.get(Path(sheet.file).stem) if isinstance(starts, dict) else None
+        if isinstance(start, int | float) and not isinstance(start, bool) and 0 <= start < inf:
+            sheet.start = float(start)
     for name, reader, field in ((FENCE, read_fence, "fence"), (RALLY, read_rally, "rally")):
         path = Path(folder) / name
         ours = [sheet for sheet in sheets if Path(sheet.file).suffix.lower() == wpl.SUFFIX]
@@ -142,13 +153,19 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
             setattr(sheet, field, found)
 
 
+def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
+    """Return what the manifest in a folder says; nothing if there is none, or one that is not ours."""
+    try:
+        told = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)
+    except InvalidInputError:
+        return {}
+    return told if isinstance(told, dict) else {}
+
+
 def _listed(folder: str | os.PathLike[str]) -> set[str]:
     """Return the mission files listed in a folder's manifest, or an empty list if the manifest is not from Shoal."""
-    try:
-        listed = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)["files"]
-        names = {name for name in listed if isinstance(name, str)}
-    except (InvalidInputError, TypeError, KeyError):
-        return set()
+    listed = _manifest(folder).get("files")
+    names = {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
     suffixes = {FORMATS.get(name).suffix for name in FORMATS}
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
@@ -249,7 +266,20 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
     usual = Vehicle(preset=kind)
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
-    told = ("landing", "delay", "fence", "rally", "trigger_distance", "gimbal_pitch", "yaw", "acceptance_radius", "elevation")
+    told = (
+        "landing",
+        "loiter",
+        "takeover",
+        "start",
+        "delay",
+        "fence",
+        "rally",
+        "trigger_distance",
+        "gimbal_pitch",
+        "yaw",
+        "acceptance_radius",
+        "elevation",
+    )
     try:
         return Mission(
             sheet.points,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections import defaultdict
 from itertools import count
@@ -11,14 +12,16 @@ import numpy as np
 
 from shoal.core.checks import check_choice, check_integer
 from shoal.core.errors import InvalidInputError
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet, take_beside
-from shoal.search.missions.rules import check_elsewhere, check_place, check_sense
+from shoal.search.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, way_of
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.region import SearchRegion
 
 _SAME_PLACE = 1e-7  # degrees
 _SAME_METRES = 0.01
+_STEEPEST = 12.0  # degrees: an approach
 
 
 def lint(
@@ -27,6 +30,8 @@ def lint(
     *,
     cap: int | None = None,
     autopilot: str | None = None,
+    vehicle: Vehicle | None = None,
+    airspace: float | None = None,
 ) -> list[Diagnostic]:
     """Return the mistakes in a mission file, or in all mission files of a folder, individually and in combination.
 
@@ -40,6 +45,10 @@ def lint(
         Maximum number of items, home included. The default is the autopilot's limit.
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
+    vehicle : Vehicle, optional
+        What flies: fixed wings turn no narrower than it can.
+    airspace : float, optional
+        Metres: how far turns of fixed wings may lead beyond the border less its margin; a warning says how far if not given.
 
     Returns
     -------
@@ -51,11 +60,18 @@ def lint(
     InvalidInputError
         If no mission file exists, or only one of region and mission is in degrees.
     """
-    return [diagnostic for sheet in examine(source, region, cap=cap, autopilot=autopilot) for diagnostic in sheet.diagnostics]
+    sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
+    return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
 
 
 def examine(
-    source: str | os.PathLike[str], region: SearchRegion | None = None, *, cap: int | None = None, autopilot: str | None = None
+    source: str | os.PathLike[str],
+    region: SearchRegion | None = None,
+    *,
+    cap: int | None = None,
+    autopilot: str | None = None,
+    vehicle: Vehicle | None = None,
+    airspace: float | None = None,
 ) -> list[Sheet]:
     """Return the sheet of each mission file, with all diagnostics; see `lint`."""
     if autopilot is not None:
@@ -72,14 +88,39 @@ def examine(
     for sheet in sheets:
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot)
+            _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
             if region is not None:
-                check_place(sheet, region)
+                check_place(sheet, region, airspace)
     if folder:
         _check_homes(sheets)
         _check_autopilots(sheets)
         _check_sorties(sheets)
         _check_formats(sheets)
     return sheets
+
+
+def _check_curves(sheet: Sheet, radius: float) -> None:
+    """Note turns of a fixed wing that are narrower than a radius, and a landing for which it would have to dive."""
+    way = way_of(sheet) if sheet.kind == "fixed-wing" else None
+    if way is None:
+        return
+    if sheet.landing is not None and sheet.loiter is None and sheet.altitudes and sheet.altitude_frame != "sea":
+        away = float(np.hypot(*(way[-1] - way[-2])))
+        if sheet.altitudes[-1] > away * math.tan(math.radians(_STEEPEST)):
+            said = f"expected an approach of at most {_STEEPEST:g} degrees, got one of {sheet.altitudes[-1]:g} m on {away:.4g} m"
+            sheet.add("approach", sheet.places[-1], said)
+    numbers = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > ROUNDING)
+    legs = np.diff(way, axis=0)[numbers]
+    lengths, bearings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
+    bends = np.abs((np.diff(bearings) + math.pi) % (2 * math.pi) - math.pi)
+    needs = np.pad(radius * np.tan(bends / 2), 1)  # a circle that touches both legs begins so far before their vertex
+    turned = np.pad(radius * ROUNDING / lengths, 1)  # what rounding of coordinates turns legs by
+    short = needs[:-1] + needs[1:] - lengths - turned[1:-1] - (turned[:-2] + turned[2:]) / 2 - ROUNDING
+    if radius and len(short) and short.max() > 0:
+        worst = int(np.argmax(short))
+        widest = radius * lengths[worst] / (needs[worst] + needs[worst + 1])
+        place = sheet.places[min(int(numbers[worst]), len(sheet.places) - 1)]
+        sheet.add("turn-radius", place, f"expected turns of at least {radius:.4g} m, got one of {widest:.3g} m at most")
 
 
 def _check_homes(sheets: list[Sheet]) -> None:

@@ -1,21 +1,17 @@
-"""Missions: the waypoints of one vehicle for one sortie, and their creation from a route."""
+"""What one vehicle is to drive or fly in one go."""
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from shoal.core.checks import check_choice, check_integer, check_number, check_points
+from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR, Flight, whole_way
-from shoal.search.flight.terrain import Terrain
-from shoal.search.flight.vehicle import Vehicle, vehicle_of
+from shoal.search.flight.flight import FRAMES, whole_way
 from shoal.search.missions.fence import Fence
-from shoal.search.missions.merging import merged
-from shoal.search.missions.splitting import Ways, sorties
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -26,7 +22,7 @@ Autopilot = Literal["px4", "ardupilot"]
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
 KINDS = ("multirotor", "fixed-wing", "rover")
 OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items besides waypoints: home, take-off, speed, return
-_EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # additional items for a camera
+EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,9 +64,15 @@ class Mission:
     acceptance_radius : float, optional
         Acceptance radius in metres. The default is the autopilot's setting.
     landing : tuple of float, optional
-        Landing point in the same units. By default the autopilot's own return procedure is used.
+        Where the vehicle ends, in the same units; a fixed wing glides there. If not given the autopilot returns home by itself.
+    loiter : float, optional
+        Metres: the vehicle does not come down at its end but stays there in circles of this radius, or hovers.
     delay : float
         Waiting time before the start in seconds.
+    start : float, optional
+        When it is to be started, seconds after the first missions; if not given a sortie follows when all before it have ended.
+    takeover : float, optional
+        Metres: the altitude, as ``altitude`` counts, at which it goes to what it takes over from another vehicle, and searches it.
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings in the same units.
@@ -107,6 +109,9 @@ class Mission:
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()
     altitudes: NDArray[np.float64] | None = None
+    loiter: float | None = None
+    start: float | None = None
+    takeover: float | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -119,6 +124,9 @@ class Mission:
         if self.landing is not None:
             landing = check_plane_points([self.landing], what="mission landing")[0]
             object.__setattr__(self, "landing", (float(landing[0]), float(landing[1])))
+        if self.loiter is not None:
+            check_number(self.loiter, what="mission: loiter", least=0)
+            object.__setattr__(self, "landing", self.end)
         check_number(self.delay, what="mission: delay", least=0)
         if self.geographic:
             _check_degrees(np.vstack([home, self.end, points]))
@@ -144,13 +152,18 @@ class Mission:
     @property
     def n_items(self) -> int:
         """Number of mission items in an autopilot: home, take-off (if it flies), speed, camera items, waypoints, return."""
-        extra = sum(n for name, n in _EXTRA.items() if getattr(self, name) is not None)
+        extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
 
     @property
     def end(self) -> tuple[float, float]:
         """End point of the mission in the units of its waypoints."""
         return self.home if self.landing is None else self.landing
+
+    @property
+    def glides(self) -> bool:
+        """Whether its last leg leads down to the ground."""
+        return self.kind == "fixed-wing" and self.landing is not None and self.loiter is None
 
     @property
     def length(self) -> float:
@@ -189,134 +202,14 @@ class Mission:
             return np.full(len(self.waypoints), self.altitude)
         return self.heights + (self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0)
 
-    @property
-    def way(self) -> NDArray[np.float64]:
-        """Path in metres east, north and up from home: from the ground along all waypoints to the ground; float64, shape (n, 3)."""
-        way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
-        return np.asarray(way - [*way[0, :2], 0.0])
-
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
-        """Return `way` in the metres of a frame, or in its own metres. Heights are above home."""
+        """Return its way in the metres of a frame, or in its own: from the ground at home up, along all waypoints and down again.
+
+        Heights are above home; float64, shape (n, 3).
+        """
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
-        return whole_way(points[0], np.column_stack([points[2:], self.heights_above_home]), points[1])
-
-
-def missions_of(
-    route: ArrayLike,
-    frame: LocalFrame | None,
-    *,
-    robot: int = 1,
-    home: ArrayLike | None = None,
-    vehicle: Vehicle | str = "multirotor",
-    autopilot: Autopilot = "px4",
-    rate: float = 1.0,
-    altitude_frame: str = "home",
-    terrain: Terrain | None = None,
-    terrain_error: float = TERRAIN_ERROR,
-    cap: int | None = None,
-    tolerance: float = 0.001,
-    link: float = 0.0,
-    blocked: Any = None,
-    ways: Ways | None = None,
-    landing: ArrayLike | None = None,
-) -> tuple[Mission, ...]:
-    """Return the missions of a robot's route, one for each sortie.
-
-    Each sortie begins at home and continues where the previous one ended. It returns home before the battery falls below the
-    reserve. The estimate includes climb, paths from and to home, turns, wind and descent. A leg may be cut anywhere.
-
-    Parameters
-    ----------
-    route : array_like of float, shape (k, 2) or (k, 3)
-        Route in metres. The third column holds altitudes; the default is the vehicle's altitude. An empty route gives no missions.
-    frame : LocalFrame or None
-        Local frame of the metres. With None, missions are in metres.
-    robot : int
-        Number of the robot, from 1.
-    home : array_like of float, shape (2,), optional
-        Home in metres. The default is the first point of the route.
-    vehicle : Vehicle or str
-        A vehicle or its description for `vehicle_of`.
-    autopilot : "px4" or "ardupilot"
-    rate : float
-        Speed of the robot relative to the vehicle's speed.
-    altitude_frame, terrain, terrain_error, link, blocked
-        Options of `Flight`. Over terrain, waypoints are added to keep the height above ground within the error.
-    cap : int, optional
-        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
-        for PX4 and 700 for ArduPilot.
-    tolerance : float
-        Distance in metres from a straight leg up to which points are omitted. 0 omits only points exactly on the leg.
-    ways : callable, optional
-        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`. It
-        returns shape (n, 2) with both ends, and its bends become waypoints. The default is a straight path.
-    landing : array_like of float, shape (2,), optional
-        Landing point of the last sortie in metres. By default the autopilot's own return procedure is used.
-
-    Raises
-    ------
-    InvalidInputError
-        If an option is out of range, or the battery does not suffice for a point of the route.
-
-    Examples
-    --------
-    >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
-    >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
-    [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
-    >>> two = missions_of(lanes, None, vehicle="ideal,endurance=2.25,reserve=0")  # 135 s at 1 m/s
-    >>> [round(mission.length) for mission in two]
-    [135, 31]
-    """
-    kept = vehicle_of(vehicle)
-    check_choice(autopilot, what="autopilot", choices=CAPS)
-    levels = np.ndim(route) == 2 and np.shape(route)[1] == 3
-    points = check_points(route, what=f"route of robot {robot}", dimensions=3 if levels else 2)
-    if len(points) == 0:
-        return ()
-    base = points[0, :2] if home is None else check_plane_points([home], what="home")[0]
-    end = None if landing is None else check_plane_points([landing], what="landing")[0]
-    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end)
-    told = _told(kept)
-    beside = OVERHEAD[kept.kind] + sum(count for name, count in _EXTRA.items() if told[name] is not None)
-    most = CAPS[autopilot] if cap is None else cap
-    room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
-    way = merged(points, check_number(tolerance, what="tolerance", least=0))
-    parts = sorties(way, flight, room=room, ways=ways, robot=robot)
-    placed = (lambda array: array) if frame is None else frame.to_degrees
-    x, y = placed(base[None])[0].tolist()
-    ends = [None if end is None else (x, y)] * (len(parts) - 1) + [None if end is None else tuple(placed(end[None])[0].tolist())]
-    speed = kept.cruise * flight.rate
-    return tuple(
-        Mission(
-            placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot,  # type: ignore[arg-type]  # both were checked
-            speed=speed, geographic=frame is not None, altitude_frame=altitude_frame,
-            heights=part[:, 2] if np.ptp(part[:, 2]) else None, elevation=flight.elevation, landing=ends[number - 1],
-            **told | {"altitude": kept.height} | (_levels(part, flight) if levels else {}),
-        )
-        for number, part in enumerate(parts, start=1)
-    )  # fmt: skip
-
-
-def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
-    """Return the altitude of a sortie's first waypoint and, if altitudes above ground differ, the altitudes of all waypoints."""
-    ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
-    if flight.altitude_frame == "ground" and flight.terrain is not None:
-        ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
-    varied = flight.altitude_frame == "ground" and float(np.ptp(ups)) > SAME_LEVEL
-    return {"altitude": float(ups[0])} | ({"altitudes": ups} if varied else {})
-
-
-def _told(vehicle: Vehicle) -> dict[str, Any]:
-    """Return the vehicle's settings that a mission stores besides its speed."""
-    flies = vehicle.kind != "rover"
-    pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0
-    return {
-        "trigger_distance": vehicle.trigger_distance,
-        "gimbal_pitch": pitch if flies else None,
-        "yaw": vehicle.yaw if vehicle.kind == "multirotor" else None,
-        "acceptance_radius": vehicle.acceptance_radius,
-    }
+        return whole_way(points[0], np.column_stack([points[2:], self.heights_above_home]), points[1], glides=self.glides)
 
 
 def _check_motion(kind: str, altitude: float, speed: float) -> None:

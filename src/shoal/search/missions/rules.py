@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
+from shoal.search.missions.fence import Fence
 from shoal.search.missions.mission import OVERHEAD
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.margin import grown
@@ -93,7 +94,8 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
     _check_cap(sheet, cap, autopilot)
     _check_altitude(sheet)
     _check_acceptance(sheet)
-    _check_fence(sheet)
+    if sheet.fence is not None and (way := way_of(sheet)) is not None:
+        _check_fence(sheet, way, sheet.fence)
     if sheet.speed is not None and not 0 < sheet.speed <= _FASTEST:
         sheet.add("speed", "", f"expected a speed above 0 and at most {_FASTEST:g} m/s, got {sheet.speed:g}")
     if sheet.geographic and sheet.decimals is not None and sheet.decimals < 7:
@@ -156,19 +158,25 @@ def _check_acceptance(sheet: Sheet) -> None:
         )
 
 
-def _check_fence(sheet: Sheet) -> None:
+def way_of(sheet: Sheet) -> Points | None:
+    """Return home, the waypoints and the end in metres; None if they are too far from one another: home-far."""
+    assert sheet.home is not None
+    way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
+    try:
+        return LocalFrame(*sheet.home).to_metres(way) if sheet.geographic else way
+    except InvalidInputError:
+        return None
+
+
+def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
     """Add diagnostics for paths that leave the fence, including the paths from home and to the landing point."""
-    if sheet.fence is None:
-        return
     import shapely
 
     assert sheet.home is not None
-    frame = LocalFrame(*sheet.home) if sheet.geographic else None
-    way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
     try:
-        way, area = way if frame is None else frame.to_metres(way), sheet.fence.area(frame).buffer(ROUNDING)
+        area = fence.area(LocalFrame(*sheet.home) if sheet.geographic else None).buffer(ROUNDING)
     except InvalidInputError:
-        return  # points too far from each other, reported by the rule home-far
+        return  # too far from home
     shapely.prepare(area)
     lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
     names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "to its end"]
@@ -245,8 +253,11 @@ def searching(inside: NDArray[np.bool_]) -> slice:
     return slice(0 if inside[0] else int(there[0]), len(inside) - 2 if inside[-1] else int(there[-1]) + 1)
 
 
-def check_place(sheet: Sheet, region: SearchRegion) -> None:
-    """Add diagnostics for waypoints and legs outside a region, except on the paths from and to points outside."""
+def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
+    """Note waypoints and legs outside of a region, but for ways from a home outside and to an end outside.
+
+    Turns of fixed wings may lead out of it, as far as ``airspace`` if that is given.
+    """
     way = metres_of(sheet, region)
     if region.frame is not None:
         check_elsewhere(sheet, sheet.points[0], (region.frame.longitude, region.frame.latitude), "the region", sheet.places[0])
@@ -276,11 +287,21 @@ def check_place(sheet: Sheet, region: SearchRegion) -> None:
                 place,
                 f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {away:.3g} m outside",
             )
-    _check_legs(sheet, way, here, allowed, forbidden)
+    outside = _check_legs(sheet, way, here, allowed, forbidden)
+    if sheet.kind == "fixed-wing" and outside.any():
+        ends = way[1:][np.concatenate([outside[:-1] | outside[1:], outside[-1:]])]
+        away = float(shapely.distance(region.free, shapely.points(ends)).max())
+        if airspace is None:
+            sheet.add("transit", "", f"expected turns inside the region, got some up to {away:.3g} m outside")
+        elif away > airspace + ROUNDING:
+            sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got some up to {away:.3g} m")
 
 
-def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> None:
-    """Add diagnostics for legs that leave the allowed area. For rovers, and for no-go zones, paths from and to home also count."""
+def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
+    """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all.
+
+    Return which legs of the search a fixed wing flies outside; they are not noted.
+    """
     import shapely
 
     finite = np.asarray(np.isfinite(way).all(axis=1))
@@ -292,10 +313,9 @@ def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden:
         outside[: here.start + 1] = False
     if here.stop < len(sheet.points) or not shapely.intersects_xy(allowed, *way[-1]):
         outside[here.stop :] = False
-    if sheet.kind == "fixed-wing" and (outside[1:-1] & ~through[1:-1]).any():
-        away = float(shapely.distance(allowed, shapely.points(way[finite])).max())
-        sheet.add("transit", "", f"expected turns inside the region, got some up to {away:.3g} m outside")
-        outside[:] = False
+    turned = outside & ~through if sheet.kind == "fixed-wing" else np.zeros_like(outside)
+    turned[[0, -1]] = False
+    outside &= ~turned
     names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "back home"]
     for index in np.flatnonzero(outside | through).tolist():
         place = sheet.places[min(index, len(sheet.places) - 1)]
@@ -305,3 +325,4 @@ def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden:
             sheet.add("leg-outside", place, f"expected legs inside the region, got one that leaves it, {names[index]}")
         elif 0 < index < len(sheet.points):
             sheet.add("transit", place, f"expected legs inside the region, got one that leaves it, {names[index]}")
+    return np.asarray(turned)

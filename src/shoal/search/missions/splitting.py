@@ -1,17 +1,26 @@
-"""Division of a route into sorties that fit the autopilot's memory and the battery."""
+"""A route becomes missions: with fewer waypoints, in pieces that a vehicle's memory and battery hold."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_choice, check_integer, check_number, check_points
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.routing import leg_lengths
-from shoal.search.flight.flight import Flight
+from shoal.search.flight.flight import ENDINGS, TERRAIN_ERROR, Flight
+from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.vehicle import Vehicle, vehicle_of
+from shoal.search.missions.mission import EXTRA, OVERHEAD, SAME_LEVEL, Autopilot, Mission
+from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
+from shoal.search.regions.projection import LocalFrame
 
 Ways = Callable[[Points, Points], ArrayLike]
 
@@ -19,6 +28,133 @@ _FLAT = 2e-4  # relative to the time: difference between north in the plane and 
 _ROUNDING = 0.1  # seconds reserved for the rounding of coordinates in files
 _FINE = 0.01  # metres: accuracy of cutting a leg at the battery's limit
 _SHORTEST = 0.1  # metres: minimum progress of a sortie
+
+
+def missions_of(
+    route: ArrayLike,
+    frame: LocalFrame | None,
+    *,
+    robot: int = 1,
+    home: ArrayLike | None = None,
+    vehicle: Vehicle | str = "multirotor",
+    autopilot: Autopilot = "px4",
+    rate: float = 1.0,
+    altitude_frame: str = "home",
+    terrain: Terrain | None = None,
+    terrain_error: float = TERRAIN_ERROR,
+    cap: int | None = None,
+    tolerance: float = 0.001,
+    link: float = 0.0,
+    blocked: Any = None,
+    area: Any = None,
+    ways: Ways | None = None,
+    landing: ArrayLike | None = None,
+    ending: str | None = None,
+) -> tuple[Mission, ...]:
+    """Return the missions of a robot's route, one for each sortie.
+
+    Each sortie begins at home and continues where the previous one ended. It returns home before the battery falls below the
+    reserve. The estimate includes climb, paths from and to home, turns, wind and descent. A leg may be cut anywhere.
+
+    Parameters
+    ----------
+    route : array_like of float, shape (k, 2) or (k, 3)
+        Route in metres. The third column holds altitudes; the default is the vehicle's altitude. An empty route gives no missions.
+    frame : LocalFrame or None
+        Local frame of the metres. With None, missions are in metres.
+    robot : int
+        Number of the robot, from 1.
+    home : array_like of float, shape (2,), optional
+        Home in metres. The default is the first point of the route.
+    vehicle : Vehicle or str
+        A vehicle or its description for `vehicle_of`.
+    autopilot : "px4" or "ardupilot"
+    rate : float
+        Speed of the robot relative to the vehicle's speed.
+    altitude_frame, terrain, terrain_error, link, blocked, area
+        Options of `Flight`. Over terrain, waypoints are added to keep the height above ground within the error.
+    cap : int, optional
+        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
+        for PX4 and 700 for ArduPilot.
+    tolerance : float
+        Distance in metres from a straight leg up to which points are omitted. 0 omits only points exactly on the leg.
+    ways : callable, optional
+        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`. It
+        returns shape (n, 2) with both ends, and its bends become waypoints. The default is a straight path.
+    landing : array_like of float, shape (2,), optional
+        Where the last sortie ends, metres; home if not given.
+    ending : "return", "land" or "loiter", optional
+        How each sortie ends; if not given by a landing where there is a place for it, else by a return. Rovers hold.
+
+    Raises
+    ------
+    InvalidInputError
+        If an option is out of range, or the battery does not suffice for a point of the route.
+
+    Examples
+    --------
+    >>> lanes = [(0, 0), (30, 0), (60, 0), (60, 10), (0, 10)]
+    >>> [mission.waypoints.tolist() for mission in missions_of(lanes, None)]
+    [[[0.0, 0.0], [60.0, 0.0], [60.0, 10.0], [0.0, 10.0]]]
+    >>> two = missions_of(lanes, None, vehicle="ideal,endurance=2.25,reserve=0")  # 135 s at 1 m/s
+    >>> [round(mission.length) for mission in two]
+    [135, 31]
+    """
+    kept = vehicle_of(vehicle)
+    check_choice(autopilot, what="autopilot", choices=CAPS)
+    levels = np.ndim(route) == 2 and np.shape(route)[1] == 3
+    points = check_points(route, what=f"route of robot {robot}", dimensions=3 if levels else 2)
+    if len(points) == 0:
+        return ()
+    base = points[0, :2] if home is None else check_plane_points([home], what="home")[0]
+    end = None if landing is None else check_plane_points([landing], what="landing")[0]
+    how = ("return" if end is None else "land") if ending is None else check_choice(ending, what="ending", choices=ENDINGS)
+    if how == "return" and end is not None:
+        raise InvalidInputError("ending: expected land or loiter with a place to land, as a return leads home, got return")
+    flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end, area, how)
+    told = _told(kept)
+    beside = OVERHEAD[kept.kind] + sum(count for name, count in EXTRA.items() if told[name] is not None)
+    most = CAPS[autopilot] if cap is None else cap
+    room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
+    way = merged(points, check_number(tolerance, what="tolerance", least=0))
+    parts = sorties(way, flight, room=room, ways=ways, robot=robot)
+    placed = (lambda array: array) if frame is None else frame.to_degrees
+    x, y = placed(base[None])[0].tolist()
+    last = (x, y) if end is None else tuple(placed(end[None])[0].tolist())
+    ends = [None] * len(parts) if how == "return" else [(x, y)] * (len(parts) - 1) + [last]
+    loiter = None if how != "loiter" else round(flight.radius, 3)
+    speed = kept.cruise * flight.rate
+    return tuple(
+        Mission(
+            placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot,  # type: ignore[arg-type]  # both were checked
+            speed=speed, geographic=frame is not None, altitude_frame=altitude_frame,
+            heights=part[:, 2] if np.ptp(part[:, 2]) else None, elevation=flight.elevation, landing=ends[number - 1],
+            loiter=loiter,
+            **told | {"altitude": kept.height} | (_levels(part, flight) if levels else {}),
+        )
+        for number, part in enumerate(parts, start=1)
+    )  # fmt: skip
+
+
+def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
+    """Return the altitude of a sortie's first waypoint and, if altitudes above ground differ, the altitudes of all waypoints."""
+    ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
+    if flight.altitude_frame == "ground" and flight.terrain is not None:
+        ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
+    varied = flight.altitude_frame == "ground" and float(np.ptp(ups)) > SAME_LEVEL
+    return {"altitude": float(ups[0])} | ({"altitudes": ups} if varied else {})
+
+
+def _told(vehicle: Vehicle) -> dict[str, Any]:
+    """Return the vehicle's settings that a mission stores besides its speed."""
+    flies = vehicle.kind != "rover"
+    pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0
+    return {
+        "trigger_distance": vehicle.trigger_distance,
+        "gimbal_pitch": pitch if flies else None,
+        "yaw": vehicle.yaw if vehicle.kind == "multirotor" else None,
+        "acceptance_radius": vehicle.acceptance_radius,
+    }
 
 
 def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None, robot: int = 1) -> list[NDArray[np.float64]]:
@@ -143,3 +279,73 @@ class _Splitter:
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, for {text_of(farthest)} is "
             f"{away.max():.6g} m from home, got {self.limit / 60:.4g} min, the reserve left"
         )
+
+
+def merged(points: Points, tolerance: float) -> Points:
+    """Return a path without the points on its straight legs, computed in one pass.
+
+    The algorithm starts a cone at each waypoint that is kept. The cone contains the directions of lines that pass all later points
+    within the tolerance. A point can end the leg if it lies inside the cone and farther away than all points before it. Sources: R.
+    Reumann, A. Witkam, 1974; for the exact form of the cone C. M. Williams, An efficient algorithm for the piecewise linear
+    approximation of planar curves, 1978. Reversals are kept.
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (k, 2) or (k, 3)
+        Path in metres. Points at which the altitude changes are kept.
+    tolerance : float
+        Maximum distance in metres of an omitted point from the leg.
+
+    Returns
+    -------
+    ndarray of float64, shape (m, 2) or (m, 3)
+        A subset of the points that includes both ends.
+
+    Examples
+    --------
+    >>> merged(np.array([(0, 0), (1, 0.0005), (2, 0), (2, 0), (1, 0), (1, 1.0)]), 0.001).tolist()
+    [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
+    """
+    if len(points) < 2:
+        return points
+    if points.shape[1] == 3 and np.ptp(points[:, 2]):
+        borders = [0, *(np.flatnonzero(np.diff(points[:, 2])) + 1).tolist(), len(points)]
+        return np.concatenate([merged(points[begin:end], tolerance) for begin, end in pairwise(borders)])
+    way = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
+    kept = [0]
+    cone = _Cone(way[0, :2], tolerance)
+    for index, (x, y) in enumerate(way[1:, :2].tolist(), start=1):
+        if not cone.takes(x, y):
+            kept.append(index - 1)
+            cone = _Cone(way[index - 1, :2], tolerance)
+            cone.takes(x, y)
+    if kept[-1] != len(way) - 1:
+        kept.append(len(way) - 1)
+    return np.asarray(way[kept])
+
+
+class _Cone:
+    """The directions from an apex for which a leg passes all points added so far."""
+
+    def __init__(self, apex: Points, tolerance: float) -> None:
+        self.x, self.y = apex.tolist()
+        self.tolerance = tolerance
+        self.far = 0.0
+        self.along: tuple[float, float] | None = None
+        self.low, self.high = -math.pi, math.pi
+
+    def takes(self, x: float, y: float) -> bool:
+        """Add a point if the leg may end there. Return whether it was added."""
+        east, north = x - self.x, y - self.y
+        distance = math.hypot(east, north)
+        if distance < self.far:
+            return False
+        if self.along is None:
+            self.along = (east, north)
+        angle = math.atan2(self.along[0] * north - self.along[1] * east, self.along[0] * east + self.along[1] * north)
+        if not self.low <= angle <= self.high:
+            return False
+        self.far = distance
+        width = math.asin(self.tolerance / distance) if distance > self.tolerance else math.pi
+        self.low, self.high = max(self.low, angle - width), min(self.high, angle + width)
+        return True

@@ -10,7 +10,7 @@ from shoal.core.checks import check_number, check_text, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
-from shoal.search.flight.flight import FRAMES, TERRAIN_ERROR
+from shoal.search.flight.flight import ENDINGS, FRAMES, TERRAIN_ERROR
 from shoal.search.flight.staggering import DELAY, HORIZONTAL, VERTICAL, Separation
 from shoal.search.problem import SearchProblem
 
@@ -98,6 +98,15 @@ class MissionOptions(Problem):
         least=0,
         metavar="SECONDS",
     )
+    airspace: float | None = option(
+        None, help="How far turns of fixed wings may lead beyond the border of the region, less --margin. Default: as far as they "
+        "need, which the report states.", unit="m", least=0, metavar="METRES",
+    )  # fmt: skip
+    ending: str | None = option(
+        None, help="End of each mission: the autopilot's return, a landing (of a fixed wing by a straight approach), or a stay in "
+        "the air. Default: with a separation multirotors land and fixed wings loiter, but land where --land says.",
+        choices=ENDINGS,
+    )  # fmt: skip
     rally: str | None = option(
         None, help="File of rally points, where vehicles may land in an emergency: CSV or GeoJSON.", metavar="FILE"
     )  # fmt: skip

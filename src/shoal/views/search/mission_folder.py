@@ -13,7 +13,8 @@ from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.episode import SearchEpisode
 from shoal.search.flight.terrain_files import open_terrain
 from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
-from shoal.search.missions.deconfliction import MissionApproach, missions_approach, plan_missions
+from shoal.search.missions.approach import MissionApproach, airspace_of, missions_approach
+from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.missions.files import UNCOVERED
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
@@ -57,7 +58,9 @@ class MissionFolder:
             separation=given.kept_apart,
             rally=None if given.rally is None else read_points(Path(given.rally), region, what="rally points"),
             terrain=self.terrain,
-            **{name: getattr(given, name) for name in ("autopilot", "cap", "altitude_frame", "terrain_error")},
+            **{
+                name: getattr(given, name) for name in ("autopilot", "cap", "altitude_frame", "terrain_error", "airspace", "ending")
+            },
         )
         if given.kept_apart is not None:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
@@ -89,8 +92,16 @@ class MissionFolder:
             "separation_m": None if kept is None else [kept.horizontal, kept.vertical],
             "delay_tolerance_s": None if kept is None else kept.delay,
             "nearest_approach": None if near is None else near.report(plan.grid.region.frame),
+            "airspace_m": airspace_of(self.missions, plan.grid.region),
             "starts": [
-                {"robot": one.robot, "sortie": one.sortie, "delay_s": one.delay, "altitude_m": one.altitude}
+                {
+                    "robot": one.robot,
+                    "sortie": one.sortie,
+                    "start_s": one.start or 0.0,
+                    "delay_s": one.delay,
+                    "altitude_m": one.altitude,
+                    "takeover_m": one.takeover,
+                }
                 for one in self.missions
             ],
         }

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from shoal.search.missions.deconfliction import MissionApproach
+from shoal.search.missions.approach import MissionApproach
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure

@@ -15,7 +15,7 @@ from shoal.search.problem.mission_options import CAPS
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
-MORE = ("delay_s", "landing_x", "landing_y")
+MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m")
 """Optional attributes. Without them, a mission has no delay and ends with a return home."""
 
 ALTITUDES = "altitudes_m"
@@ -25,7 +25,13 @@ ALTITUDES = "altitudes_m"
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
     """Return the attributes of a mission in the order of `NAMES`, followed by the existing ones of `MORE` and `ALTITUDES`."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
-    more: list[float | None] = [mission.delay or None, *(mission.landing or (None, None))]
+    more: list[float | None] = [
+        mission.delay or None,
+        *(mission.landing or (None, None)),
+        mission.loiter,
+        mission.start,
+        mission.takeover,
+    ]
     named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
     levels = mission.levels
     return named | ({ALTITUDES: " ".join(f"{level:.10g}" for level in levels.tolist())} if np.ptp(levels) > SAME_LEVEL else {})
@@ -54,6 +60,9 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
         sheet.delay = number_in(sheet, place, "delay_s", more)
     if "landing_x" in more and "landing_y" in more:
         sheet.landing = (number_in(sheet, place, "landing_x", more), number_in(sheet, place, "landing_y", more))
+    for name in ("loiter_m", "start_s", "takeover_m"):
+        if name in more:
+            setattr(sheet, name.rpartition("_")[0], number_in(sheet, place, name, more))
     words = str(found.get(ALTITUDES, "")).split()
     sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
         number_in(sheet, place, "altitude_m", found)

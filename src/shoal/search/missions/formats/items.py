@@ -15,7 +15,6 @@ WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
 _PLACED = {WAYPOINT, HOLD, LAND, TAKE_OFF}
 _KNOWN = {*_PLACED, RETURN, DELAY, SPEED, GIMBAL, TRIGGER}
-_ENDS = {"rover": HOLD}  # by kind: end of a mission at a position of its own; other kinds land
 _WRITTEN = {"home": 3, "ground": 3, "sea": 0}  # MAV_FRAME: GLOBAL_RELATIVE_ALT and GLOBAL
 _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and 0 with integer coordinates
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
@@ -58,8 +57,10 @@ def items_of(mission: Mission) -> list[Item]:
     wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
     end = _placeless(RETURN)
     if mission.landing is not None:
-        down = (mission.elevation or 0.0) if frame == 0 else 0.0
-        end = Item(_ENDS.get(mission.kind, LAND), frame, (0.0, 0.0, 0.0, mission.yaw, *mission.landing[::-1], down))
+        stays = mission.loiter is not None
+        height = float(heights[-1]) if stays else (mission.elevation or 0.0) if frame == 0 else 0.0
+        command = HOLD if stays or mission.kind == "rover" else LAND
+        end = Item(command, frame, (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height))
     return [*wait, *take_off, *items, *points, end]
 
 
@@ -81,6 +82,8 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
     if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
         latitude, longitude = _number(*items[-1].params[4:6])
         sheet.landing = (longitude, latitude)
+        if items[-1].command == HOLD and any(altitude > 0 for altitude in sheet.altitudes):
+            sheet.loiter = abs(_number(items[-1].params[2])[0])
     for command, name, parameter in (
         (DELAY, "delay", 0),
         (SPEED, "speed", 1),

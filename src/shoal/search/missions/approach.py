@@ -1,0 +1,245 @@
+"""How near vehicles that follow missions come to each other and to the ground, and the airspace that they need."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+
+from shoal.core.dataclass import dataclass
+from shoal.search.flight.flight import whole_way
+from shoal.search.flight.separation import Approach, nearest_approach
+from shoal.search.flight.staggering import Separation
+from shoal.search.flight.terrain import Terrain, profile_of
+from shoal.search.flight.timing import Floats, Trajectory, trajectory
+from shoal.search.flight.vehicle import Vehicle
+from shoal.search.missions.mission import Mission
+from shoal.search.missions.rules import inside_of, searching
+from shoal.search.regions.projection import LocalFrame
+from shoal.search.regions.region import SearchRegion
+
+_FINE = 0.1  # metres: an eighth of it is how straight the ground is between two heights
+
+
+def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
+    """Return when a vehicle is where that follows the way of its mission; one that does not land circles at its end for a time."""
+    if mission.loiter is None:
+        return trajectory(way, vehicle, rate=rate)
+    before = trajectory(way[:-1], vehicle, rate=rate)
+    times = np.append(before.times, before.times[-1] + stay)
+    return Trajectory(times, np.vstack([before.points, before.points[-1:]]), mission.loiter)
+
+
+def common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
+    """Return the path of a mission with heights above a common reference, as far as the heights of the homes are known."""
+    way = mission.way_in(frame)
+    way[:, 2] += mission.elevation or 0.0
+    return way
+
+
+def constant_speed(mission: Mission) -> Vehicle:
+    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and turns in no time."""
+    return Vehicle(
+        preset="ideal", cruise_speed=mission.speed, climb_speed=min(mission.speed, 50), sink_speed=min(mission.speed, 50)
+    )
+
+
+def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
+    """Return how far vehicles lead outside of a region while they search it, metres: beyond its border, on their turns, too."""
+    import shapely
+
+    shapely.prepare(region.outline)
+    most = 0.0
+    for mission in missions:
+        way = mission.way_in(region.frame)[1:-1, :2]
+        inside = inside_of(region, way)
+        outside = way[1:-1][searching(inside)]
+        most = max(most, float(shapely.distance(region.outline, shapely.points(outside)).max(initial=0.0)))
+    return most
+
+
+@dataclass(frozen=True, eq=False)
+class MissionApproach:
+    """The nearest approach of any two vehicles.
+
+    Parameters
+    ----------
+    robots : tuple of int
+        Their numbers.
+    sorties : tuple of int
+        Which sortie of each.
+    horizontal, vertical : float
+        Horizontal and vertical distance of the vehicles in metres.
+    time : float
+        Seconds after the start of the first missions, if the first of the two is not late.
+    place : ndarray of float64, shape (3,)
+        Position of the first vehicle at that time: metres east, north and up.
+    """
+
+    robots: tuple[int, int]
+    sorties: tuple[int, int]
+    horizontal: float
+    vertical: float
+    time: float
+    place: Floats
+
+    def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
+        """Return the approach for JSON. With a frame, the position is also given in degrees."""
+        told = {
+            "robots": list(self.robots), "sorties": list(self.sorties),
+            "horizontal_m": self.horizontal, "vertical_m": self.vertical, "time_s": self.time,
+            "x": float(self.place[0]), "y": float(self.place[1]), "up_m": float(self.place[2]),
+        }  # fmt: skip
+        if frame is None:
+            return told
+        return told | dict(zip(("longitude", "latitude"), frame.to_degrees(self.place[None, :2])[0].tolist(), strict=True))
+
+
+def missions_approach(
+    missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
+) -> MissionApproach | None:
+    """Return the nearest approach of two vehicles that follow missions, each late by up to the separation's delay.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+        All on one clock: first sorties begin at 0 but for their delays, later ones at their ``start``, or when all of those before
+        have ended.
+    separation : Separation
+        The separation. Moments with a larger difference in height than its vertical part do not count.
+    frame : LocalFrame or None
+        Local frame in whose metres distances are measured.
+    vehicle : Vehicle, optional
+        Vehicle whose climbing and turning times are used. By default all motion has the speed in the file.
+
+    Returns
+    -------
+    MissionApproach or None
+        None if all vehicles always keep the vertical separation.
+    """
+    flights = _Flights({(one.robot, one.sortie): one for one in missions}, separation, frame, vehicle)
+    best: MissionApproach | None = None
+    for one, other in combinations(sorted(flights.missions), 2):
+        found = None if one[0] == other[0] else flights.approach(one, other)
+        if found is not None and (best is None or found.horizontal < best.horizontal):
+            time = flights.starts[one] + found.times[0]
+            best = MissionApproach((one[0], other[0]), (one[1], other[1]), found.horizontal, found.vertical, time, found.places[0])
+    return best
+
+
+class _Flights:
+    """Missions on one clock, by robot and sortie."""
+
+    def __init__(
+        self,
+        missions: dict[tuple[int, int], Mission],
+        separation: Separation,
+        frame: LocalFrame | None,
+        vehicle: Vehicle | None,
+    ) -> None:
+        self.missions, self.separation = missions, separation
+        self.vehicles = {key: constant_speed(one) if vehicle is None else vehicle for key, one in missions.items()}
+        self.ways = {key: common_way(one, frame) for key, one in missions.items()}
+        self.flown = {key: self._flown(key, 0.0) for key in missions}
+        self.starts: dict[tuple[int, int], float] = {}
+        for key in sorted(missions, key=lambda key: key[::-1]):
+            before = [start + self.flown[one].duration for one, start in self.starts.items() if one[1] < key[1]]
+            since = max(before) + separation.delay if before else 0.0
+            told = missions[key].start
+            self.starts[key] = missions[key].delay + (since if told is None else told)
+        last = max((start + self.flown[key].duration for key, start in self.starts.items()), default=0.0) + separation.delay
+        for key, mission in missions.items():
+            if mission.loiter is not None and (key[0], key[1] + 1) not in missions:
+                self.flown[key] = self._flown(key, last - self.starts[key] - self.flown[key].duration)
+
+    def _flown(self, key: tuple[int, int], stay: float) -> Trajectory:
+        mission, vehicle = self.missions[key], self.vehicles[key]
+        return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
+
+    def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
+        """Return the nearest approach in two missions; None if they are never flown at one time, or never near in height."""
+        there, here, apart = self.flown[one], self.flown[other], self.separation
+        later = self.starts[other] - self.starts[one]
+        if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
+            return None
+        return nearest_approach(there, here, vertical=apart.vertical, later=later, tolerance=apart.delay)
+
+
+@dataclass(frozen=True, eq=False)
+class Clearance:
+    """The least and the largest height above ground, from over home to over the end; a climb, a landing and rovers do not count.
+
+    Parameters
+    ----------
+    lowest, highest : float
+        Metres.
+    missions : tuple of str
+        Names of the missions in which they are.
+    places : ndarray of float64, shape (2, 2)
+        Where they are, metres.
+    error : float
+        Metres: the largest difference of a height above ground from the altitude of a mission that counts from it; 0 without one.
+    """
+
+    lowest: float
+    highest: float
+    missions: tuple[str, str]
+    places: Floats
+    error: float
+
+    def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
+        """Return it for JSON, places in degrees if there is a frame."""
+        placed = self.places if frame is None else frame.to_degrees(self.places)
+        low, high = (
+            {"height_m": height, "mission": name, "place": place}
+            for height, name, place in zip((self.lowest, self.highest), self.missions, placed.tolist(), strict=True)
+        )
+        return {"lowest": low, "highest": high, "error_m": self.error}
+
+
+def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
+    """Return the heights above ground of vehicles that follow missions; None if none flies.
+
+    The ground is looked at at every waypoint, wherever a leg crosses a line of its grid, and as often as it bends in between.
+
+    Parameters
+    ----------
+    missions : sequence of Mission
+    terrain : Terrain
+    frame : LocalFrame or None
+        Of the metres.
+
+    Raises
+    ------
+    InvalidInputError
+        Where the terrain has no heights.
+    """
+    found = []
+    for mission in missions:
+        if mission.kind == "rover":
+            continue
+        places, heights = _heights_of(mission, terrain, frame)
+        asked = mission.altitude_frame == "ground" and mission.altitudes is None
+        error = float(np.abs(heights - mission.altitude).max()) if asked else 0.0
+        found += [(float(heights[k]), mission.name, places[k], error) for k in (heights.argmin(), heights.argmax())]
+    if not found:
+        return None
+    low, high = min(found, key=lambda one: one[0]), max(found, key=lambda one: one[0])
+    return Clearance(low[0], high[0], (low[1], high[1]), np.array([low[2], high[2]]), max(one[3] for one in found))
+
+
+def _heights_of(mission: Mission, terrain: Terrain, frame: LocalFrame | None) -> tuple[Floats, Floats]:
+    """Return places along the way of a mission, shape (n, 2), and heights above ground there; at one place there may be several."""
+    points = np.vstack([mission.home, mission.waypoints, mission.end])
+    points = points if frame is None else frame.to_metres(points)
+    ground = terrain.at(points, frame)
+    known = mission.heights is not None or mission.altitude_frame != "ground"
+    ups = mission.heights_above_home + ground[0] if known else mission.levels + ground[1:-1]
+    way = whole_way(points[0], np.column_stack([points[1:-1], ups]), points[-1], glides=mission.glides)[1:-1]
+    profile = profile_of(terrain, way[:, :2], frame, error=_FINE)
+    far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
+    flown = np.interp(far, far[profile.vertices], way[:, 2])
+    places = np.vstack([profile.points, way[:, :2]])
+    return places, np.concatenate([flown - profile.heights, way[:, 2] - profile.heights[profile.vertices]])
