@@ -202,6 +202,7 @@ def main() -> None:
         sys.exit(subprocess.run(alone, check=False).returncode)
     kills, disks = (int(word) for word in [*sys.argv[1:-1], "50", "20"][:2]) if len(sys.argv) != 3 else (int(sys.argv[1]), 20)
     random.seed(5)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background ignores it, and so would the sweeps
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "kills").mkdir()

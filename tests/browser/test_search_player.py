@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from playwright.sync_api import Page
-from tests.browser.waiting import until
+from tests.browser.waiting import stays_drawn, until
 from tests.search_episodes import search
 
 from shoal.search import SearchEpisode, region_of
@@ -131,6 +131,7 @@ def test_themes_and_zoom(open_player):
     assert page.locator("#fit").is_visible()
     page.keyboard.press("f")
     assert page.evaluate("shoalPlayer.zoom") == 1
+    assert stays_drawn(page)
 
 
 def test_cells_have_the_colours_of_their_robots(open_player):

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from playwright.sync_api import Page
-from tests.browser.waiting import until
+from tests.browser.waiting import stays_drawn, until
 from tests.steering import steer, thrown
 
 from shoal.steering import SteeringProblem, open_workspace, prism, region, regular_polygon
@@ -140,6 +140,7 @@ def test_list_chart_and_themes(open_player):
     page.keyboard.press("d")
     assert page.get_attribute("html", "data-theme") in ("dark", "light")
     assert page.screenshot() != before
+    assert stays_drawn(page)
 
 
 def test_view_in_space_turns(open_player):

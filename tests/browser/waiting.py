@@ -15,3 +15,23 @@ def until(page: Page, expression: str) -> None:
             return
         page.wait_for_timeout(20)
     raise AssertionError(f"never became true: {expression}")
+
+
+def settle(page: Page) -> None:
+    """Wait until the page has been laid out and drawn: its script has run when it is open, but no frame has."""
+    page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(() => requestAnimationFrame(done))))")
+
+
+def stays_drawn(page: Page) -> bool:
+    """Return whether the picture is still there when its stage has just got another size, before the next frame."""
+    return bool(
+        page.evaluate("""new Promise((done) => {
+            const stage = document.getElementById("stage"), picture = document.getElementById("picture");
+            let times = 0;
+            new ResizeObserver(() => {
+                times += 1;
+                if (times === 1) stage.style.width = "70%";
+                else done(picture.getContext("2d").getImageData(0, 0, picture.width, picture.height).data.some((x) => x));
+            }).observe(stage);
+        })""")
+    )

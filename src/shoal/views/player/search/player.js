@@ -80,7 +80,7 @@
   function play(history) {
     const scene = new ShoalSearch.Scene($("picture"), history), rows = new ShoalSearch.Rows($("chart"), history), { view } = scene;
     const rate = history.end / ShoalTrack.clamp(history.end / PACE, SHORTEST, LONGEST); // cells a second
-    let time = 0, playing = false, clock = 0, speed = 1, pending = 0, colours = {};
+    let time = 0, playing = false, clock = 0, speed = 1, pending = 0, resized = false, colours = {};
 
     function redraw() {
       pending ||= requestAnimationFrame(frame);
@@ -88,6 +88,7 @@
 
     function frame(now) {
       pending = 0;
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
       scene.draw(time, colours);
       rows.draw(time, colours);
@@ -206,6 +207,7 @@
     }
 
     function resize() {
+      resized = false;
       const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
       for (const [drawn, box] of [[scene, "stage"], [rows, "chart"]]) drawn.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
       reportView();
@@ -256,7 +258,7 @@
         const k = scene.robotAt(event.offsetX * scene.ratio, event.offsetY * scene.ratio, time);
         if (k >= 0) (player.onRobot ?? choose)(k, time);
       });
-      const sizes = new ResizeObserver(resize);
+      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
       for (const box of ["stage", "chart"]) sizes.observe($(box));
     }
 

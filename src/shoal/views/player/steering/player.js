@@ -89,7 +89,7 @@
     const chart = new ShoalTrack.Chart($("chart"), track);
     const { view, space } = scene;
     let time = 0, until = track.seconds; // playing stops there: at the end, or of a single move
-    let playing = false, clock = 0, speed = 1, pending = 0;
+    let playing = false, clock = 0, speed = 1, pending = 0, resized = false;
     let colours = {}, current = -1;
 
     // ---- drawing: at most once a frame ----
@@ -100,6 +100,7 @@
 
     function frame(now) {
       pending = 0;
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
       const moment = track.momentAt(time);
       scene.draw(moment, colours);
@@ -258,6 +259,7 @@
     }
 
     function resize() {
+      resized = false;
       const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
       for (const [drawn, box] of [[scene, "stage"], [delta, "deltaStage"], [chart, "chart"]]) {
         drawn?.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
@@ -305,7 +307,7 @@
         zoomed: () => space || view.zoom > 1,
         held: (on) => $("stage").classList.toggle("dragged", on),
       });
-      const sizes = new ResizeObserver(resize);
+      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
       for (const box of ["stage", "deltaStage", "chart"]) sizes.observe($(box));
     }
 

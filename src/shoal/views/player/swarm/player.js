@@ -58,7 +58,7 @@
     let slideStart = -Infinity, slideTime = 0;
     let byHand = false; // whether somebody has chosen the speed
     let speed = live ? 20 : nearest();
-    let colours = {}, pending = 0, stale = true; // stale: the picture, not only the chart, is to be drawn
+    let colours = {}, pending = 0, resized = false, stale = true; // stale: the picture, not only the chart, is to be drawn
 
     function nearest() {
       return SPEEDS.reduce((a, b) => (distance(b) < distance(a) ? b : a));
@@ -78,6 +78,7 @@
 
     function frame(now) {
       pending = 0;
+      if (resized) resize(); // with what is drawn below, as a canvas of another size is blank
       if (playing) advance(now);
       const slide = slideTime ? Math.min(1, (performance.now() - slideStart) / slideTime) : 1;
       if (stale) picture.draw(move, swarm, 1 - (1 - slide) ** 3);
@@ -226,6 +227,7 @@
     }
 
     function resize() {
+      resized = false;
       const ratio = window.devicePixelRatio || 1, stage = $("stage"), strip = $("chart");
       const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
       picture.resize(stage.clientWidth, stage.clientHeight, ratio, rem);
@@ -283,7 +285,7 @@
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
       ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
       ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, (rate) => { byHand = true; setSpeed(rate); });
-      const sizes = new ResizeObserver(resize);
+      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
       sizes.observe($("stage"));
       sizes.observe($("chart"));
     }
