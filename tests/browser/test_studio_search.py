@@ -200,7 +200,7 @@ def test_a_robot_dies_by_a_click_and_messages_are_lost(page: Page, studio: Studi
     page.get_by_role("button", name="Keep this run").wait_for()
     assert player(page).evaluate("shoalPlayer.time") == 2.25
     page.locator("#searchLoss").fill("0.3")
-    page.get_by_text(" messages lost, ").wait_for()
+    page.get_by_text(" messages did not arrive, ").wait_for()
     episode = run_and_load(page, studio, "Keep this run")
     assert episode.problem.to_dict()["faults"] == ["crash:2@2.25"]
     expected = shoal.run(SearchProblem("square:40", faults="crash:2@2.25", loss=0.3, **(FAST | {"footprint": 10})), seed=1)

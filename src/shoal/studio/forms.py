@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from shoal.core.checks import check_integer
@@ -17,6 +18,12 @@ from shoal.studio.folder import Folder
 Declared = TypeVar("Declared", bound=Problem)
 
 _JSON_TYPES = {int: "integer", float: "number", bool: "boolean", str: "string"}
+_COMMAND_WORDS: dict[str, str | Callable[[re.Match[str]], str]] = {
+    r"--([a-z][a-z-]*)": lambda found: f"“{found[1].replace('-', ' ')}”",
+    r"\b(MAP|REGION|WORKSPACE)\b": lambda found: f"the {found[1].lower()}",
+    r",? or MODULE:ATTRIBUTE": "",
+    r"The option can be repeated\.": "Several have commas between.",
+}
 _COMMANDS = {"steering": "steer", "search": "search"}
 
 
@@ -43,7 +50,7 @@ def schema_of(kind: type[Problem]) -> dict[str, Any]:
 
 def _property(declared: Declaration) -> dict[str, Any]:
     option = declared.option
-    told: dict[str, Any] = {"title": declared.name.replace("_", " "), "description": option.help}
+    told: dict[str, Any] = {"title": declared.name.replace("_", " "), "description": _as_in_forms(option.help)}
     kind = _JSON_TYPES.get(declared.type)
     if kind is not None:
         told["type"] = [kind, "null"] if declared.optional else kind
@@ -60,6 +67,19 @@ def _property(declared: Declaration) -> dict[str, Any]:
         told["unit"] = option.unit
     told |= {word: True for word, is_so in (("place", option.argument), ("repeated", option.repeated)) if is_so}
     return told
+
+
+def _as_in_forms(text: str) -> str:
+    """Return the help of an option as a form says it: fields in place of flags, and nothing of what only the command takes.
+
+    Examples
+    --------
+    >>> _as_in_forms("With --cell-size: read MAP. Task: mapping or MODULE:ATTRIBUTE.")
+    'With “cell size”: read the map. Task: mapping.'
+    """
+    for pattern, words in _COMMAND_WORDS.items():
+        text = re.sub(pattern, words, text)
+    return text
 
 
 def checked_problem(data: Any, folder: Folder) -> Problem:

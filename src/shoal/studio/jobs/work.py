@@ -54,7 +54,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     suffix = ".npz" if problem.part == "swarm" else ".episode.json"
     what = str(getattr(episode, "policy", getattr(episode, "planner", getattr(episode, "allocation", ""))))
     place = Path(str(spec["problem"].get(next(iter(problem.declarations())), ""))).name
-    name = folder.new_name(f"{place[:30]}-{what.partition(':')[0]}-seed{seed}", suffix)
+    name = folder.new_name("-".join(filter(None, (place[:30], what.partition(":")[0], f"seed{seed}"))), suffix)
     episode.save(folder.path(name))
     return {"file": name, "sentence": episode.sentence, "report": episode.report()}
 

@@ -205,6 +205,7 @@ export function search({ remember }) {
     form.row("no_go").write(undefined);
     canvas.moved = false;
     typed.value = name;
+    listFiles();
     stages.pick("plan");
     redo();
   }

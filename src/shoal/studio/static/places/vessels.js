@@ -2,7 +2,7 @@
 import { ask, cancelJob, fileAddress, newest, on, run, state, upload } from "../shared/api.js";
 import { comparison } from "./vessels/compare.js";
 import { driving } from "./vessels/drive.js";
-import { Editor, pack, unpack } from "./vessels/editor.js";
+import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
 import { makeForm, seedField, seedIn, written } from "../shared/form.js";
 import { duration, el, guarded, number, say, tabs, told } from "../shared/page.js";
@@ -19,6 +19,7 @@ const SECTIONS = [
 ];
 const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
+const PRESS = "Press Run: the swarm plays here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const EXAMPLE = { map: "vessels:1000" };
 
@@ -99,14 +100,9 @@ export function vessels({ remember }) {
     else {
       await volumeFrame.open({
         title: answer.name, map: answer.name, task: "coverage", policy: "", rule: "block", shape: answer.shape, spacing: answer.spacing, free: answer.free,
-        start: startOf(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
+        start: packedCells(answer.start ?? []), targets: null, commands: "", scanned: null, status: "", seed: null, version: state.start.version,
       });
     }
-  }
-
-  function startOf(cells) {
-    const bytes = new Uint8Array(new Uint32Array(cells).buffer);
-    return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
   }
 
   function showFacts() {
@@ -272,11 +268,13 @@ export function vessels({ remember }) {
     running = job.id;
     go.disabled = go.hidden = true;
     stop.hidden = runBar.hidden = false;
+    empty.textContent = "The map is opened, and the first moves are chosen …";
   }
 
   function finish() {
     running = null;
     go.disabled = go.hidden = false;
+    empty.textContent = PRESS;
     stop.hidden = runBar.hidden = true;
     runWord.textContent = "";
   }
@@ -304,7 +302,7 @@ export function vessels({ remember }) {
   // ---- the stages ----
 
   const context = { names: schema.properties.policy.names, problem: ready, seed: () => seed };
-  const empty = el("p.empty", {}, "Press Run: the swarm plays here, move by move.");
+  const empty = el("p.empty", {}, PRESS);
   const panels = {
     map: el("div.panel", { id: "panel-map", role: "tabpanel", "aria-labelledby": "tab-map" }, el("div.stageHead", {}, views, tools), editor.element, volumeFrame.element, el("div.underStage", {}, source, facts)),
     run: el("div.panel", { id: "panel-run", role: "tabpanel", "aria-labelledby": "tab-run" }, el("div.stageHead", {}, result, episodes), frame.element, empty),

@@ -62,7 +62,7 @@ export function simulation({ ready, seed, fields, set, open }) {
       if (asked !== runs) return;
       shown = null;
       await show(found.data, { at: at ?? before?.time ?? 0, playing: playing ?? before?.playing ?? true });
-      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages lost, ${found.takeovers} taken over, ${(100 * found.seen).toFixed(1)} % seen`));
+      result.replaceChildren(el("p", {}, found.sentence), el("p.soft", {}, `${found.lost} of ${found.sent} messages did not arrive, ${found.takeovers} taken over, ${(100 * found.seen).toFixed(1)} % seen`));
       keep.hidden = false;
     } catch (error) {
       told(error);

@@ -18,6 +18,12 @@ export function pack(free) {
   return btoa(text);
 }
 
+/** Numbers of cells as the player takes them. */
+export function packedCells(cells) {
+  const bytes = new Uint8Array(new Uint32Array(cells).buffer);
+  return btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""));
+}
+
 const colourOf = (name) => getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 const rgb = (hex) => [1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16));
 
