@@ -1,11 +1,12 @@
-"""Learn to map vessels by imitating the planner `best`, and compare on maps that were not seen.
+"""Train a small network that maps vessels by imitating the planner `best`, and compare it with other policies on new maps.
 
 Run: python examples/learn_mapping.py  (needs pip install "shoal[envs]"; ten minutes on one core)
 
-A small network rates each command by what every particle sees around itself: its patch of the map, turned so that the command
-points to the left, goes through a shared layer, and the sum over all particles, with a few numbers of the whole swarm, gives the
-rating. So one network serves all four commands, any map and any number of particles. It first imitates `best` along the episodes of
-`best`, then along its own, where it meets its own mistakes (DAgger: Ross, Gordon, Bagnell 2011). NumPy is all that it needs.
+The network rates each command from the cells around every particle. A patch of the map around the particle is turned so that
+the command points to the left. A shared layer processes each patch. The sum over all particles, together with a few numbers of
+the whole swarm, gives the rating. So one network works for all four commands, any map and any number of particles. It first
+imitates `best` in the episodes of `best`, and then in its own episodes, which contain its own mistakes (DAgger: Ross, Gordon,
+Bagnell 2011). The script needs only NumPy.
 """
 
 from __future__ import annotations
@@ -26,18 +27,18 @@ from shoal.swarm.grid.commands import LETTERS
 
 Floats = NDArray[np.float32]
 
-SIDE = 9  # of a patch, in cells
-REACH = 40  # moves: how far from the frontier still tells something
+SIDE = 9  # side of a patch, in cells
+REACH = 40  # largest distance from the frontier that the network distinguishes, in moves
 HIDDEN, SUMS, RATERS = 48, 12, 24  # sizes of the layers
-BATCH = 64  # states a step
+BATCH = 64  # states in each training step
 SHARED = 5  # numbers of the whole swarm for each command
 
 
-# What the network is shown.
+# Inputs of the network.
 
 
 def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return how many moves through known-free cells each cell is from the frontier, at most REACH; uint8, the planes' shape."""
+    """Return each cell's distance from the frontier through known free cells, in moves, at most REACH; uint8, the planes' shape."""
     found = np.full(planes.shape[1:], REACH, dtype=np.uint8)
     free, edge = planes[FREE] > 0, planes[FRONTIER] > 0
     found[edge] = 0
@@ -55,7 +56,7 @@ def distances(planes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
-    """Return the patch of each particle, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm by command, float32, (4, SHARED)."""
+    """Return each particle's patch, uint8, (n, 5, SIDE, SIDE), and numbers of the swarm for each command, float32, (4, SHARED)."""
     planes, half = env.planes, SIDE // 2
     far = distances(planes)
     near = np.rint(255 * np.exp(far / -6.0) * (far < REACH)).astype(np.uint8)
@@ -83,7 +84,7 @@ def features(env: Any, last: int) -> tuple[NDArray[np.uint8], Floats]:
 
 
 class Network:
-    """Rates commands: a layer for each particle's turned patch, a sum, and two layers more."""
+    """The network: one layer for each particle's turned patch, a sum over the particles, and two more layers."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         sizes = {"a": (5 * SIDE * SIDE, HIDDEN), "b": (HIDDEN, SUMS), "c": (SUMS + SHARED, RATERS), "d": (RATERS, 1)}
@@ -96,7 +97,7 @@ class Network:
         self.updates = 0
 
     def forward(self, patches: NDArray[np.uint8], shared: Floats, *, mirrored: bool = False) -> tuple[Floats, tuple[Any, ...]]:
-        """Return the ratings of states, float32, (states, 4), and what `learn` needs; patches are (states, n, 5, SIDE, SIDE)."""
+        """Return the ratings of states, float32, (states, 4), and the data for `learn`; patches are (states, n, 5, SIDE, SIDE)."""
         w, (states, n) = self.weights, patches.shape[:2]
         turned = np.stack([np.rot90(patches, k, axes=(3, 4)) for k in range(4)], axis=1)
         if mirrored:
@@ -110,7 +111,7 @@ class Network:
         return (third @ w["d"] + w["d0"]).reshape(states, 4), (x, first, second, joined, third, n)
 
     def learn(self, patches: NDArray[np.uint8], shared: Floats, labels: NDArray[np.int64], *, rate: float, mirrored: bool) -> float:
-        """Make the cross entropy of the labels smaller by one step of Adam; return it."""
+        """Reduce the cross entropy of the labels by one step of Adam; return the cross entropy."""
         w = self.weights
         ratings, (x, first, second, joined, third, n) = self.forward(patches, shared, mirrored=mirrored)
         chances = np.exp(ratings - ratings.max(axis=1, keepdims=True))
@@ -139,13 +140,13 @@ class Network:
 
 
 class Learner:
-    """The network as a policy: the best rated of the commands that change something; at random by rating where nothing is found."""
+    """The network as a policy: the best rated command that changes something; a random one, by rating, without progress."""
 
     def __init__(self, network: Network, rng: np.random.Generator) -> None:
         self.network, self.rng = network, rng
 
     def choose(self, seen: tuple[NDArray[np.uint8], Floats], mask: NDArray[np.int8], idle: int) -> int:
-        """Return a command; ``idle`` is for how many moves nothing has been classified."""
+        """Return a command; ``idle`` is the number of moves since the last classified cell."""
         ratings = self.network.forward(seen[0][None], seen[1][None])[0][0].astype(float)
         ratings[mask == 0] = -np.inf
         if idle < 20:
@@ -155,7 +156,7 @@ class Learner:
 
 
 def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: np.random.Generator, **reset: Any) -> int:
-    """Play an episode of the learner, or without one of the expert; add (seen, expert's command) to data; return the moves."""
+    """Run an episode of the learner (or of the expert); add pairs (input, expert's command) to data; return the moves."""
     _, info = env.reset(**reset)
     env, plan, memory, last, idle = env.unwrapped, "", None, -1, 0
     while True:
@@ -167,7 +168,7 @@ def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: n
             data.append((*seen, action))
         else:
             action = learner.choose(seen, info["action_mask"], idle)
-            if expert is not None and rng.random() < 0.5:  # neighbouring states tell much the same
+            if expert is not None and rng.random() < 0.5:  # successive states are very similar
                 data.append((*seen, LETTERS.index(expert.decide(env.view, None, rng)[0][0])))
         left = info["frontier"]
         _, reward, terminated, truncated, info = env.step(action)
@@ -179,7 +180,7 @@ def play(env: Any, learner: Learner | None, expert: Any, data: list[Any], rng: n
 def train(
     network: Network, data: list[Any], epochs: int, rng: np.random.Generator, *, batch: int = 64, rate: float = 1e-3
 ) -> float:
-    """Go through the data so many times; return the loss of the last time."""
+    """Train for a number of passes over the data; return the loss of the last pass."""
     patches, shared, labels = (np.array(part) for part in zip(*data, strict=True))
     losses: list[float] = []
     for epoch in range(epochs):
@@ -193,12 +194,12 @@ def train(
 
 
 def environment(names: list[str], particles: int, max_moves: int) -> Any:
-    """Return the environment whose episodes draw one of the maps."""
+    """Return an environment in which each episode draws one of the maps."""
     return gymnasium.make("shoal/Mapping-v0", maps=names, particles=particles, max_moves=max_moves, observation="window", window=3)
 
 
 def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_moves: int) -> str:
-    """Return the table of all policies on maps; starts are the same for all."""
+    """Return the table of all policies on the maps; all policies have the same starts."""
     names = [f"vessels:{cells}:{k}" for k in maps]
     env = environment(names, particles, max_moves)
     rng = np.random.default_rng(0)
@@ -219,7 +220,7 @@ def evaluate(learner: Learner, cells: int, particles: int, maps: range, max_move
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Train, evaluate, print."""
+    """Train the network, evaluate it, and print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--cells", type=int, default=300, help="size of the maps")
     parser.add_argument("--particles", type=int, default=30)

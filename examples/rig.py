@@ -1,14 +1,14 @@
 #!/usr/bin/env python3
-"""A reference rig: particles in a map, behind a line, in nothing but Python's standard library.
+"""A reference rig: it simulates particles in a map and uses only Python's standard library.
 
-It speaks version 1 of Shoal's rig protocol (docs/concepts/rigs.md) and is meant to be read, and written again for a real rig
-in any language. In place of magnets and a camera it has a text map and its own thirty lines of physics.
+The rig implements version 1 of Shoal's rig protocol (docs/concepts/rigs.md). Use it as a model for a real rig in any language. In
+place of magnets and a camera, it has a text map and thirty lines of physics.
 
     python examples/rig.py MAP.txt --particles 30 --pty /tmp/rig        a pseudo-terminal, for shoal drive --rig serial:/tmp/rig
     python examples/rig.py MAP.txt --particles 30 --tcp 4000            a TCP port, for --rig tcp:localhost:4000
     shoal drive --rig "exec:python examples/rig.py MAP.txt"           standard input and output
 
-To see what a bad line does, it cuts it and damages messages: --cuts 10 --damage 0.05.
+To simulate a bad connection, the rig can cut the line and damage messages: --cuts 10 --damage 0.05.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ STEPS = {"l": (0, -1), "r": (0, 1), "u": (-1, 0), "d": (1, 0)}
 
 
 class Swarm:
-    """The physics: rule "block" in two dimensions."""
+    """The physics: the move rule "block" in two dimensions."""
 
     def __init__(self, free: set[tuple[int, int]], particles: int, seed: int) -> None:
         self.free = free
         self.cells = set(random.Random(seed).sample(sorted(free), particles))
 
     def move(self, command: str) -> None:
-        """Move all particles one cell; those ahead first, so that trains move together and queues stay."""
+        """Move all particles by one cell, the foremost first, so that trains move together and queues stay."""
         down, right = STEPS[command]
         for cell in sorted(self.cells, key=lambda cell: -(cell[0] * down + cell[1] * right)):
             ahead = cell[0] + down, cell[1] + right
@@ -47,21 +47,21 @@ class Swarm:
 
 
 class Rig:
-    """The protocol: what to answer to each line. It knows nothing of the kind of line."""
+    """The protocol: the answer to each line, independent of the kind of connection."""
 
     def __init__(self, swarm: Swarm, shape: tuple[int, int], *, name: str, duration: float = 0.0) -> None:
         self.swarm, self.shape, self.name, self.duration = swarm, shape, name, duration
         self.session, self.seq, self.answer, self.stopped = "", 0, b"", False
-        self.quiet = lambda seconds: True  # waits, and tells whether no stop command came meanwhile
+        self.quiet = lambda seconds: True  # waits; returns whether no stop command arrived meanwhile
 
     def reply(self, line: bytes) -> bytes:
-        """Return the answer to one line, b"" if there is none."""
+        """Return the answer to one line, or b"" if there is no answer."""
         if not line.strip():
             return b""
         message = decode_message(line)
         if message is None:
             return encode_message({"type": "again"})
-        if message["type"] == "stop":  # at any time, in any session, as often as it comes
+        if message["type"] == "stop":  # at any time and in any session
             self.stopped = True
             return encode_message({"type": "stopped"})
         if message["type"] == "hello":
@@ -69,25 +69,25 @@ class Rig:
         return self.numbered(message)
 
     def welcome(self, message: dict) -> bytes:
-        """Begin a new session, or go on with the one we know."""
+        """Begin a new session, or continue the known one."""
         if message["session"] != self.session:
             self.session, self.seq, self.answer, self.stopped = message["session"], 0, b"", False
         about = {"shape": list(self.shape), "rule": "block", "name": self.name}
         return encode_message({"type": "welcome", "protocol": PROTOCOL, "session": self.session, "seq": self.seq, **about})
 
     def numbered(self, message: dict) -> bytes:
-        """Carry out a request if its number is the next; if we have done so already, answer as before and do nothing."""
+        """Carry out a request with the next number; repeat the answer to a request that was already carried out."""
         seq = message["seq"]
         if seq == self.seq and self.answer:
             return self.answer
         if seq < self.seq:
-            return b""  # long done: a copy that was late
+            return b""  # a late copy of an old request
         if seq != self.seq + 1:
             return encode_message({"type": "error", "seq": seq, "text": f"expected request {self.seq + 1}, got {seq}"})
         if message["type"] == "command":
             if self.stopped:
                 return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
-            if not self.quiet(self.duration):  # the time that magnets take; a stop command ends it
+            if not self.quiet(self.duration):  # the time of a real command; a stop command ends it
                 return encode_message({"type": "error", "seq": seq, "text": "the rig has been stopped"})
             self.swarm.move(message["command"])
             self.answer = encode_message({"type": "done", "seq": seq})
@@ -104,7 +104,7 @@ def encode_message(message: dict) -> bytes:
 
 
 def decode_message(line: bytes) -> dict | None:
-    """Return the message of a line, None if it is damaged."""
+    """Return the message of a line, or None if the line is damaged."""
     text, mark, rest = line.strip().rpartition(b',"crc":"')
     if not mark or rest != b'%08x"}' % zlib.crc32(text):
         return None
@@ -112,14 +112,14 @@ def decode_message(line: bytes) -> dict | None:
 
 
 class BadLine:
-    """What wears on a line: some messages are damaged, and now and then it is cut."""
+    """A bad connection: it damages some messages and cuts the line from time to time."""
 
     def __init__(self, *, cuts: int, damage: float, every: int, seed: int) -> None:
         self.random, self.cuts, self.damage, self.every = random.Random(seed), cuts, damage, every
         self.messages = self.damaged = self.cut = 0
 
     def carry(self, data: bytes) -> bytes:
-        """Return what comes out at the other end."""
+        """Return the line as it arrives at the other end."""
         self.messages += 1
         if self.random.random() >= self.damage:
             return data
@@ -131,7 +131,7 @@ class BadLine:
         return {"lost": b"", "cut short": data[:where] + b"\n", "twice": data + data}[kind]
 
     def due(self) -> bool:
-        """Tell whether the line is to be cut now: before an answer goes out, which is the worst moment."""
+        """Return whether to cut the line now: just before an answer is sent, which is the worst moment."""
         if self.cut < self.cuts and self.messages >= self.every * (self.cut + 1):
             self.cut += 1
             return True
@@ -139,13 +139,13 @@ class BadLine:
 
 
 class Wire:
-    """Lines in and out of two descriptors."""
+    """Read lines from one file descriptor and write lines to another."""
 
     def __init__(self, reading: int, writing: int, bad: BadLine) -> None:
         self.reading, self.writing, self.bad, self.pending = reading, writing, bad, b""
 
     def more(self, seconds: float | None = None) -> bool:
-        """Read what there is, waiting for it as long as that; tell whether there was something."""
+        """Read the available bytes, waiting at most this long; return whether there were any."""
         if not select.select([self.reading], [], [], seconds)[0]:
             return False
         data = os.read(self.reading, 65536)
@@ -155,7 +155,7 @@ class Wire:
         return True
 
     def quiet(self, seconds: float) -> bool:
-        """Wait so long; return at once with False if a stop command comes."""
+        """Wait this long; return False at once if a stop command arrives."""
         until = time.monotonic() + seconds
         while not any((decode_message(line) or {}).get("type") == "stop" for line in self.pending.split(b"\n")):
             left = until - time.monotonic()
@@ -164,13 +164,13 @@ class Wire:
         return False
 
     def send(self, data: bytes) -> None:
-        """Write all of it."""
+        """Write all bytes."""
         while data:
             select.select([], [self.writing], [])
             data = data[os.write(self.writing, data) :]
 
     def serve(self, rig: Rig) -> None:
-        """Answer every line until the other end goes or the line is cut."""
+        """Answer every line until the other end closes or the line is cut."""
         rig.quiet = self.quiet
         with contextlib.suppress(ConnectionError):
             while True:
@@ -188,7 +188,7 @@ class Wire:
 
 
 def serve_pty(rig: Rig, link: Path, bad: BadLine, pause: float) -> None:
-    """Serve on a pseudo-terminal; after a cut on a new one, under the same name, as a plug that is put in again."""
+    """Serve on a pseudo-terminal; after a cut, serve on a new one under the same name."""
     import pty
     import tty
 
@@ -207,7 +207,7 @@ def serve_pty(rig: Rig, link: Path, bad: BadLine, pause: float) -> None:
 
 
 def serve_tcp(rig: Rig, port: int, bad: BadLine) -> None:
-    """Serve one connection after another."""
+    """Serve TCP connections one after another."""
     with socket.create_server(("127.0.0.1", port)) as server:
         while True:
             connection, _ = server.accept()
@@ -218,7 +218,7 @@ def serve_tcp(rig: Rig, port: int, bad: BadLine) -> None:
 def main() -> None:
     """Read the map and the arguments, and serve."""
     parser = argparse.ArgumentParser(description="A reference rig for shoal drive.")
-    parser.add_argument("map", type=Path, help="text map: . is free, # is wall")
+    parser.add_argument("map", type=Path, help="text map: . is free, # is a wall")
     parser.add_argument("--particles", type=int, default=10)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--duration", type=float, default=0.0, help="seconds that a command takes")

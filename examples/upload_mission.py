@@ -1,7 +1,8 @@
 """Upload a mission, its fence and its rally points to an autopilot.
 
 Run: python examples/upload_mission.py udpin:0.0.0.0:14550 FILE.plan
-It needs pymavlink (`pip install pymavlink`) and nothing of Shoal. PX4 keeps home out of a mission, ArduPilot takes it as item 0.
+The script needs pymavlink (`pip install pymavlink`), but no part of Shoal. A mission for ArduPilot has home
+as item 0, and a mission for PX4 has no home item.
 """
 
 from __future__ import annotations
@@ -21,11 +22,11 @@ MISSION_KINDS = {"mission": 0, "fence": 1, "rally": 2}
 ARDUPILOT = 3
 
 Item = tuple[int, int, list[float]]
-"""Frame, command, and seven parameters, the last three of them latitude, longitude and altitude."""
+"""A frame, a command, and seven parameters; the last three are latitude, longitude and altitude."""
 
 
 def items_of(plan: dict[str, Any], *, with_home: bool) -> dict[str, list[Item]]:
-    """Return the items of a plan, of its fence and of its rally points."""
+    """Return the items of the mission, of the fence and of the rally points of a plan."""
     mission = [
         (item["frame"], item["command"], [math.nan if value is None else float(value) for value in item["params"]])
         for item in plan["mission"]["items"]
@@ -42,7 +43,7 @@ def items_of(plan: dict[str, Any], *, with_home: bool) -> dict[str, list[Item]]:
 
 
 def upload(link: Any, items: list[Item], kind: int) -> None:
-    """Send items as the autopilot asks for them."""
+    """Send the items that the autopilot requests."""
     system, component = link.target_system, link.target_component
     link.mav.mission_count_send(system, component, len(items), kind)
     while True:
@@ -64,7 +65,7 @@ def upload(link: Any, items: list[Item], kind: int) -> None:
 
 
 def main() -> None:
-    """Connect, wait for the autopilot, and upload a file."""
+    """Connect to the autopilot, wait for it, and upload a file."""
     from pymavlink import mavutil
 
     address, file = sys.argv[1:]
