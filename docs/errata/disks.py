@@ -204,7 +204,7 @@ def _most() -> tuple[str, bool]:
     "the remaining distance from the goals falls as 8.66 / length³",
     "this law holds only if particle 2 is always the toucher; if the nearer particle touches, a distance of 0.01 "
     "needs half the length",
-    "plans of both kinds, computed cycle by cycle",
+    "plans with particle 2 and plans with the nearer particle as the toucher, computed cycle by cycle",
 )
 def _law() -> tuple[str, bool]:
     from shoal.papers.steering.antipodes import swap_antipodes
