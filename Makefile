@@ -33,7 +33,8 @@ $(BIN)/python:
 	  $(PYTHON) -m venv $(VENV); }
 
 # --no-compile: what is used is compiled to byte code when first imported; doing it for all takes half of the set-up.
-# The lock holds all that development needs, so nothing has to be resolved for it (`pip check` tells whether it is whole).
+# The lock holds all that development needs, so nothing has to be resolved for it (`pip check` tells whether it is whole), and two
+# processes can install every other line of it at the same time: pip itself uses one core.
 $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal into $(VENV) ...'
 	@$(PIP) install --no-compile -e '.[imaging,studio]'
@@ -41,7 +42,9 @@ $(VENV)/.run-installed: pyproject.toml requirements.lock | $(BIN)/python
 
 $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@echo 'installing Shoal and its tools into $(VENV) ...'
-	@$(PIP) install --no-compile --no-deps -r requirements.lock
+	@split -n r/2 requirements.lock $(VENV)/lock-
+	@$(PIP) install --no-compile --no-deps -r $(VENV)/lock-aa & half=$$!; \
+	  $(PIP) install --no-compile --no-deps -r $(VENV)/lock-ab && wait $$half
 	@$(PIP) install --no-compile --no-deps --no-build-isolation -e .
 	@touch $@ $(VENV)/.run-installed
 

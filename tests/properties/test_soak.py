@@ -1,6 +1,6 @@
 """Random searches: every network, every fault, all invariants after every event; and bugs, planted, that they find.
 
-The number of searches is 2000 in regions of up to 5 x 5 cells with up to 6 robots, as most of the time goes to the few largest
+The number of searches is 1000 in regions of up to 5 x 5 cells with up to 6 robots, as most of the time goes to the few largest
 scenarios. With the environment variable SHOAL_SOAK it is that number, with up to 7 x 7 cells and 16 robots.
 """
 
@@ -21,7 +21,7 @@ from shoal.search.protocol import robot as robots
 from shoal.search.simulation import world as worlds
 from shoal.search.simulation.world import SearchWorld
 
-SEARCHES = int(os.environ.get("SHOAL_SOAK", "2000"))
+SEARCHES = int(os.environ.get("SHOAL_SOAK", "1000"))
 LARGEST, MOST_ROBOTS = (7, 16) if "SHOAL_SOAK" in os.environ else (5, 6)
 CHUNKS = 4
 
@@ -49,12 +49,12 @@ def test_random_searches_hold_all_invariants(chunk):
 def test_larger_searches_hold_all_invariants(monkeypatch):
     monkeypatch.setattr(search_scenarios, "_LARGEST", 10)
     monkeypatch.setattr(search_scenarios, "_MOST_ROBOTS", 30)
-    for seed in range(SEARCHES // 50):
+    for seed in range(SEARCHES // 25):
         play(seed)
 
 
 def test_random_searches_with_wide_footprints_hold_all_invariants():
-    widths = {width for seed in range(SEARCHES // 50) for width in play(seed, wide=True)[0].widths}
+    widths = {width for seed in range(SEARCHES // 25) for width in play(seed, wide=True)[0].widths}
     assert widths == {1, 3, 5}
 
 
