@@ -1,8 +1,8 @@
 """How the studio feels, and how it bears attacks: python -m benchmarks.studio [--attacks] [--sockets N] [--bytes N]
 
 Without options: a table of what a hand feels, measured in headless Chromium on a studio of its own. With --attacks: connections
-that never say anything, a body that never ends, 500 jobs, three jobs whose server is killed, and whether the studio answers,
-loses nothing and leaves no process behind.
+that never say anything, a body that never ends, 500 jobs, three jobs whose server is killed, one that eats memory, and whether the
+studio answers, loses nothing and leaves no process behind.
 """
 
 from __future__ import annotations
@@ -267,10 +267,26 @@ def attacks(sockets: int, size: int) -> int:
         faults.extend(["a job is lost"] * (counts != {"done": 500} or len(list(folder.glob("*.npz"))) != 500))
         check_well("500 jobs")
         left = kill_and_count(server, folder, spec, faults)
+    with served() as (server, _):
+        eat(server, faults)
+        check_well("a job that eats memory")
+        left += server.end()
         print(f"processes left: {left}")
         faults.extend(["a process is left"] * bool(left))
     print("faults: " + ("; ".join(faults) or "none"))
     return 1 if faults else 0
+
+
+def eat(server: Server, faults: list[str]) -> None:
+    """Run a job that asks for more memory than it may have; it has to fail with a sentence."""
+    spec = {"problem": {"kind": "swarm", "map": "rectangle:16000x16000", "particles": 4, "policy": "closest-frontier"}, "seed": 0}
+    number = json.loads(server.ask("/api/jobs", "POST", {"kind": "play", "spec": spec})[2])["id"]
+    until, job = time.monotonic() + 120, {"state": "queued"}
+    while job["state"] in ("queued", "running") and time.monotonic() < until:
+        time.sleep(0.2)
+        job = next(one for one in json.loads(server.ask("/api/jobs")[2])["jobs"] if one["id"] == number)
+    print(f"a job that eats memory: {job['state']}, {job.get('result')}")
+    faults.extend(["a job that eats memory is not refused"] * ("memory" not in str(job.get("result"))))
 
 
 def kill_and_count(server: Server, folder: Path, spec: dict[str, dict[str, object]], faults: list[str]) -> list[int]:

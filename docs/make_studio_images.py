@@ -104,6 +104,10 @@ def episodes(page: Page) -> None:
 def papers(page: Page) -> None:
     page.get_by_role("link", name="Papers").click()
     page.locator(".paper").first.wait_for()
+    if not page.locator(".verdictChip").count():
+        page.get_by_role("button", name="Run quickly: m-figure3").click()
+    page.locator(".verdictChip").wait_for(timeout=90_000)
+    page.locator(".paper:has(.verdictChip)").evaluate("paper => paper.scrollIntoView()")
 
 
 SWEEP = """name = "vessels"
@@ -126,7 +130,7 @@ PAGES: dict[str, Callable[[Page], None]] = {
     "search": search, "simulate": simulate, "missions": missions,
     "lab": lab, "new": new_sweep, "episodes": episodes, "papers": papers,
 }  # fmt: skip
-KEPT = ("vessels", "compare", "steering", "search", "lab")
+KEPT = ("vessels", "compare", "steering", "search", "lab", "papers")
 FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800), (390, 844))]
 
 
