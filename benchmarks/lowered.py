@@ -14,6 +14,8 @@ import os
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 PARTS = Path(__file__).parent.parent / "src" / "shoal"
 SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
@@ -51,6 +53,8 @@ def play(parts: list[str]) -> None:
             raise SystemExit(f"shoal {command}: exit code {code}")
     if "swarm" in parts:
         play_batch()
+    if "steering" in parts:
+        play_steering_batch()
 
 
 def play_batch() -> None:
@@ -64,6 +68,18 @@ def play_batch() -> None:
     batch.action_masks()
     batch.measures()
     batch.windows(PLANES, batch.nearest_frontier()[2], 3)
+
+
+def play_steering_batch() -> None:
+    """Move some particles in many worlds at once, between walls and in a region."""
+    from shoal.steering import SteeringProblem, region
+    from shoal.steering.simulation.batch import SteeringBatch
+
+    square, hole = [(0, 0), (1, 0), (1, 1), (0, 1)], [(0.4, 0.4), (0.6, 0.4), (0.6, 0.6), (0.4, 0.6)]
+    for workspace in ("square", region(square, [hole])):
+        batch = SteeringBatch(SteeringProblem(workspace), 2)
+        batch.reset(seed=0)
+        batch.send(np.zeros((2, 2)))
 
 
 def write(parts: list[str]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
 from math import inf, isfinite
 from numbers import Real
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
+    from numpy.random import Generator
     from pydantic import ValidationError
 
 LARGEST_TEXT = 200_000_000
@@ -324,3 +325,22 @@ def _ranged(least: float, most: float, above: float = -inf, below: float = inf) 
 def _plain(number: float) -> str:
     """Return a number as a text. Whole numbers keep all their digits."""
     return shortened(number) if isinstance(number, int) else f"{number:g}"
+
+
+def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
+    """Return for each chosen world of a batch its seed, if it is given one, and its generator: a new one, or its own one.
+
+    ``seed`` is a number, to which the number of the world is added, or a sequence of numbers or None, one a world, or None.
+    """
+    several = isinstance(seed, Sequence | np.ndarray)
+    if several and len(seed) != worlds:
+        raise InvalidInputError(f"seed: expected {worlds} seeds, one a world, got {len(seed)}")
+    found: list[tuple[int | None, Generator]] = []
+    for world in chosen.tolist():
+        given = seed[world] if several else seed
+        if given is None:
+            found.append((None, own[world] if own else np.random.default_rng()))
+            continue
+        given = check_integer(given, what="seed", least=0) + (0 if several else world)
+        found.append((given, np.random.default_rng(given)))
+    return found

@@ -20,20 +20,24 @@ from shoal.envs.dataset import record_episodes
 from shoal.envs.options import OptionError, SteeringEnvOptions, SwarmEnvOptions
 from shoal.envs.steering import SteeringEnv
 from shoal.envs.swarm import SwarmEnv
-from shoal.envs.swarm_vector import SwarmVectorEnv
+from shoal.envs.vector import SteeringVectorEnv, SwarmVectorEnv
 
 __all__ = [
     "REGISTERED",
     "OptionError",
     "SteeringEnv",
     "SteeringEnvOptions",
+    "SteeringVectorEnv",
     "SwarmEnv",
     "SwarmEnvOptions",
     "SwarmVectorEnv",
     "record_episodes",
 ]
 
-_VECTORS = {"shoal.envs.swarm:SwarmEnv": "shoal.envs.swarm_vector:SwarmVectorEnv"}
+_VECTORS = {
+    "shoal.envs.swarm:SwarmEnv": "shoal.envs.vector:SwarmVectorEnv",
+    "shoal.envs.steering:SteeringEnv": "shoal.envs.vector:SteeringVectorEnv",
+}
 
 _SWARM: dict[str, Any] = {"map": "vessels:1000", "max_moves": 1000}
 

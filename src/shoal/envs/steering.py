@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from itertools import permutations
 from typing import Any
 
 import gymnasium
 import numpy as np
 
 from shoal.core.checks import shortened
-from shoal.core.episode import Status
-from shoal.core.version import versions
-from shoal.envs.options import (
-    SEEDS,
-    OptionError,
-    SteeringEnvOptions,
-    check_no_options,
-    check_render_mode,
-    check_running,
-    option_errors,
-    split_fields,
-)
+from shoal.envs.options import OptionError, check_render_mode, check_running, option_errors
 from shoal.envs.rendering import MODES, close_window, rendered
-from shoal.steering.episode import SteeringEpisode
-from shoal.steering.problem import SteeringProblem, check_can_part
+from shoal.envs.steering_worlds import Observation, SteeringWorlds
 from shoal.steering.run import run
-from shoal.steering.simulation.apparatus import Apparatus
-from shoal.steering.workspaces.convex import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.region import Region
-
-Observation = dict[str, Points]
 
 
 class SteeringEnv(gymnasium.Env[Observation, Any]):
@@ -72,40 +54,12 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
     metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}  # noqa: RUF012 - as in its base
 
     def __init__(self, *, render_mode: str | None = None, **fields: Any) -> None:
-        self.problem, self.options = split_fields(fields, SteeringProblem, SteeringEnvOptions)
-        with option_errors():
-            self.problem.check_at_place()
+        self._worlds = SteeringWorlds(1, pictured=True, **fields)
         self.render_mode = check_render_mode(render_mode, MODES)
-        n, d = self.problem.n_particles, self.problem.place.dimensions
-        low, high = self._bounds()
-        seen = (np.full(d, -np.inf), np.full(d, np.inf)) if self.problem.measurement else (low, high)
-        spaces: dict[str, gymnasium.Space[Any]] = {
-            "particles": _box(seen[0], seen[1], n),
-            "delta": _box(seen[0] - seen[1], seen[1] - seen[0], n - 1),
-            "goals": _box(low, high, n),
-            "goal_delta": _box(low - high, high - low, n - 1),
-        }
-        self.observation_space = gymnasium.spaces.Dict(spaces)  # type: ignore[assignment]  # arrays by name are its elements
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
-        self._apparatus: Apparatus | None = None
-        self._running = False
-
-    def _bounds(self) -> tuple[Points, Points]:
-        """Return the smallest and the largest possible coordinates of a particle or a goal."""
-        place = self.problem.place
-        if place.round:
-            low, high = place.center - place.radius, place.center + place.radius
-        else:
-            corners = place.outline if isinstance(place, Region) else place.vertices
-            low, high = corners.min(axis=0), corners.max(axis=0)
-        if place.dimensions == 3:
-            caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
-            low, high = np.append(low, caps[0]), np.append(high, caps[1])
-        if self.problem.goal_x is not None:  # a goal may be outside
-            goal = np.array([self.problem.goal_x, self.problem.goal_y])
-            low[:2], high[:2] = np.minimum(low[:2], goal), np.maximum(high[:2], goal)
-        room = TOUCH * place.size  # maximum distance outside of a particle on a wall
-        return low - room, high + room
+        self.problem, self.options = self._worlds.problem, self._worlds.options
+        self.observation_space = self._worlds.observation_space  # type: ignore[assignment]  # arrays by name are its elements
+        self.action_space = self._worlds.action_space
+        self._begun = self._running = False
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
         """Start an episode. ``options`` must be empty.
@@ -115,16 +69,8 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         OptionError
         """
         super().reset(seed=seed)
-        check_no_options(options)
-        drawn = int(self.np_random.integers(SEEDS)) if seed is None else seed
-        with option_errors():
-            start, goal = self.problem.endpoints(drawn)
-            check_can_part(start, goal, self.problem.tolerance)
-            self._apparatus = Apparatus(self.problem, start, seed=drawn)
-        orders = permutations(range(len(start))) if self.problem.interchangeable else [range(len(start))]
-        self._goals = np.array([goal[list(order)] for order in orders])
-        self._drawn, self._running = drawn, True
-        self._trajectories: list[Any] = []  # number of moves that the window has shown
+        self._worlds.reset(seed=[seed], options=options)
+        self._begun = self._running = True
         return self._told()
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -137,7 +83,6 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         gymnasium.error.InvalidAction
         """
         check_running(self._running)
-        assert self._apparatus is not None
         d = self.problem.place.dimensions
         try:
             chosen = np.asarray(action, dtype=np.float64)
@@ -145,30 +90,19 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
             chosen = np.zeros(0)
         if chosen.shape != (d,) or not (np.abs(chosen) <= 1).all():
             raise gymnasium.error.InvalidAction(f"action: expected {d} numbers from -1 to 1, got {shortened(action)}")
-        before, options, size = self.error, self.options, float(self.problem.place.size)
-        self._apparatus.send(chosen * options.longest_move * size)
-        after, moves = self.error, len(self._apparatus.inputs)
-        terminated = after <= self.problem.tolerance
-        truncated = not terminated and moves >= self.problem.max_moves
-        reward = options.progress_reward * (before - after) / size - options.move_price + options.final_bonus * terminated
+        rewards, _ = self._worlds.step(chosen[None])
+        batch = self._worlds.batch
+        terminated, truncated = bool(batch.terminated[0]), bool(batch.truncated[0])
         self._running = not (terminated or truncated)
         observation, info = self._told()
-        return observation, reward, terminated, truncated, info
-
-    @property
-    def error(self) -> float:
-        """Largest distance of a particle from its goal. For interchangeable goals, the best assignment counts."""
-        assert self._apparatus is not None
-        return float(np.linalg.norm(self._goals - self._apparatus.states[-1], axis=2).max(axis=1).min())
+        return observation, float(rewards[0]), terminated, truncated, info
 
     def _told(self) -> tuple[Observation, dict[str, Any]]:
-        """Return observation and info, and update the window."""
-        assert self._apparatus is not None
+        """Return observation and info, and show them to a user who watches."""
         if self.render_mode == "human":
             self.render()
-        seen, goals = self._apparatus.look(), self._goals[0].copy()
-        observation = {"particles": seen, "delta": seen[1:] - seen[0], "goals": goals, "goal_delta": goals[1:] - goals[0]}
-        return observation, {"error": self.error, "moves": len(self._apparatus.inputs), "seed": self._drawn}
+        observation = {name: values[0] for name, values in self._worlds.observed().items()}
+        return observation, {name: values[0].item() for name, values in self._worlds.info().items()}
 
     def expert_actions(self, planner: Any) -> list[Points]:
         """Return the actions of a planner's plan for the episode that has just begun.
@@ -180,7 +114,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         """
         check_running(self._running)
         with option_errors():
-            episode = run(self.problem.replaced(planner=planner), seed=self._drawn)
+            episode = run(self.problem.replaced(planner=planner), seed=int(self._worlds.batch.seeds[0]))
         longest = self.options.longest_move * self.problem.place.size
         far = float(np.abs(episode.inputs).max(initial=0.0) / longest)
         if far > 1:
@@ -198,42 +132,9 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         gymnasium.error.ResetNeeded
             Before the first reset.
         """
-        check_running(self._apparatus is not None)
-        return rendered(self, self._picture, self._text)
-
-    def _text(self) -> str:
-        assert self._apparatus is not None
-        pairs = zip(self._apparatus.states[-1], self._goals[0], strict=True)
-        rows = [
-            f"particle {k}: {np.array2string(here, precision=4)} to {np.array2string(goal, precision=4)}"
-            for k, (here, goal) in enumerate(pairs, start=1)
-        ]
-        return "\n".join([*rows, f"after {len(self._apparatus.inputs)} moves {self.error:.4g} from the goals"])
-
-    def _picture(self) -> Any:
-        from shoal.views.steering.films import HEIGHT, SteeringFilm
-        from shoal.views.steering.trajectories import FilmMoment, trajectories_of
-
-        assert self._apparatus is not None
-        apparatus, known = self._apparatus, len(self._trajectories)
-        self._trajectories += trajectories_of(self._episode(apparatus.states[known:], apparatus.inputs[known:]))
-        film = SteeringFilm(self._episode(apparatus.states, apparatus.inputs), self._trajectories, height=HEIGHT[".gif"])
-        return next(film.frames([FilmMoment(max(0, len(apparatus.inputs) - 1), 1.0)]))
-
-    def _episode(self, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
-        """Return moves as an episode that views can draw."""
-        problem = self.problem.replaced(start=states[0], goal=self._goals[0], execution=0.0, goal_x=None, goal_y=None)
-        return SteeringEpisode(
-            problem=problem, planner="steering", status=Status.INCOMPLETE if self.error > problem.tolerance else Status.SOLVED,
-            inputs=np.array(inputs).reshape(-1, problem.place.dimensions), states=np.array(states), order=np.arange(len(states[0])),
-            seed=self._drawn, lower_bound=None, seconds=0.0, versions=versions(),
-        )  # fmt: skip
+        check_running(self._begun)
+        return rendered(self, lambda: self._worlds.picture(0), lambda: self._worlds.characters(0))
 
     def close(self) -> None:
         """Close the window if it exists."""
         close_window(self)
-
-
-def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
-    """Return the space of ``count`` points."""
-    return gymnasium.spaces.Box(np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64)

@@ -33,7 +33,7 @@ class SwarmWorlds:
     OptionError
     """
 
-    def __init__(self, count: int, **fields: Any) -> None:
+    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
         if "map" not in fields and fields.get("maps"):
             fields = {"map": fields["maps"][0], **fields}
         if "map" not in fields:

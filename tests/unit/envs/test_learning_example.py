@@ -1,4 +1,4 @@
-"""The learned example: its gradients are right, it learns what it is shown, and it runs as it stands with a tiny budget."""
+"""The learned examples: their gradients are right, they learn, and they run as they stand with a tiny budget."""
 
 from __future__ import annotations
 
@@ -9,15 +9,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-PATH = Path(__file__).parents[3] / "examples" / "learn_mapping.py"
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+
+def loaded(name):
+    spec = importlib.util.spec_from_file_location(name, EXAMPLES / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 @pytest.fixture(scope="module")
 def example():
-    spec = importlib.util.spec_from_file_location("learn_mapping", PATH)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return loaded("learn_mapping")
+
+
+@pytest.fixture(scope="module")
+def trial_and_error():
+    return loaded("reinforce_mapping")
 
 
 def states(example, count, rng):
@@ -74,3 +83,54 @@ def test_it_runs_as_it_stands(example, capsys):
     told = capsys.readouterr().out
     policies = re.findall(r"^\| ([a-z()-]+(?: \(this script\))?) \| [\d.]+ \|", told, re.M)
     assert policies == ["random-moves", "closest-frontier", "greedy-classify", "learned (this script)", "best"]
+
+
+def test_gradients_of_trial_and_error_are_those_of_its_loss(trial_and_error):
+    rng = np.random.default_rng(1)
+    network = trial_and_error.Network(rng)
+    network.weights = {name: 3 * weight.astype(np.float64) for name, weight in network.weights.items()}
+    inputs, mask = rng.normal(size=(6, 4, trial_and_error.INPUTS)), np.array([[1, 1, 1, 0]] * 6)
+    actions, old, gains, returns = rng.integers(0, 3, 6), rng.uniform(0.1, 0.9, 6), rng.normal(size=6), rng.normal(size=6)
+
+    def loss():
+        chances, values, _ = network.forward(inputs, mask)
+        ratio = chances[np.arange(6), actions] / old
+        clipped = ratio.clip(1 - trial_and_error.CLIP, 1 + trial_and_error.CLIP)
+        entropy = -(chances * np.log(chances + 1e-12)).sum(axis=1)
+        worth = np.minimum(ratio * gains, clipped * gains) + trial_and_error.ENTROPY * entropy
+        return (-worth + 0.25 * (values - returns) ** 2).mean()
+
+    chances, values, kept = network.forward(inputs, mask)
+    slopes = network.slopes(kept, *trial_and_error.slopes_of_loss(chances, values, actions, old, gains, returns))
+    for name, weight in network.weights.items():
+        place = np.unravel_index(np.abs(slopes[name]).argmax(), weight.shape)
+        weight[place] += 1e-5
+        above = loss()
+        weight[place] -= 2e-5
+        assert slopes[name][place] == pytest.approx((above - loss()) / 2e-5, rel=1e-3)
+        weight[place] += 1e-5
+
+
+def test_a_turned_swarm_has_the_same_chances_turned(trial_and_error):
+    """A quarter turn makes what was up left: the 21 numbers change places, and so do the chances of the commands."""
+    rng = np.random.default_rng(2)
+    seen, last = rng.uniform(-1, 1, (3, 21)).astype(np.float32), np.array([0, 2, -1])
+    turned = seen.copy()
+    for first in (0, 4, 8):
+        turned[:, first : first + 4] = np.roll(seen[:, first : first + 4], -1, axis=1)
+    turned[:, 13], turned[:, 14] = -seen[:, 14], seen[:, 13]  # row and column of a way
+    turned[:, 15], turned[:, 16] = 1 - seen[:, 16], seen[:, 15]  # of a place
+    turned[:, 17], turned[:, 18] = seen[:, 18], seen[:, 17]  # of a spread
+    network, mask = trial_and_error.Network(rng), np.ones((3, 4))
+    chances = network.forward(trial_and_error.turned(seen, last), mask)[0]
+    again = network.forward(trial_and_error.turned(turned, np.where(last < 0, last, (last - 1) % 4)), mask)[0]
+    assert np.allclose(again, np.roll(chances, -1, axis=1), atol=1e-5)
+
+
+def test_trial_and_error_runs_as_it_stands(trial_and_error, capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(trial_and_error, "ENVIRONMENTS", 4)
+    monkeypatch.setattr(trial_and_error, "STEPS", 8)
+    budget = "--cells 60 --particles 5 --maps 1 --commands 64 --longest 5 --tests 1 --max-moves 15"
+    trial_and_error.main([*budget.split(), "--plot", str(tmp_path / "curve.png")])
+    assert len(re.findall(r"^\| ([a-z() -]+) \| [\d.]+ \|", capsys.readouterr().out, re.M)) == 5
+    assert (tmp_path / "curve.png").stat().st_size > 1000

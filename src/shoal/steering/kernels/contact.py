@@ -224,6 +224,16 @@ def advance_all(state, move, walls, velocity):
 
 
 @in_place_kernel
+def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
+    """Move all particles of the worlds ``chosen``, each by its own move and with its own gain, in place; note their shares."""
+    for k in range(chosen.shape[0]):
+        world = chosen[k]
+        own = Walls(walls.normals, walls.offsets, walls.circle, walls.size, walls.friction, gains[world])
+        for p in range(states.shape[1]):
+            shares[world, p] = advance(states[world, p], moves[world], own, velocity)
+
+
+@in_place_kernel
 def copy(source, target):
     """Write an array of two dimensions into another one, of which it may be the beginning."""
     for i in range(source.shape[0]):

@@ -145,3 +145,11 @@ def advance_all(state, move, edges):
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, edges))
     return least
+
+
+@in_place_kernel
+def advance_worlds(states, moves, chosen, edges):
+    """Move all particles of the worlds ``chosen``, each by its own move, in place."""
+    for k in range(chosen.shape[0]):
+        for p in range(states.shape[1]):
+            advance(states[chosen[k], p], moves[chosen[k]], edges)

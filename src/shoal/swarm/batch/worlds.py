@@ -9,7 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, world_generators
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.batch.checks import check_numbers, check_problems
 from shoal.swarm.batch.inspection import Boards, Inspection
@@ -121,7 +121,7 @@ class WorldBatch(Inspection):
         self.moves, self.limits, self.frontier = self._steps.moves, self._steps.limits, self._steps.frontier
         self.complete, self.terminated, self.truncated = self._steps[-3:]
         self._all, self._once = np.arange(count), np.ones(count, dtype=np.int64)
-        self.reset(seed=np.random.SeedSequence().generate_state(count).tolist() if seed is None else seed)
+        self.reset(seed=seed)
 
     def __repr__(self) -> str:
         return (
@@ -157,7 +157,7 @@ class WorldBatch(Inspection):
         chosen = self._chosen(where)
         if not chosen.size:
             return
-        rngs = self._drawn_rngs(seed, chosen)
+        rngs = world_generators(seed, chosen, len(self), self._rngs)
         seeds = [own if own is not None else int(rng.integers(SEEDS)) for own, rng in rngs]
         if maps is None:
             numbers = [int(rng.integers(len(self.problems))) for _, rng in rngs]
@@ -185,20 +185,6 @@ class WorldBatch(Inspection):
             column[chosen] = 0
         self._steps.commands[chosen] = -1
         self._show(chosen)
-
-    def _drawn_rngs(self, seed: int | Sequence[int | None] | None, chosen: NDArray[np.int64]) -> list[tuple[int | None, Generator]]:
-        """Return the seed of each selected world, if it has one, and its generator."""
-        if isinstance(seed, Sequence | np.ndarray) and len(seed) != len(self):
-            raise InvalidInputError(f"seed: expected {len(self)} seeds, one a world, got {len(seed)}")
-        rngs: list[tuple[int | None, Generator]] = []
-        for world in chosen.tolist():
-            own: Any = seed[world] if isinstance(seed, Sequence | np.ndarray) else seed
-            if own is None:
-                rngs.append((None, self._rngs[world]))
-                continue
-            own = check_integer(own, what="seed", least=0) + (0 if isinstance(seed, Sequence | np.ndarray) else world)
-            rngs.append((own, np.random.default_rng(own)))
-        return rngs
 
     def _first_boards(self, numbers: list[int], starts: list[Any]) -> tuple[Any, ...]:
         """Return the start cells and the target cells of some worlds as arrays for the kernel."""

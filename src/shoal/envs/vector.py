@@ -1,59 +1,34 @@
-"""SwarmVectorEnv: many worlds behind Gymnasium's vector interface, stepped together in compiled code."""
+"""Vector environments: many worlds behind Gymnasium's vector interface, stepped together in compiled code."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector.utils import batch_space, iterate
 from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer, shortened
 from shoal.envs.options import OptionError, check_render_mode, check_running, option_errors
 from shoal.envs.rendering import MODES, rendered
+from shoal.envs.steering_worlds import SteeringWorlds
 from shoal.envs.swarm_worlds import SwarmWorlds
 
 Infos = dict[str, Any]
-Stepped = tuple[NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
+Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], Infos]
 
 
-class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
-    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds. `gymnasium.make_vec` returns this class.
+class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
+    """What vector environments have in common: `SwarmVectorEnv`, `SteeringVectorEnv`.
 
-    Parameters
-    ----------
-    num_envs : int
-    autoreset_mode : str or gymnasium.vector.AutoresetMode
-        When an ended environment starts its next episode: "NextStep", "SameStep", or "Disabled". With "Disabled", ``reset`` with
-        the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
-    copy : bool
-        Whether each observation is a separate array. Otherwise planes are written to the same array again.
-    render_mode : str, optional
-        "rgb_array" or "ansi".
-    **fields
-        Fields of `SwarmProblem` and `SwarmEnvOptions`.
-
-    Raises
-    ------
-    OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
-
-    Notes
-    -----
-    Docs: docs/how-to/environments.md.
-
-    Examples
-    --------
-    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Mapping-v0", num_envs=3, map="line:9", particles=4)
-    >>> observations, infos = envs.reset(seed=1)
-    >>> observations.shape, infos["seed"].tolist()
-    ((3, 4, 3, 11), [1, 2, 3])
-    >>> rewards = envs.step([0, 1, 2])[1]
+    Their parameters are those of `SwarmVectorEnv`.
     """
+
+    worlds: ClassVar[type[SwarmWorlds | SteeringWorlds]]
 
     def __init__(
         self,
@@ -73,14 +48,14 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.autoreset_mode, self.copy = AutoresetMode(autoreset_mode), copy
         self.render_mode = check_render_mode(render_mode, modes)
         self.metadata = {"render_modes": modes, "render_fps": 10, "autoreset_mode": self.autoreset_mode}
-        self._worlds = SwarmWorlds(self.num_envs, **fields)
+        self._worlds = self.worlds(self.num_envs, pictured=render_mode is not None, **fields)
         self.problem, self.options, self.batch = self._worlds.problem, self._worlds.options, self._worlds.batch
         self.single_observation_space, self.single_action_space = self._worlds.observation_space, self._worlds.action_space
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
         self._ended = np.zeros(self.num_envs, dtype=np.bool_)
         self._begun = False
-        self._buffer: Any = None
+        self._last: Any = None
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
@@ -144,11 +119,9 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             self._ended = ended
         return self._observed(), rewards, terminated, truncated, infos | self._infos(None)
 
-    def _observed(self) -> NDArray[Any]:
-        if self.copy or self.options.observation != "planes":
-            return self._worlds.observed()
-        self._buffer = self._worlds.observed(out=self._buffer)
-        return np.asarray(self._buffer)
+    def _observed(self) -> Any:
+        self._last = self._worlds.observed(out=None if self.copy else self._last)
+        return self._last
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
         """Return infos in Gymnasium's form for vectors: zeros for environments outside a mask, and the masks."""
@@ -163,7 +136,8 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _final(self, ended: NDArray[np.bool_]) -> Infos:
         """Return the final infos of episodes that have ended."""
         last = np.full(self.num_envs, None, dtype=object)
-        for world, observation in zip(np.flatnonzero(ended), self._worlds.observed(ended), strict=True):
+        each = iterate(batch_space(self.single_observation_space, int(ended.sum())), self._worlds.observed(ended))
+        for world, observation in zip(np.flatnonzero(ended), each, strict=True):
             last[world] = observation
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": self._infos(ended), "_final_info": ended.copy()}
 
@@ -172,3 +146,74 @@ class SwarmVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         check_running(self._begun)
         worlds = self._worlds
         return tuple(rendered(self, partial(worlds.picture, i), partial(worlds.characters, i)) for i in range(self.num_envs))
+
+
+class SwarmVectorEnv(WorldsVectorEnv):
+    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds. `gymnasium.make_vec` returns this class.
+
+    Parameters
+    ----------
+    num_envs : int
+    autoreset_mode : str or gymnasium.vector.AutoresetMode
+        When an ended environment starts its next episode: "NextStep", "SameStep", or "Disabled". With "Disabled", ``reset`` with
+        the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
+    copy : bool
+        Whether each observation is a separate array. Otherwise planes are written to the same array again.
+    render_mode : str, optional
+        "rgb_array" or "ansi".
+    **fields
+        Fields of `SwarmProblem` and `SwarmEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+
+    Notes
+    -----
+    Docs: docs/how-to/environments.md.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Mapping-v0", num_envs=3, map="line:9", particles=4)
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations.shape, infos["seed"].tolist()
+    ((3, 4, 3, 11), [1, 2, 3])
+    >>> rewards = envs.step([0, 1, 2])[1]
+    """
+
+    worlds = SwarmWorlds
+
+
+class SteeringVectorEnv(WorldsVectorEnv):
+    """Environments that behave exactly like `shoal.envs.SteeringEnv` with the same seeds. `gymnasium.make_vec` returns this class.
+
+    Parameters
+    ----------
+    num_envs : int
+    autoreset_mode, render_mode
+        As in `SwarmVectorEnv`.
+    copy : bool
+        Observations are always separate arrays.
+    **fields
+        Fields of `SteeringProblem` and `SteeringEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+
+    Notes
+    -----
+    Docs: docs/how-to/environments.md.
+
+    Examples
+    --------
+    >>> envs = gymnasium.make_vec("shoal.envs:shoal/Steering-v0", num_envs=3, workspace="disk")
+    >>> observations, infos = envs.reset(seed=1)
+    >>> observations["delta"].shape, infos["seed"].tolist()
+    ((3, 1, 2), [1, 2, 3])
+    >>> rewards = envs.step(np.zeros((3, 2)))[1]
+    """
+
+    worlds = SteeringWorlds

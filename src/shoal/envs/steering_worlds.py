@@ -1,0 +1,170 @@
+"""SteeringWorlds: the common basis of the single and the vector environment, a batch with observations, rewards and infos."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.checks import shortened
+from shoal.core.episode import Status
+from shoal.core.version import versions
+from shoal.envs.options import SteeringEnvOptions, check_no_options, option_errors, split_fields
+from shoal.steering.episode import SteeringEpisode
+from shoal.steering.problem import SteeringProblem
+from shoal.steering.simulation.batch import SteeringBatch
+from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.region import Region
+
+Observation = dict[str, Points]
+
+
+class SteeringWorlds:
+    """The worlds of an environment.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    pictured : bool
+        Whether pictures of them will be asked for: they show the whole episode, which is then kept.
+    **fields
+        Fields of `SteeringProblem` and `SteeringEnvOptions`.
+
+    Raises
+    ------
+    OptionError
+    """
+
+    def __init__(self, count: int, *, pictured: bool = False, **fields: Any) -> None:
+        self.problem, self.options = split_fields(fields, SteeringProblem, SteeringEnvOptions)
+        with option_errors():
+            self.problem.check_at_place()
+            self.batch = SteeringBatch(self.problem, count)
+        n, d = self.problem.n_particles, self.problem.place.dimensions
+        low, high = self._bounds()
+        seen = (np.full(d, -np.inf), np.full(d, np.inf)) if self.problem.measurement else (low, high)
+        spaces: dict[str, gymnasium.Space[Any]] = {
+            "particles": _box(seen[0], seen[1], n),
+            "delta": _box(seen[0] - seen[1], seen[1] - seen[0], n - 1),
+            "goals": _box(low, high, n),
+            "goal_delta": _box(low - high, high - low, n - 1),
+        }
+        self.observation_space = gymnasium.spaces.Dict(spaces)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (d,), np.float64)
+        self._pictured = np.full(count, pictured)
+        self._states: list[list[Points]] = [[] for _ in range(count)]  # of the whole episodes, where there are pictures
+        self._inputs: list[list[Points]] = [[] for _ in range(count)]
+        self._trajectories: list[list[Any]] = [[] for _ in range(count)]  # of the moves that a picture has shown
+
+    def _bounds(self) -> tuple[Points, Points]:
+        """Return the smallest and the largest possible coordinates of a particle or a goal."""
+        place = self.problem.place
+        if place.round:
+            low, high = place.center - place.radius, place.center + place.radius
+        else:
+            corners = place.outline if isinstance(place, Region) else place.vertices
+            low, high = corners.min(axis=0), corners.max(axis=0)
+        if place.dimensions == 3:
+            caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
+            low, high = np.append(low, caps[0]), np.append(high, caps[1])
+        if self.problem.goal_x is not None:  # a goal may be outside
+            goal = np.array([self.problem.goal_x, self.problem.goal_y])
+            low[:2], high[:2] = np.minimum(low[:2], goal), np.maximum(high[:2], goal)
+        room = TOUCH * place.size  # maximum distance outside of a particle on a wall
+        return low - room, high + room
+
+    def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
+        """Start episodes; see `SteeringBatch.reset`. There are no options."""
+        check_no_options(options)
+        with option_errors():
+            self.batch.reset(where, seed=seed)
+        for world in self._shown(where):
+            self._states[world], self._inputs[world], self._trajectories[world] = [self.batch.states[world].copy()], [], []
+
+    def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
+        """Return which of the worlds have pictures."""
+        shown: list[int] = np.flatnonzero(self._pictured & (True if where is None else where)).tolist()
+        return shown
+
+    def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], None]:
+        """Send an action to each world; return the rewards, and None."""
+        batch, options, size = self.batch, self.options, float(self.problem.place.size)
+        given = self._checked(actions, where)
+        before, moved = batch.errors.copy(), slice(None) if where is None else where
+        inputs = given * options.longest_move * size
+        batch.send(inputs, where)
+        for world in self._shown(where):
+            self._states[world].append(batch.states[world].copy())
+            self._inputs[world].append(inputs[world])
+        rewards = np.zeros(len(batch))
+        gained = options.progress_reward * (before - batch.errors) / size - options.move_price
+        rewards[moved] = (gained + options.final_bonus * batch.terminated)[moved]
+        return rewards, None
+
+    def _checked(self, actions: Any, where: NDArray[np.bool_] | None) -> Points:
+        shape = (len(self.batch), self.problem.place.dimensions)
+        try:
+            given = np.asarray(actions, dtype=np.float64)
+        except (TypeError, ValueError):
+            given = np.zeros(0)
+        if given.shape != shape:
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected numbers from -1 to 1 of shape {shape}, one row an environment, got {shortened(actions)}"
+            )
+        bad = ~(np.abs(given) <= 1).all(axis=1) & (True if where is None else where)
+        if bad.any():
+            raise gymnasium.error.InvalidAction(
+                f"actions: expected {shape[1]} numbers from -1 to 1 an environment, got {shortened(given[np.argmax(bad)].tolist())}"
+            )
+        return given
+
+    def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
+        """Return the observations of worlds, each name with one row a world, in new arrays; ``out`` is for other worlds."""
+        chosen = slice(None) if where is None else where
+        seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
+        return {"particles": seen, "delta": seen[:, 1:] - seen[:, :1], "goals": goals, "goal_delta": goals[:, 1:] - goals[:, :1]}
+
+    def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
+        """Return what else is known of worlds: the error, moves so far, and the seed."""
+        batch, chosen = self.batch, slice(None) if where is None else where
+        return {"error": batch.errors[chosen].copy(), "moves": batch.moves[chosen].copy(), "seed": batch.seeds[chosen].copy()}
+
+    def characters(self, world: int) -> str:
+        """Return where the particles of a world are and their goals, as text."""
+        batch = self.batch
+        pairs = zip(batch.states[world], batch.goals[world, 0], strict=True)
+        rows = [
+            f"particle {k}: {np.array2string(here, precision=4)} to {np.array2string(goal, precision=4)}"
+            for k, (here, goal) in enumerate(pairs, start=1)
+        ]
+        return "\n".join([*rows, f"after {batch.moves[world]} moves {batch.errors[world]:.4g} from the goals"])
+
+    def picture(self, world: int) -> NDArray[np.uint8]:
+        """Return a picture of a world's episode so far; uint8, shape (height, width, 3)."""
+        from shoal.views.steering.films import HEIGHT, SteeringFilm
+        from shoal.views.steering.trajectories import FilmMoment, trajectories_of
+
+        states, inputs, known = self._states[world], self._inputs[world], self._trajectories[world]
+        known += trajectories_of(self._episode(world, states[len(known) :], inputs[len(known) :]))
+        film = SteeringFilm(self._episode(world, states, inputs), known, height=HEIGHT[".gif"])
+        return next(film.frames([FilmMoment(max(0, len(inputs) - 1), 1.0)]))
+
+    def _episode(self, world: int, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
+        """Return moves as an episode that views can draw."""
+        batch = self.batch
+        problem = self.problem.replaced(start=states[0], goal=batch.goals[world, 0], execution=0.0, goal_x=None, goal_y=None)
+        status = Status.INCOMPLETE if batch.errors[world] > problem.tolerance else Status.SOLVED
+        return SteeringEpisode(
+            problem=problem, planner="steering", status=status, inputs=np.array(inputs).reshape(-1, problem.place.dimensions),
+            states=np.array(states), order=np.arange(len(states[0])), seed=int(batch.seeds[world]), lower_bound=None, seconds=0.0,
+            versions=versions(),
+        )  # fmt: skip
+
+
+def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
+    """Return the space of ``count`` points."""
+    return gymnasium.spaces.Box(np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64)

@@ -1,0 +1,144 @@
+"""SteeringBatch: many worlds of steering, moved together in compiled code."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from shoal.core.checks import world_generators
+from shoal.steering.contact.disturbances import generators
+from shoal.steering.contact.region_world import RegionWorld
+from shoal.steering.contact.world import stop_at_others
+from shoal.steering.kernels import contact, region_contact
+from shoal.steering.problem import SteeringProblem, check_can_part
+from shoal.steering.workspaces.convex_geometry import Points
+
+SEEDS = 2**31
+"""Seeds of episodes that nobody gave one are drawn below this."""
+
+
+class SteeringBatch:
+    """Worlds of one problem, each with its own start, goal and noise, and a move of its own a step.
+
+    Parameters
+    ----------
+    problem : SteeringProblem
+    worlds : int
+        How many.
+
+    Attributes
+    ----------
+    states, seen : ndarray of float64, shape (worlds, particles, dimensions)
+        Where the particles are, and where the camera sees them.
+    goals : ndarray of float64, shape (worlds, orders, particles, dimensions)
+        Of interchangeable particles in every order; otherwise in one.
+    errors : ndarray of float64, shape (worlds,)
+        The distance to its goal of the particle that is farthest from it, in the best order.
+    moves, seeds : ndarray of int64, shape (worlds,)
+    terminated, truncated : ndarray of bool, shape (worlds,)
+        Whether all particles are at their goals, within the tolerance; whether the limit of moves was reached before that.
+
+    Raises
+    ------
+    InvalidInputError
+
+    Notes
+    -----
+    A world does exactly what `shoal.steering.simulation.apparatus.Apparatus` does with its seed.
+
+    Examples
+    --------
+    >>> batch = SteeringBatch(SteeringProblem(start=[(0.2, 0.5), (0.4, 0.5)], goal=[(0.3, 0.5), (0.4, 0.5)]), 2)
+    >>> batch.reset(seed=1)
+    >>> batch.send(np.array([[-0.3, 0.0], [0.0, 0.1]]))
+    >>> batch.states[:, 0].round(3).tolist()
+    [[0.0, 0.5], [0.2, 0.6]]
+    """
+
+    def __init__(self, problem: SteeringProblem, worlds: int) -> None:
+        self.problem, self._world = problem, problem.world()
+        n, d = problem.n_particles, problem.place.dimensions
+        orders = permutations(range(n)) if problem.interchangeable else [range(n)]
+        self._orders = np.array([list(order) for order in orders])
+        self.states, self.seen = np.zeros((worlds, n, d)), np.zeros((worlds, n, d))
+        self.goals = np.zeros((worlds, len(self._orders), n, d))
+        self.errors, self.moves, self.seeds = np.zeros(worlds), np.zeros(worlds, np.int64), np.zeros(worlds, np.int64)
+        self.terminated, self.truncated = np.zeros(worlds, np.bool_), np.zeros(worlds, np.bool_)
+        self._gains, self._shares = np.zeros((worlds, d + 1)), np.ones((worlds, n))
+        self._all, self._spare = np.arange(worlds), np.zeros(d)
+        self._noises: list[Any] = [None] * worlds  # generators of execution and camera
+        self._rngs: list[Generator] = []
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+    def _chosen(self, where: NDArray[np.bool_] | None) -> NDArray[np.int64]:
+        return self._all if where is None else where.nonzero()[0]
+
+    def reset(self, where: NDArray[np.bool_] | None = None, *, seed: int | Sequence[int | None] | None = None) -> None:
+        """Let worlds begin an episode.
+
+        Parameters
+        ----------
+        where : ndarray of bool, shape (worlds,), optional
+            Which worlds; by default all.
+        seed : int, or sequence of int or None, one a world, optional
+            Of the episode, ``seed + i`` for world i; without a seed each world draws the next one.
+
+        Raises
+        ------
+        InvalidInputError
+            Then no world has changed.
+        """
+        chosen, problem = self._chosen(where), self.problem
+        rngs = world_generators(seed, chosen, len(self), self._rngs)
+        seeds = [own if own is not None else int(rng.integers(SEEDS)) for own, rng in rngs]
+        ends = [problem.endpoints(own) for own in seeds]
+        for start, goal in ends:
+            check_can_part(start, goal, problem.tolerance)
+            self._world.initial(start)
+        if not self._rngs:
+            self._rngs = [rng for _, rng in rngs]
+        for world, own, (start, goal), (_, rng) in zip(chosen.tolist(), seeds, ends, rngs, strict=True):
+            self._rngs[world], self.seeds[world] = rng, own
+            self.states[world], self.goals[world] = start, goal[self._orders]
+            self._noises[world] = generators(own)[1:3] if problem.execution or problem.measurement else None
+            if not isinstance(self._world, RegionWorld):
+                self._gains[world] = problem.world(seed=own).gain if problem.gain else self._world.gain
+        self.moves[chosen] = 0
+        self.terminated[chosen] = self.truncated[chosen] = False
+        self._look(chosen)
+
+    def send(self, moves: Points, where: NDArray[np.bool_] | None = None) -> None:
+        """Move the particles of each world, and look; float64, shape (worlds, dimensions), of which the chosen rows count."""
+        chosen, problem = self._chosen(where), self.problem
+        executed = np.array(moves, dtype=np.float64, order="C")
+        if problem.execution:
+            for world in chosen.tolist():
+                executed[world] += self._noises[world][0].normal(scale=problem.execution, size=executed.shape[1])
+        before = self.states.copy() if problem.particle_radius else self.states
+        if isinstance(self._world, RegionWorld):
+            region_contact.advance_worlds(self.states, executed, chosen, self._world.edges)
+        else:
+            contact.advance_worlds(self.states, executed, chosen, self._gains, self._world.walls, self._shares, self._spare)
+        if problem.particle_radius:
+            for world in chosen.tolist():
+                apart = 2 * problem.particle_radius
+                stop_at_others(before[world], executed[world], self._shares[world], apart, self.states[world])
+        self.moves[chosen] += 1
+        self._look(chosen)
+        self.terminated[chosen] = self.errors[chosen] <= problem.tolerance
+        self.truncated[chosen] = ~self.terminated[chosen] & (self.moves[chosen] >= problem.max_moves)
+
+    def _look(self, chosen: NDArray[np.int64]) -> None:
+        states = self.states[chosen]
+        self.errors[chosen] = np.linalg.norm(self.goals[chosen] - states[:, None], axis=3).max(axis=2).min(axis=1)
+        self.seen[chosen] = states
+        if self.problem.measurement:
+            for world in chosen.tolist():
+                self.seen[world] += self._noises[world][1].normal(scale=self.problem.measurement, size=states.shape[1:])
