@@ -352,6 +352,9 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     aside = other.way_in(None)[-2]
     assert aside[1] != pytest.approx(-50)
     assert np.hypot(*(aside[:2] - (100, -50))) / 80 * 2 > 11  # less wind from ahead: faster over ground
+    wall = shapely.box(-150, 0, -130, 250)  # between the last waypoint and the approach, which is then begun over the landing point
+    (over,) = missions_of([*lanes[:3], (200, -200)], None, vehicle=wing, landing=(100, 300), blocked=wall)
+    assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
     assert Flight(wing, np.zeros(2), ending="land").flown(np.array([(-440.0, 0.0, 80.0)])).points[-2, 2] == 80
 
 

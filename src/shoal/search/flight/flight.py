@@ -151,8 +151,12 @@ class Flight:
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
         """Return the waypoints of a way with turns, and with circles in which it climbs or sinks from one altitude to the next."""
         if self.glides:
-            whole = np.vstack([whole[:-1], self._approach(whole[-2]), whole[[-1, -1]]])  # its last leg is flown straight
-            ups = np.append(ups, ups[[-1, -1]])
+            begin = self._approach(whole[-2])
+            before = (
+                whole[:-1] if self._passes(whole[-2], begin) else whole
+            )  # else over the landing point, as the way there is free
+            whole = np.vstack([before, begin, whole[[-1, -1]]])  # its last leg is flown straight
+            ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
         away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
         begin, end = (int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1]))
         ups = np.concatenate([np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])])[: len(ups)]
@@ -189,8 +193,6 @@ class Flight:
 
     def _approach(self, last: Points) -> Points:
         """Return where the approach to a landing begins: against the wind if there is room, else as little aside as can be."""
-        import shapely
-
         up = self.vehicle.height
         lasting, best = float(self.vehicle.vertical_seconds(-up)), None
         toward = -self.vehicle.wind_vector if self.vehicle.wind else self.end - last
@@ -199,13 +201,18 @@ class Flight:
             aside = (-1) ** number * ((number + 1) // 2) * 2 * pi / _APPROACHES
             course = np.array([cos(heading + aside), sin(heading + aside)])
             best = self.end - course * max(lasting * float(self.vehicle.ground_speed([course])[0]) * self.rate, 2 * self.radius)
-            leg = shapely.linestrings([best, self.end])
-            if (self.blocked is None or not shapely.intersects(self.blocked, leg)) and self._clear(best, up):
+            if self._passes(best, self.end) and self._clear(best, up):
                 return best
         raise InvalidInputError(
             f"landing: expected a way free of no-go zones and of higher ground on which it sinks by {up:g} m to "
             f"{text_of(self.end)}, got none from any direction"
         )
+
+    def _passes(self, one: Points, other: Points) -> bool:
+        """Tell whether a straight leg avoids blocked areas."""
+        import shapely
+
+        return self.blocked is None or not shapely.intersects(self.blocked, shapely.linestrings([one, other]))
 
     def _clear(self, begin: Points, up: float) -> bool:
         """Tell whether an approach that begins at an altitude stays above the ground."""
