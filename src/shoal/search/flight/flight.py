@@ -151,11 +151,9 @@ class Flight:
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
         """Return the waypoints of a way with turns, and with circles in which it climbs or sinks from one altitude to the next."""
         if self.glides:
-            begin = self._approach(whole[-2])
-            before = (
-                whole[:-1] if self._passes(whole[-2], begin) else whole
-            )  # else over the landing point, as the way there is free
-            whole = np.vstack([before, begin, whole[[-1, -1]]])  # its last leg is flown straight
+            descent = self._approach(whole[-2])
+            before = whole[:-1] if self._passes(whole[-2], descent) else whole  # or over the landing point: the way there is free
+            whole = np.vstack([before, descent, whole[[-1, -1]]])  # its last leg is flown straight
             ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
         away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
         begin, end = (int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1]))
