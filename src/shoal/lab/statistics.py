@@ -28,7 +28,7 @@ class Estimate:
         Sample standard deviation; NaN for a single value.
     count : int
     level : float
-        Of confidence.
+        Confidence level.
     method : str
         "t", "log" or "bootstrap".
     """

@@ -25,7 +25,7 @@ class Row:
     Parameters
     ----------
     values : dict
-        By axis.
+        Values of the axes by name.
     estimate : Estimate or None
         Estimate of the mean. None if no trial has the measure, or if the measure grows until the task is done and no trial
         completed it.
@@ -66,7 +66,7 @@ class Measured:
     Parameters
     ----------
     values : dict
-        By axis.
+        Values of the axes by name.
     trials : dict of int to float
         Values by trial, without trials that have no number.
     unfinished : set of int

@@ -125,7 +125,7 @@ def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials:
     trials : int
         Number of trials of each published mean.
     margin : float
-        Above 0.
+        Relative margin, above 0.
     why : str
         The reason for this margin.
     """

@@ -149,7 +149,7 @@ def reproduce_all(
     Parameters
     ----------
     out : path
-        A folder.
+        Output folder.
     on_result : callable, optional
         Function that receives each finished figure.
     on_map : str, optional

@@ -19,7 +19,7 @@ class Preview:
     Parameters
     ----------
     root : str
-        The folder.
+        Path of the folder.
     """
 
     def __init__(self, root: str) -> None:

@@ -58,7 +58,7 @@ class SwarmEpisode(Episode):
     targets : ndarray of bool, the shape of the workspace, or None
         The cells to cover. None for a mapping task.
     seed, trial : int
-        See `shoal.swarm.grid.randomness`.
+        Seed and trial number; see `shoal.swarm.grid.randomness`.
     seconds : float
         Computing time in seconds, planning included.
     versions : dict of str
@@ -87,7 +87,7 @@ class SwarmEpisode(Episode):
 
     @property
     def workspace(self) -> GridWorkspace:
-        """The workspace."""
+        """The workspace of the problem."""
         workspace: GridWorkspace = self.problem.place
         return workspace
 

@@ -95,7 +95,7 @@ Airspace = Annotated[
     typer.Option(
         "--airspace",
         metavar=_KEPT["airspace"].option.metavar,
-        help="How far turns of fixed wings may lead beyond the border of the region, less --margin. Default: any, with a warning.",
+        help="Distance by which turns of fixed wings may leave the region, beyond --margin. Default: unlimited, with a warning.",
         show_default=False,
     ),
 ]
@@ -104,7 +104,7 @@ OverTerrain = Annotated[
     typer.Option(
         "--terrain",
         metavar=_KEPT["terrain"].option.metavar,
-        help="Heights of the ground: a GeoTIFF or an ESRI ASCII grid. The heights above it are measured along all ways.",
+        help="Terrain heights: a GeoTIFF or an ESRI ASCII grid. Heights above ground are measured along all paths.",
         show_default=False,
     ),
 ]
@@ -113,7 +113,7 @@ HeightError = Annotated[
     typer.Option(
         "--terrain-error",
         metavar=_KEPT["terrain_error"].option.metavar,
-        help="Largest error of the height above ground of missions whose altitudes count from it.",
+        help="Maximum error of the height above ground, for missions with altitudes above ground.",
     ),
 ]
 Bands = Annotated[
@@ -164,8 +164,8 @@ def check(
 ) -> None:
     """Check mission files: read them back, report mistakes, and measure how much of a region the vehicles see.
 
-    Nothing of the planner is asked. Exit code 1 if there are mistakes, if less than --least is seen, or if vehicles come too
-    near to each other or to the ground.
+    The check does not use the planner. The exit code is 1 if there are mistakes, if less than --least is seen, or if vehicles come
+    too near to each other or to the ground.
     """
     from shoal.search import open_region
     from shoal.search.missions import check_missions

@@ -1,7 +1,7 @@
-"""Problem: everything that defines a run, each field declared once with its type, default, unit, range and help.
+"""Problem: all settings of a run, each declared once with its type, default, unit, range and help.
 
-The options of commands, the fields of sweeps and problem files and the tables of the documentation are made from these
-declarations, so their defaults cannot differ.
+These declarations generate the options of commands, the fields of sweeps and problem files, and the tables of the documentation, so
+their defaults cannot differ.
 """
 
 from __future__ import annotations
@@ -21,21 +21,21 @@ from shoal.core.problem.declaration import Declaration, declaration_of, option
 __all__ = ["LARGEST_PROBLEM", "Declaration", "Problem", "option"]
 
 LARGEST_PROBLEM = 20_000_000
-"""Bytes of a problem file."""
+"""Maximum size of a problem file in bytes."""
 
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """Everything that defines a run but its seed. Subclasses are frozen dataclasses whose fields are made by `option`."""
+    """All settings of a run except its seed. Subclasses are frozen dataclasses whose fields are made by `option`."""
 
     part: ClassVar[str]
-    """The kind of problem, as files name it: "swarm", "steering", "search", ..."""
+    """The kind of problem, as in files: "swarm", "steering", "search", ..."""
 
     measures: ClassVar[tuple[str, ...]] = ()
     """The metrics of an episode that a sweep stores."""
 
     censored: ClassVar[tuple[str, ...]] = ()
-    """Those that grow until the task is done: of an episode that ended before they are lower bounds."""
+    """Measures that grow until the task is done. For an unfinished episode, they are lower bounds."""
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -43,21 +43,21 @@ class Problem:
         self.check_together()
 
     def check_together(self) -> None:
-        """Refuse fields that do not go together; nothing is opened yet."""
+        """Refuse fields that contradict each other. No file is opened yet."""
 
     @classmethod
     def declarations(cls) -> Mapping[str, Declaration]:
-        """Return what is declared of each field, by name, in order."""
+        """Return the declarations of all fields by name, in order."""
         return _declarations(cls)  # type: ignore[arg-type]  # classes are hashable, whatever their instances are
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], *, where: str = "problem") -> Self:
-        """Return the problem that fields describe; those that are missing have their defaults.
+        """Return the problem for a mapping of fields. Missing fields have their defaults.
 
         Raises
         ------
         InvalidInputError
-            In one sentence that says where.
+            If a field is unknown or invalid. The message gives its location.
         """
         if not isinstance(data, Mapping):
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")
@@ -77,7 +77,7 @@ class Problem:
 
     @classmethod
     def load(cls, path: Any, *, trust: bool = False) -> Self:
-        """Read a problem file (JSON). Code that it names, MODULE:ATTRIBUTE, is run only if ``trust`` is true.
+        """Read a problem file (JSON). Code that the file names as MODULE:ATTRIBUTE runs only if ``trust`` is true.
 
         Raises
         ------
@@ -91,14 +91,14 @@ class Problem:
 
     @classmethod
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
-        """Refuse fields of a file that name somebody's code, which would be imported and run.
+        """Refuse fields of a file that name third-party code, which would be imported and run.
 
-        ``data`` has the fields as in the file; ``names`` are those whose code would run, if not all.
+        ``data`` contains the fields of the file. ``names`` are the fields whose code would run; the default is all.
 
         Raises
         ------
         InvalidInputError
-            It says whose code.
+            If a field names third-party code. The message names the module.
         """
         known = cls.declarations()
         for name in known if names is None else names:
@@ -111,7 +111,7 @@ class Problem:
                 )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
-        """Return the fields as JSON holds them, with ``kind``; those at their default only if asked for."""
+        """Return the fields as JSON data with ``kind``. Fields with default values are included only if ``defaults`` is true."""
         told: dict[str, Any] = {"kind": self.part}
         for name, declared in self.declarations().items():
             value = getattr(self, name)
@@ -120,12 +120,12 @@ class Problem:
         return told
 
     def canonical(self, *, without: tuple[str, ...] = ()) -> str:
-        """Return the problem as JSON that is the same for equal problems; what has its default is left out."""
+        """Return the problem as JSON that is equal for equal problems. Fields with default values are left out."""
         told = {name: value for name, value in self.to_dict().items() if name not in without}
         return json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
     def replaced(self, **changes: Any) -> Self:
-        """Return the problem with other fields.
+        """Return the problem with some fields replaced.
 
         Raises
         ------
@@ -143,11 +143,11 @@ class Problem:
     def __hash__(self) -> int:
         return hash(self.canonical())
 
-    # What a problem is about, opened once. Problems without a place have none of it.
+    # The place of a problem, opened once. Problems without a place have none of these methods.
 
     @cached_property
     def place(self) -> Any:
-        """The opened map, workspace or region; opened once."""
+        """The opened map, workspace or region. It is opened only once."""
         return self.open_place()
 
     def open_place(self) -> Any:
@@ -155,25 +155,25 @@ class Problem:
         return None
 
     def place_key(self) -> str | None:
-        """Return a text that is equal for problems about the same place; None if there is no place, or none that has a name."""
+        """Return a text that is equal for problems with the same place, or None for a place without a name."""
         return None
 
     def place_is_file(self) -> bool:
-        """Tell whether the place is a file: then it must be sent to workers, who may not have it."""
+        """Return whether the place is a file, which workers on other machines may not have."""
         return False
 
     def place_digest(self) -> bytes:
-        """Return what tells the opened place from any other: a file may hold another one tomorrow."""
+        """Return a fingerprint of the opened place, because the content of a file may change."""
         return b""
 
     def at_place(self, place: Any) -> Self:
-        """Return the problem with its place opened already."""
+        """Return the problem with an opened place."""
         same = replace(self)
         same.__dict__["place"] = place
         return same
 
     def check_at_place(self) -> None:
-        """Refuse what no run could do at the opened place.
+        """Refuse settings that are impossible at the opened place.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Declarations of the fields of problems: type, default, unit, range, help, and how a value is checked and told."""
+"""Declarations of problem fields: type, default, unit, range, help, checking, and conversion to text."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class Option:
-    """What is declared of one field of a problem.
+    """The declaration of one field of a problem.
 
     Parameters
     ----------
     help : str
-        One sentence or two.
+        One or two sentences of help.
     unit : str
     least, most, above, below : float
-        The range of a number: from ``least`` to ``most``, above ``above``, below ``below``.
+        Range of a number: ``least`` to ``most``, more than ``above``, less than ``below``.
     finite : bool
         Whether a number must be finite.
     choices : tuple of str
-        All values that a text may have; empty if any.
+        All possible values of a text; empty if any text is valid.
     metavar : str
-        What stands for the value in the help of a command.
+        Placeholder for the value in the help of a command.
     short : str
-        A short form of the command's option, as ``-n``.
+        Short form of the command's option, such as ``-n``.
     argument : bool
-        Whether commands take it by position.
+        Whether commands take the field by position.
     repeated : bool
-        Whether commands take the option several times; ``parse`` then gets a list of texts.
+        Whether commands accept the option several times. ``parse`` then receives a list of texts.
     parse : callable, optional
-        Makes the value of a command line's text, where that is no text, number or truth value.
+        Function that converts a command line text to the value, for types other than text, number and boolean.
     check : callable, optional
-        Takes the value, returns the checked one; in place of the check that the type implies.
+        Function that returns the checked value. It replaces the check that the type implies.
     dump : callable, optional
-        Makes of the value what JSON can hold.
+        Function that converts the value to JSON data.
     names : tuple of str, optional
-        For a field whose value may name somebody's code, MODULE:ATTRIBUTE: the names that are built in.
+        For a field whose value may name third-party code, MODULE:ATTRIBUTE: the built-in names.
     """
 
     help: str
@@ -66,17 +66,17 @@ class Option:
 
 @dataclass(frozen=True)
 class Declaration:
-    """A field of a problem, as commands, files and tables need it.
+    """A field of a problem, in the form that commands, files and tables use.
 
     Parameters
     ----------
     name : str
     type : type
-        int, float, bool, str, or ``object`` where the option has a ``check`` of its own.
+        int, float, bool, str, or ``object`` if the option has a ``check`` of its own.
     optional : bool
-        Whether None is a value.
+        Whether None is a valid value.
     default : object
-        `REQUIRED` if there is none.
+        The default value; `REQUIRED` if there is none.
     option : Option
     """
 
@@ -88,22 +88,22 @@ class Declaration:
 
     @property
     def flag(self) -> str:
-        """The option of commands."""
+        """The command's option."""
         return "--" + self.name.replace("_", "-")
 
     @property
     def required(self) -> bool:
-        """Whether there is no default."""
+        """Whether the field has no default."""
         return self.default is REQUIRED
 
     @property
     def range(self) -> str:
-        """The range of a number for people; empty if it has none."""
+        """The range of a number as text, or an empty text without a range."""
         option = self.option
         return range_text(option.least, option.most, option.above, option.below)
 
     def checked(self, value: Any) -> Any:
-        """Return the value as the field holds it.
+        """Return the checked value as the field stores it.
 
         Raises
         ------
@@ -126,7 +126,7 @@ class Declaration:
         return check_text(value, what=self.name)
 
     def text(self, value: Any) -> str:
-        """Return a value as the command line takes it: numbers as '1,2', points and cells as '1,2 3,4', fields as 'a=1,b=2'."""
+        """Return a value as command line text: numbers as '1,2', points and cells as '1,2 3,4', fields as 'a=1,b=2'."""
         if isinstance(value, Mapping):
             first, *others = value.items()
             return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])
@@ -136,7 +136,7 @@ class Declaration:
         return str(value)
 
     def value_of(self, text: Any) -> Any:
-        """Return the value that a text of the command line means.
+        """Return the value of a command line text.
 
         Raises
         ------
@@ -157,7 +157,7 @@ def _plain(value: Any) -> str:
 
 
 REQUIRED: Any = MISSING
-"""The default of a field that has none."""
+"""The default of a field without a default value."""
 
 
 def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002 - the word that every reader expects

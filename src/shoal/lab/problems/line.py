@@ -28,7 +28,7 @@ class LineProblem(MeasuredProblem):
 
     @cached_property
     def line(self) -> Line:
-        """The line."""
+        """The line with its particles."""
         return Line(self.cells, self.particles)
 
     def check_at_place(self) -> None:

@@ -116,7 +116,7 @@ def frame(store: Store, name: str) -> Any:
     ------
     UnknownNameError
     MissingExtraError
-        Without ``shoal[lab]``.
+        If ``shoal[lab]`` is not installed.
     """
     pandas = _needed("pandas", "a data frame")
     columns = store.columns(name)

@@ -14,7 +14,7 @@ class SweepStatus:
     ----------
     name : str
     done, total : int
-        Trials.
+        Number of finished trials, and of all trials.
     failures : int
         Number of trials that ended with an error. A later run tries them again.
     points : int

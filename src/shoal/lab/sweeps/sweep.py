@@ -51,7 +51,7 @@ class Point:
     number : int
         Index of the point in the sweep.
     values : dict
-        By axis.
+        Values of the axes by name.
     problem : Problem
     key : str
         Digest of the problem, under which its trials are stored.
@@ -197,7 +197,7 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
     Parameters
     ----------
     text : str
-        TOML.
+        The text of a sweep file (TOML).
     where : str
         Beginning of error messages, such as the name of the file.
     check : callable, optional

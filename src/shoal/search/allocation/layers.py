@@ -30,7 +30,7 @@ class LayeredGrid:
     layers : tuple of CellGrid
         The layers from the lowest to the highest. Equal layers are one object.
     altitudes : ndarray of float64, shape (L,)
-        Metres.
+        Altitude of each layer in metres.
     climb : float
         Horizontal distance in metres along the rows that takes as long as one metre of climb or descent, averaged over both.
     """

@@ -145,7 +145,7 @@ def in_layers(
     first : GridTour
         The first pass of the lowest layer. All layers have its region and angle.
     altitudes : sequence of float
-        Metres, rising.
+        Altitudes in metres, increasing.
     passes : int
         Number of passes at each altitude. In every other pass the rows are rotated by 90 degrees.
     sizes : sequence of float

@@ -98,7 +98,7 @@ class SearchPlan:
 
     @property
     def tour(self) -> Tour:
-        """The tour."""
+        """The tour through all cells."""
         return self.tour_cost.tour
 
     @property

@@ -28,7 +28,7 @@ class Portals:
     middles : ndarray of float64, shape (g, 2)
         Midpoint of each portal in metres.
     widths : ndarray of float64, shape (g,)
-        Metres.
+        Width of each portal in metres.
     """
 
     pairs: NDArray[np.int64]

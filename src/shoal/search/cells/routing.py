@@ -41,7 +41,7 @@ class Route:
 
     @property
     def length(self) -> float:
-        """Metres."""
+        """Length of the route in metres."""
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
@@ -102,7 +102,7 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            As `leg`.
+            For the same reasons as in `leg`.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))

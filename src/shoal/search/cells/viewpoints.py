@@ -28,7 +28,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     own : ndarray of int64, shape (H, W)
         Number of each cell's own piece, as in `CellGrid`.
     footprint : float
-        Metres.
+        Side of the footprint in metres.
     free : Shapely geometry, optional
         The area where robots may be, if it is smaller than the region.
 

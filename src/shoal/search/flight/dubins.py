@@ -27,7 +27,7 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     starts, ends : array_like of float, shape (..., 3)
         Poses: x and y in metres, headings in radians counter-clockwise from east.
     radius : float
-        Metres.
+        Minimum turning radius in metres.
 
     Returns
     -------

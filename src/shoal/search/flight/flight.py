@@ -23,12 +23,12 @@ FRAMES = ("home", "sea", "ground")
 """Reference surfaces of altitudes."""
 
 ENDINGS = ("return", "land", "loiter")
-"""How a flight ends: as the autopilot returns, by a landing, or by a stay in the air, of a fixed wing in circles."""
+"""The endings of a flight: the autopilot's return, a landing, or a stay in the air, in circles for a fixed wing."""
 
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
-_APPROACHES = 12  # directions among which that of a landing is chosen
-_TOUCHING = 0.9  # of an approach, at the end of which it may be near to the ground
+_APPROACHES = 12  # number of directions among which a landing is chosen
+_TOUCHING = 0.9  # final part of an approach, which may be near the ground
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +39,7 @@ class Flight:
     ----------
     vehicle : Vehicle
     home : ndarray of float64, shape (2,)
-        Metres.
+        Start point of the vehicle in metres.
     frame : LocalFrame or None
         Position of the local frame on Earth.
     altitude_frame : "home", "sea" or "ground"
@@ -57,9 +57,9 @@ class Flight:
     landing : ndarray of float64, shape (2,), optional
         Landing point in metres. The default is home.
     area : Shapely geometry, optional
-        What turns between places of it do not leave.
+        Area that turns between points inside it must not leave.
     ending : "return", "land" or "loiter"
-        A fixed wing lands by a straight approach, on which it sinks all the way.
+        A fixed wing lands by a straight approach with constant descent.
 
     Raises
     ------
@@ -104,7 +104,7 @@ class Flight:
 
     @property
     def radius(self) -> float:
-        """How wide turns are flown, metres; 0 for what turns where it stands."""
+        """Radius of flown turns in metres; 0 for a vehicle that turns on the spot."""
         return _WIDER * self.vehicle.ground_radius
 
     @property
@@ -130,7 +130,7 @@ class Flight:
         Raises
         ------
         InvalidInputError
-            For turns, circles or an approach for which there is no room, and for a way that meets the ground.
+            If there is no space for turns, circles or an approach, or if the path meets the ground.
         """
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
@@ -145,11 +145,11 @@ class Flight:
 
     @property
     def _follows(self) -> bool:
-        """Whether waypoints follow the ground; then the places above home and the end are among them."""
+        """Whether waypoints follow the ground. Then the points above home and the end are among them."""
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
-        """Return the waypoints of a way with turns, and with circles in which it climbs or sinks from one altitude to the next."""
+        """Return the waypoints of a path with turns, and with circles for changes of altitude."""
         if self.glides:
             descent = self._approach(whole[-2])
             before = whole[:-1] if self._passes(whole[-2], descent) else whole  # or over the landing point: the way there is free
@@ -171,11 +171,12 @@ class Flight:
         found = np.vstack([flown[0], *(piece for pair in zip(climbs, flown[1:], strict=True) for piece in pair)])
         if self._follows:
             return found
-        kept = [np.hypot(*(way[k, :2] - place)) <= NEAR for k, place in ((0, self.home), (-1, self.end))]  # it is a waypoint, too
+        # the end is also a waypoint
+        kept = [np.hypot(*(way[k, :2] - place)) <= NEAR for k, place in ((0, self.home), (-1, self.end))]
         return found[int(not kept[0]) : len(found) - int(not (kept[1] or self.glides))]
 
     def _circles(self, arriving: Floats, top: float) -> Floats:
-        """Return the way in circles from the end of a leg to another height above it, without its first and last point."""
+        """Return the path in circles from the end of a leg to another height above it, without its first and last point."""
         place, toward = arriving[-1], np.diff(arriving[:, :2], axis=0)[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
         sense = room_beside(start, self.radius, blocked=self.blocked, area=self.area)
@@ -190,7 +191,7 @@ class Flight:
         return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])[1:-1]
 
     def _approach(self, last: Points) -> Points:
-        """Return where the approach to a landing begins: against the wind if there is room, else as little aside as can be."""
+        """Return the start of the approach to a landing: against the wind, or as close to that as space allows."""
         up = self.vehicle.height
         lasting, best = float(self.vehicle.vertical_seconds(-up)), None
         toward = -self.vehicle.wind_vector if self.vehicle.wind else self.end - last
@@ -207,13 +208,13 @@ class Flight:
         )
 
     def _passes(self, one: Points, other: Points) -> bool:
-        """Tell whether a straight leg avoids blocked areas."""
+        """Return whether a straight leg avoids blocked areas."""
         import shapely
 
         return self.blocked is None or not shapely.intersects(self.blocked, shapely.linestrings([one, other]))
 
     def _clear(self, begin: Points, up: float) -> bool:
-        """Tell whether an approach that begins at an altitude stays above the ground."""
+        """Return whether an approach that begins at an altitude stays above the ground."""
         if self.terrain is None:
             return True
         shares = np.linspace(0.0, _TOUCHING, 64)[:, None]
@@ -221,11 +222,11 @@ class Flight:
             ground = self.terrain.at((1 - shares) * begin + shares * self.end, self.frame)
             base = float(self.terrain.at(self.end[None], self.frame)[0])
         except InvalidInputError:
-            return False  # where nobody knows how high it is
+            return False  # where the height of the ground is unknown
         return bool((base + (1 - shares[:, 0]) * up > ground).all())
 
     def _at(self, way: Points, up: float) -> Floats:
-        """Return the waypoints of a way at one altitude, over terrain if there is one."""
+        """Return the waypoints of a path at one altitude, over terrain if there is one."""
         terrain = self.terrain
         if terrain is None or not self.flies:
             return self._level(way, np.full(len(way), up))
@@ -276,7 +277,8 @@ def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
 def whole_way(home: Points, waypoints: Floats, landing: Points | None = None, *, glides: bool = False) -> Floats:
     """Return the complete path: from the ground at home, along the waypoints, and to the ground at home or the landing point.
 
-    Up over home to the height of the first waypoint, and down from that of the last; on the way there if it glides.
+    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint, or during
+    the last leg if it glides.
 
     Examples
     --------

@@ -235,7 +235,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
     ----------
     one, other : Trajectory
     horizontal, vertical : float
-        Metres.
+        Required separations in metres.
 
     Examples
     --------

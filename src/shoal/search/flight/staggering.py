@@ -29,7 +29,7 @@ class Separation:
     Parameters
     ----------
     horizontal, vertical : float
-        Metres.
+        Required separations in metres.
     delay : float
         Maximum unplanned delay of each vehicle in seconds, independent of the others.
     """
@@ -69,7 +69,7 @@ def staggered(
     -------
     layers : ndarray of int64, shape (m,)
     delays : ndarray of float64, shape (m,)
-        Whole seconds.
+        Delay of each vehicle in whole seconds.
 
     Examples
     --------

@@ -39,7 +39,7 @@ class Terrain:
         Coordinate reference system in PROJ notation; None for metres without a position on Earth. `UNSAID` means longitude and
         latitude, or metres, depending on the region.
     name : str
-        For messages.
+        Name of the terrain for messages.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
     ----------
     terrain : Terrain
     way : ndarray of float64, shape (k, 2)
-        Metres.
+        Vertices of the path in metres.
     frame : LocalFrame or None
     error : float
         Error in metres. Between samples, the ground is straight within an eighth of it.

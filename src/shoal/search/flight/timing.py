@@ -26,7 +26,7 @@ class Trajectory:
     points : ndarray of float64, shape (n, 3)
         Metres east, north and up.
     circle : float
-        Metres: in its last leg it circles around its place with this radius.
+        Radius in metres of the circles that the vehicle flies around its position in the last leg.
     """
 
     times: Floats

@@ -109,7 +109,7 @@ def turned_way(
     way : ndarray of float64, shape (k, 2)
         Path in metres. Its first point may be left, and its last point reached, in any direction.
     radius : float
-        Metres.
+        Minimum turning radius in metres.
     link : float
         Length in metres: `LINK` footprints.
     blocked : Shapely geometry, optional

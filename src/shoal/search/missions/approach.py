@@ -1,4 +1,4 @@
-"""How near vehicles that follow missions come to each other and to the ground, and the airspace that they need."""
+"""Distances of vehicles that follow missions from each other and from the ground, and the airspace that they need."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from shoal.search.missions.rules import inside_of, searching
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
-_FINE = 0.1  # metres: an eighth of it is how straight the ground is between two heights
+_FINE = 0.1  # metres: an eighth of this is the deviation of the ground from a straight line between two heights
 
 
 def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
-    """Return when a vehicle is where that follows the way of its mission; one that does not land circles at its end for a time."""
+    """Return the trajectory of a vehicle that follows its mission. A vehicle that does not land circles at its end for a time."""
     if mission.loiter is None:
         return trajectory(way, vehicle, rate=rate)
     before = trajectory(way[:-1], vehicle, rate=rate)
@@ -47,7 +47,7 @@ def constant_speed(mission: Mission) -> Vehicle:
 
 
 def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
-    """Return how far vehicles lead outside of a region while they search it, metres: beyond its border, on their turns, too."""
+    """Return how far vehicles leave a region while they search it, including their turns: distance in metres beyond its border."""
     import shapely
 
     shapely.prepare(region.outline)
@@ -67,13 +67,13 @@ class MissionApproach:
     Parameters
     ----------
     robots : tuple of int
-        Their numbers.
+        Numbers of the two robots.
     sorties : tuple of int
-        Which sortie of each.
+        Sortie of each robot.
     horizontal, vertical : float
         Horizontal and vertical distance of the vehicles in metres.
     time : float
-        Seconds after the start of the first missions, if the first of the two is not late.
+        Time in seconds after the start of the first missions, if the first vehicle has no delay.
     place : ndarray of float64, shape (3,)
         Position of the first vehicle at that time: metres east, north and up.
     """
@@ -105,8 +105,8 @@ def missions_approach(
     Parameters
     ----------
     missions : sequence of Mission
-        All on one clock: first sorties begin at 0 but for their delays, later ones at their ``start``, or when all of those before
-        have ended.
+        The missions on one clock. First sorties begin at 0 plus their delays. Later sorties begin at their ``start``, or when all
+        earlier ones have ended.
     separation : Separation
         The separation. Moments with a larger difference in height than its vertical part do not count.
     frame : LocalFrame or None
@@ -159,7 +159,7 @@ class _Flights:
         return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach in two missions; None if they are never flown at one time, or never near in height."""
+        """Return the nearest approach in two missions, or None if they never fly at the same time or height."""
         there, here, apart = self.flown[one], self.flown[other], self.separation
         later = self.starts[other] - self.starts[one]
         if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
@@ -169,18 +169,19 @@ class _Flights:
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """The least and the largest height above ground, from over home to over the end; a climb, a landing and rovers do not count.
+    """Smallest and largest height above ground between home and the end. Climb, landing and rovers do not count.
 
     Parameters
     ----------
     lowest, highest : float
-        Metres.
+        The smallest and the largest height in metres.
     missions : tuple of str
-        Names of the missions in which they are.
+        Names of the missions with these heights.
     places : ndarray of float64, shape (2, 2)
-        Where they are, metres.
+        Positions of these heights in metres.
     error : float
-        Metres: the largest difference of a height above ground from the altitude of a mission that counts from it; 0 without one.
+        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground;
+        otherwise 0.
     """
 
     lowest: float
@@ -190,7 +191,7 @@ class Clearance:
     error: float
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return it for JSON, places in degrees if there is a frame."""
+        """Return the clearance for JSON. With a frame, positions are in degrees."""
         placed = self.places if frame is None else frame.to_degrees(self.places)
         low, high = (
             {"height_m": height, "mission": name, "place": place}
@@ -200,9 +201,9 @@ class Clearance:
 
 
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
-    """Return the heights above ground of vehicles that follow missions; None if none flies.
+    """Return the heights above ground of vehicles that follow missions, or None if none flies.
 
-    The ground is looked at at every waypoint, wherever a leg crosses a line of its grid, and as often as it bends in between.
+    The ground is evaluated at every waypoint, at every grid line that a leg crosses, and at enough points between.
 
     Parameters
     ----------
@@ -214,7 +215,7 @@ def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFram
     Raises
     ------
     InvalidInputError
-        Where the terrain has no heights.
+        If the terrain has no height at a point of a mission.
     """
     found = []
     for mission in missions:
@@ -231,7 +232,7 @@ def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFram
 
 
 def _heights_of(mission: Mission, terrain: Terrain, frame: LocalFrame | None) -> tuple[Floats, Floats]:
-    """Return places along the way of a mission, shape (n, 2), and heights above ground there; at one place there may be several."""
+    """Return positions along the path of a mission, shape (n, 2), and heights above ground there. Positions may be repeated."""
     points = np.vstack([mission.home, mission.waypoints, mission.end])
     points = points if frame is None else frame.to_metres(points)
     ground = terrain.at(points, frame)

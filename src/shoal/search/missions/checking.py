@@ -59,7 +59,7 @@ class MissionCheck:
     bands : tuple of float
         Altitudes in metres, from each of which the whole region must be seen.
     clearance : Clearance or None
-        Heights above ground; None without a terrain.
+        Heights above ground, or None without a terrain.
     """
 
     region: SearchRegion
@@ -171,7 +171,7 @@ def check_missions(
     format : str, optional
         Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
     cap, autopilot : optional
-        As for `lint`, to which ``vehicle`` and ``airspace`` go, too.
+        As for `lint`, which also receives ``vehicle`` and ``airspace``.
     separation : Separation, optional
         Required separation of vehicles in flight. If given, the nearest approach is computed.
     vehicle : Vehicle, optional
@@ -181,7 +181,7 @@ def check_missions(
         is not above it. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's view. For
         a volume, the default is its layers.
     terrain : Terrain, optional
-        The ground: if given, heights above it are found along all ways.
+        Terrain. If given, heights above ground are computed along all paths.
 
     Raises
     ------

@@ -39,8 +39,8 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, assuming that no fault occurs.
 
-    The first sorties of all robots begin at one time, but for their delays, which are those of the plan or longer. Each later one
-    begins when its vehicle is back and recharged, and the others leave it room.
+    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least those of the plan. Each
+    later sortie begins when its vehicle is back and recharged, and the other vehicles leave enough space.
 
     Parameters
     ----------
@@ -51,10 +51,10 @@ def plan_missions(
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
-        Metres: how far turns of fixed wings may lead beyond the border less its margin; as far as they need if not given.
+        Distance in metres by which turns of fixed wings may leave the region beyond the margin. The default is as far as necessary.
     ending : "return", "land" or "loiter", optional
-        How missions end. If not given, with a separation multirotors land, and fixed wings loiter if they have no landing point: a
-        return is flown at a height of the autopilot's own. Else as `missions_of`.
+        Ending of missions. By default, with a separation, multirotors land and fixed wings without a landing point loiter, because
+        autopilots choose the altitude of a return themselves. Otherwise the default is that of `missions_of`.
     options
         Options of `missions_of` that the plan does not determine.
 
@@ -86,7 +86,7 @@ def plan_missions(
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot; none for one in reserve."""
+    """Return the missions of one robot; empty for a robot in reserve."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
@@ -110,11 +110,11 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
 
 
 def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
-    return flights  # its layer is settled
+    return flights  # its layer is fixed
 
 
 class _Schedule:
-    """Finds the layers and the starts with which all sorties of a plan keep their separation."""
+    """Finds the layers and starts for which all sorties of a plan keep their separation."""
 
     def __init__(self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]) -> None:
         self.plan, self.separation, self.sorties = plan, separation, sorties
@@ -127,13 +127,14 @@ class _Schedule:
             found, last = self._once(made)
             if not any(one and one[-1].loiter is not None for one in made) or last <= self.stay:
                 return found
-            self.stay = 1.5 * last  # who stays in the air must be kept apart from all that are still to come
+            self.stay = 1.5 * last  # vehicles that stay in the air must be separated from all later flights
 
     def _once(self, made: list[Sorties]) -> tuple[list[Sorties], float]:
-        """Return missions, and when all are back, if those who stay in the air do so for so long."""
+        """Return missions, and the time at which all are back, if loitering vehicles stay in the air for the given time."""
         plan, robots = self.plan, range(len(made))
         layers: Sequence[int] = [0] * len(made)
-        if plan.vehicle.kind != "rover" and not plan.grid.region.height:  # nothing of a volume is seen from between its layers
+        # from between the layers of a volume, no part of it is seen
+        if plan.vehicle.kind != "rover" and not plan.grid.region.height:
             raised = [partial(self._raised, made, robot) for robot in robots]
             layers = staggered(raised, self.separation, earliest=plan.delays)[0].tolist()
         made = [self.sorties(robot, layer) if layer else made[robot] for robot, layer in zip(robots, layers, strict=True)]
@@ -152,11 +153,11 @@ class _Schedule:
         return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
 
     def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
-        """Return how the first sortie of a robot goes in a layer."""
+        """Return the first sortie of a robot in a layer."""
         return self._flights(made, robot, 0, layer * self.separation.vertical)
 
     def _told(self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]) -> Sorties:
-        """Return the missions of a robot with what was found."""
+        """Return the missions of a robot with the layers and starts found."""
         told: dict[str, Any] = {}
         if self.plan.vehicle.kind != "rover":
             above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
@@ -166,12 +167,12 @@ class _Schedule:
         return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
 
     def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
-        """Return when a vehicle can set out again, however late it was."""
+        """Return the time at which a vehicle can start again, including its possible delay."""
         lasting = max(one.duration for one in flights[number])
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
 
     def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
-        """Return when a vehicle is where: as it flies, and at constant speed, as one is simulated that has only the file."""
+        """Return two trajectories of a mission: with the vehicle's own dynamics, and at the constant speed in its file."""
         if number >= len(made[robot]):
             return ()
         mission, plan = made[robot][number], self.plan

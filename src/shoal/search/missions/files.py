@@ -129,9 +129,9 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Give to sheets what stands beside their files: to all when they start, to those of WPL the fence and the rally points.
+    """Add the data in neighbouring files to sheets: starts to all sheets, and fence and rally points to those of WPL files.
 
-    What is wrong with fence and rally points is noted.
+    Errors in the fence and the rally points give diagnostics.
     """
     starts = _manifest(folder).get("starts_s")
     for sheet in sheets:
@@ -154,7 +154,7 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
 
 
 def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return what the manifest in a folder says; nothing if there is none, or one that is not ours."""
+    """Return the content of a folder's manifest, or nothing if it does not exist or is not from Shoal."""
     try:
         told = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)
     except InvalidInputError:

@@ -46,9 +46,9 @@ def lint(
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
     vehicle : Vehicle, optional
-        What flies: fixed wings turn no narrower than it can.
+        Vehicle of the missions. Fixed wings must not turn more narrowly than its radius.
     airspace : float, optional
-        Metres: how far turns of fixed wings may lead beyond the border less its margin; a warning says how far if not given.
+        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default a warning reports it.
 
     Returns
     -------
@@ -100,7 +100,7 @@ def examine(
 
 
 def _check_curves(sheet: Sheet, radius: float) -> None:
-    """Note turns of a fixed wing that are narrower than a radius, and a landing for which it would have to dive."""
+    """Add diagnostics for turns of a fixed wing that are too narrow, and for a landing that is too steep."""
     way = way_of(sheet) if sheet.kind == "fixed-wing" else None
     if way is None:
         return
@@ -113,8 +113,8 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
     legs = np.diff(way, axis=0)[numbers]
     lengths, bearings = np.hypot(*legs.T), np.arctan2(legs[:, 1], legs[:, 0])
     bends = np.abs((np.diff(bearings) + math.pi) % (2 * math.pi) - math.pi)
-    needs = np.pad(radius * np.tan(bends / 2), 1)  # a circle that touches both legs begins so far before their vertex
-    turned = np.pad(radius * ROUNDING / lengths, 1)  # what rounding of coordinates turns legs by
+    needs = np.pad(radius * np.tan(bends / 2), 1)  # a circle that touches both legs begins at this distance before their vertex
+    turned = np.pad(radius * ROUNDING / lengths, 1)  # change of leg directions due to rounded coordinates
     short = needs[:-1] + needs[1:] - lengths - turned[1:-1] - (turned[:-2] + turned[2:]) / 2 - ROUNDING
     if radius and len(short) and short.max() > 0:
         worst = int(np.argmax(short))

@@ -1,4 +1,4 @@
-"""A route becomes missions: with fewer waypoints, in pieces that a vehicle's memory and battery hold."""
+"""Conversion of a route to missions: unnecessary waypoints are removed, and the route is divided by memory and battery limits."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def missions_of(
     """Return the missions of a robot's route, one for each sortie.
 
     Each sortie begins at home and continues where the previous one ended. It returns home before the battery falls below the
-    reserve. The estimate includes climb, paths from and to home, turns, wind and descent. A leg may be cut anywhere.
+    reserve, counting climb, paths, turns, wind and descent. A leg may be cut anywhere.
 
     Parameters
     ----------
@@ -82,9 +82,9 @@ def missions_of(
         Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`. It
         returns shape (n, 2) with both ends, and its bends become waypoints. The default is a straight path.
     landing : array_like of float, shape (2,), optional
-        Where the last sortie ends, metres; home if not given.
+        Landing point of the last sortie in metres. The default is home.
     ending : "return", "land" or "loiter", optional
-        How each sortie ends; if not given by a landing where there is a place for it, else by a return. Rovers hold.
+        Ending of each sortie. By default it is a landing if there is a landing point, otherwise a return. Rovers hold.
 
     Raises
     ------
@@ -172,7 +172,7 @@ def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None,
     ways : callable, optional
         Paths between home and points. The default is straight.
     robot : int
-        For messages.
+        Number of the robot, for messages.
 
     Raises
     ------

@@ -85,7 +85,7 @@ class GoHome:
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Broadcast."""
+    """Broadcast a beacon."""
 
     beacon: Beacon
 

@@ -30,7 +30,7 @@ class Brief:
     hello : float
         Time for which robots listen before they start. All times are in cell times of a robot of speed 1.
     beat : float
-        Between beacons.
+        Time between beacons.
     energy : float
         Endurance: time in which a robot must return to its start to recharge.
     recharge : float
@@ -133,19 +133,19 @@ class Robot:
     avoided : int
         Bitset of cells to avoid until ``avoided_until``, because the path was blocked there.
     count : int
-        Beacons sent.
+        Number of beacons sent.
     next_beat : float
         Time of the next beacon.
     allotted_to : int
         Number of robots among which the tour was last divided.
     allotted_at : float
-        When.
+        Time at which the tour was last divided.
     began : float
         Time at which the robot was switched on.
     deadline : float
         Time at which the robot would have searched everything alone.
     left : float
-        Energy.
+        Remaining energy.
     since : float
         Time at which the current action began: a movement, or waiting.
     lag : float

@@ -34,7 +34,7 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     region : SearchRegion
     robots : int
     what : str
-        For messages.
+        Name of the points in messages.
 
     Raises
     ------
@@ -125,7 +125,7 @@ class Cells(Protocol):
 
     @property
     def region(self) -> SearchRegion:
-        """The region."""
+        """The region of the grid."""
 
     @property
     def size(self) -> float:

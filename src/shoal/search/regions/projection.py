@@ -90,7 +90,7 @@ class LocalFrame:
         Raises
         ------
         InvalidInputError
-            As `to_metres`.
+            For the same reasons as in `to_metres`.
         """
         array = check_plane_points(points, what="points")
         far = ~(np.hypot(*array.T) <= 2 * REACH)

@@ -49,7 +49,7 @@ class Scenario:
     starts : tuple of int
         Tour index of each robot's start cell. Robots are numbered from 1.
     rates : tuple of float
-        Their speeds.
+        Speed of each robot.
     network : RadioNetwork
     faults : tuple of Fault
     targets : tuple of int

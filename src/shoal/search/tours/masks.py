@@ -24,7 +24,7 @@ def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray of bool, shape (H, W) or (L, H, W)
-        Contiguous.
+        The contiguous mask.
 
     Raises
     ------

@@ -143,7 +143,7 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
     Parameters
     ----------
     workspace : ConvexWorkspace
-        A polygon.
+        The polygon.
     before : array_like of float, shape (2,)
         Δ at the start.
     moves : int

@@ -212,7 +212,7 @@ def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorksp
     Parameters
     ----------
     radius : float
-        Above 0.
+        Radius of the disk, above 0.
     center : array_like of float, shape (2,)
 
     Raises
@@ -231,7 +231,7 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
     base : ConvexWorkspace
         A polygon or a disk.
     height : float
-        Above 0.
+        Height of the prism, above 0.
     open_ends : bool
         Whether the prism has no end caps, like a tube.
 
@@ -258,7 +258,7 @@ def cylinder(radius: float, height: float, *, open_ends: bool = False) -> Convex
     Parameters
     ----------
     radius, height : float
-        Above 0.
+        Radius and height of the cylinder, above 0.
     open_ends : bool
         Whether the cylinder has no end caps, like a tube.
 

@@ -23,7 +23,7 @@ class Region:
     Parameters
     ----------
     outline : ndarray of float64, shape (n, 2)
-        Corners, counter-clockwise.
+        Corners of the outline, counter-clockwise.
     obstacles : tuple of ndarray of float64, each of shape (n, 2)
         Corners of each obstacle, clockwise, so that the free side of every edge is on its left.
     """

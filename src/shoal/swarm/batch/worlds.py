@@ -43,9 +43,9 @@ class WorldBatch(Inspection):
         as map, particles and placement. Each episode draws one of the problems at random. All boards are padded to a common shape.
         The problem's policy is ignored.
     worlds : int
-        How many.
+        Number of worlds.
     seed : int, sequence of int, or None
-        See `reset`.
+        Seeds of the first episodes; see `reset`.
     threads : int, optional
         Maximum number of threads. The default is the number of processors.
 

@@ -38,7 +38,7 @@ class ScanRule:
         1, 4, 27, 256, ... commands. "adaptive": choose the number with the highest expected number of classified cells per price.
         Adaptive skips scans whose outcome is known.
     step : int
-        Of "equal".
+        Number of commands for the kind "equal".
     scan_cost, move_cost : float
         Prices in any common unit. Both must be at least 0, and one must be positive.
 

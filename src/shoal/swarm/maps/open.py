@@ -88,7 +88,7 @@ def vessels_in(
     Parameters
     ----------
     path : path
-        A picture.
+        A picture file.
     low, high, **options
         Options of `shoal.swarm.maps.imaging.find_vessels`, including bright and thickest.
 

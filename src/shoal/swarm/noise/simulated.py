@@ -57,7 +57,7 @@ class NoisyRig:
 
     @property
     def rule(self) -> str:
-        """Rule block."""
+        """The move rule, always block."""
         return "block"
 
     def send(self, command: str) -> None:

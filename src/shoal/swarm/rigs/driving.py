@@ -228,7 +228,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     Raises
     ------
     InvalidInputError
-        See `read_log`.
+        For the reasons given in `read_log`.
     RigError
         If the recorded positions are inconsistent.
     """

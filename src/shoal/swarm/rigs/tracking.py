@@ -43,7 +43,7 @@ class RigSwarm(ABC):
     first_frontier : int
         Number of frontier cells at the start.
     moves : int
-        Commands sent.
+        Number of commands sent.
     log : DriveLog, optional
         Log of all commands and scans.
     """

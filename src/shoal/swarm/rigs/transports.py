@@ -38,7 +38,7 @@ class Transport(ABC):
     Parameters
     ----------
     name : str
-        For messages.
+        Name of the connection in messages.
     """
 
     def __init__(self, name: str) -> None:

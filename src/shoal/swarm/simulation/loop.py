@@ -83,7 +83,7 @@ def closed_loop(
 
     Returns
     -------
-    Trace, Status
+    The trace of the run, and its status.
     """
     recorder = Recorder()
     while True:

@@ -24,7 +24,7 @@ class PointMean:
     Parameters
     ----------
     values : dict
-        By axis.
+        Values of the axes by name.
     mean : float
     low, high : float
         Ends of the confidence interval; NaN for a single trial.

@@ -41,7 +41,7 @@ class SearchFilm:
     ----------
     episode : SearchEpisode
     height : int
-        Pixels.
+        Height of the film in pixels.
     """
 
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:

@@ -67,7 +67,7 @@ class Frame3D:
     Parameters
     ----------
     floor, ceiling : ndarray of float64, shape (n, 3)
-        Corners.
+        Corners of the floor and of the ceiling.
     round : bool
         Whether the corners approximate a circle, so that edges between sides are not drawn.
     open_ends : bool

@@ -39,7 +39,7 @@ class SteeringFilm:
     trajectories : list of MoveTrajectory
         The trajectories from `trajectories_of`.
     height : int
-        Pixels.
+        Height of the film in pixels.
     """
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], *, height: int = 720) -> None:

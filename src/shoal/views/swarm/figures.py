@@ -81,7 +81,7 @@ def map_panels(
     chart : callable, optional
         Function that draws a chart below the maps.
     wide : float
-        Inches.
+        Width of the figure in inches.
 
     Raises
     ------

@@ -111,7 +111,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
     Parameters
     ----------
     decades : sequence of int
-        k.
+        Exponents k of the distances 10^k.
     ours, best, growth : array_like of float, shape (k,)
         The worst of both ratios of i^i, the smallest of any schedule, and log D / log log D.
     """

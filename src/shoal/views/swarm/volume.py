@@ -101,7 +101,7 @@ def turned_view(
     azimuth : float
         Azimuth in radians. 0 looks at layer 0, with row 0 on top.
     side : int
-        Pixels.
+        Side of the picture in pixels.
     spacing : tuple of float, optional
         Size of a cell along each axis. Only the ratios matter.
     elevation : float

@@ -28,7 +28,9 @@ def can_mark(key: str) -> bool:
 
 
 def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
-    """Return whether a feature is a no-go zone, by its properties and its names. A property that says no overrides names.
+    """Return whether a feature is a no-go zone, by its properties and its names.
+
+    A property with the value no overrides all names.
 
     Examples
     --------

@@ -102,7 +102,7 @@ class Radio:
     loss : float
         Probability that a received message is discarded unread.
     random : random.Random
-        Decides which.
+        Generator that decides which messages are lost.
     """
 
     def __init__(

@@ -30,7 +30,7 @@ def segment_vessels(
     width : int, optional
         Larger side of the map in cells; the default is 160. The map is smaller if the vessels span fewer pixels.
     low, high, bright, thickest
-        See `find_vessels`.
+        Options of `find_vessels`.
 
     Returns
     -------

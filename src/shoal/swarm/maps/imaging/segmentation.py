@@ -100,7 +100,7 @@ class VesselFinder:
     Parameters
     ----------
     image, bright, thickest
-        See `find_vessels`.
+        Options of `find_vessels`.
     """
 
     def __init__(self, image: ArrayLike, *, bright: bool | None = None, thickest: float | None = None) -> None:
