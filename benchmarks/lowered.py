@@ -29,8 +29,11 @@ COMMANDS = {
         "cover rectangle:9x9 --particles 3",
     ],
     "steering": [
-        f"steer {place} --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --planner {planner}"
-        for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
+        *(
+            f"steer {place} --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --planner {planner}"
+            for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
+        ),
+        "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.1 --execution 0.02 --measurement 0.01",
     ],
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",

@@ -10,11 +10,13 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from shapely import Polygon, box
 from tests.reference.test_planners import SHAPES, SQUARE, adversarial, instance, replayed_error
 from tests.reference.test_steering import random_point
 from tests.steering import steer
 
 from shoal.steering import Region, SteeringEpisode, SteeringProblem, cylinder, prism, region, regular_polygon
+from shoal.steering.simulation.apparatus import replay
 
 
 def row(name: str, episodes: list[SteeringEpisode], note: str = "") -> None:
@@ -149,6 +151,61 @@ def sampling(instances: int, seed: int) -> None:
         row(f"{name}, sampling", episodes)
 
 
+def random_region(rng: np.random.Generator) -> Region:
+    """Return a rectangle 1 wide with one to three obstacles of three to five corners, anywhere, at least 0.03 from all others."""
+    while True:
+        high, obstacles = rng.uniform(0.7, 1.0), []
+        for _ in range(int(rng.integers(1, 4))):
+            angles = np.sort(rng.uniform(0, 2 * np.pi, rng.integers(3, 6)))
+            center, radius = rng.uniform([0.15, 0.15 * high], [0.85, 0.85 * high]), rng.uniform(0.06, 0.16)
+            obstacles.append(center + radius * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        shapes, inside = [Polygon(obstacle) for obstacle in obstacles], box(0.03, 0.03, 0.97, high - 0.03)
+        apart = all(one.distance(other) > 0.03 for k, one in enumerate(shapes) for other in shapes[:k])
+        if apart and all(inside.contains(one) and one.area > 0.003 for one in shapes):
+            return region([(0, 0), (1, 0), (1, high), (0, high)], obstacles)
+
+
+def noise_around_obstacles(instances: int, seed: int) -> None:
+    """Closed loops against plans that are sent as they are, on random workspaces of which each has one problem."""
+    rng, problems = np.random.default_rng(seed), []
+    for _ in range(max(2, instances // 50)):
+        room = random_region(rng)
+        points = random_points(rng, room, 4)
+        problems.append(SteeringProblem(room, points[:2], points[2:]))
+    for noise, tolerance in ((0.005, 0.05), (0.02, 0.05), (0.05, 0.05), (0.005, 0.02), (0.02, 0.02), (0.05, 0.02)):
+        loops = [steer(one, execution=noise, tolerance=tolerance, seed=k) for k, one in enumerate(problems)]
+        arrived = [e.moves for e in loops if e] or [0]
+        row(f"noise {noise:g}, tolerance {tolerance:g}", loops, f"  moves of those that arrive {np.mean(arrived):.1f}")
+    plans = [steer(one) for one in problems]
+    for noise, tolerance in ((0.005, 0.05), (0.02, 0.05), (0.05, 0.05)):
+        noisy = [one.replaced(execution=noise) for one in problems]
+        ends = [replay(one, plan.inputs, seed=k)[-1] for k, (one, plan) in enumerate(zip(noisy, plans, strict=True))]
+        arrive = [np.linalg.norm(end - one.goal, axis=1).max() <= tolerance for one, end in zip(problems, ends, strict=True)]
+        print(f"noise {noise:g}, tolerance {tolerance:g}, sent as planned: {100 * np.mean(arrive):.0f} % arrive", flush=True)
+
+
+def random_points(rng: np.random.Generator, room: Region, count: int) -> np.ndarray:
+    low, high = np.array(room.shape.bounds).reshape(2, 2)
+    points: list[np.ndarray] = []
+    while len(points) < count:
+        point = low + (high - low) * rng.random(2)
+        if room.depth(point) > 0:
+            points.append(point)
+    return np.array(points)
+
+
+def excess(instances: int, seed: int) -> None:
+    """Plans around two obstacles against the best of a search that takes about ten times as long."""
+    room, _ = ROOMS["two obstacles"]
+    rng, over = np.random.default_rng(seed), []
+    for _ in range(max(2, instances // 50)):
+        points = random_points(rng, room, 4)
+        problem = SteeringProblem(room, points[:2], points[2:], 1e-6 * room.size)
+        found = [steer(problem, planner="sampling", seed=k).length for k in range(10)]
+        over += [one / min(found) - 1 for one in found]
+    print(f"two obstacles: over the best of ten seeds {100 * np.mean(over):.1f} % on average, {100 * max(over):.0f} % at most")
+
+
 PARTS: dict[str, Callable[[int, int], None]] = {
     "planners": planners,
     "fewest": fewest,
@@ -157,6 +214,8 @@ PARTS: dict[str, Callable[[int, int], None]] = {
     "robust": robust,
     "space": space,
     "sampling": sampling,
+    "excess": excess,
+    "noise": noise_around_obstacles,
 }
 
 

@@ -150,8 +150,8 @@ class SteeringProblem(Problem):
     interchangeable: bool = option(False, help="Goals are interchangeable: any particle may go to any goal.")
     planner: Any = option(
         "auto",
-        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means shortest for two particles in a convex "
-        "workspace, otherwise sampling.",
+        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means robust for two particles in noise or "
+        "an uneven field, shortest for two in a convex workspace, otherwise sampling.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
@@ -213,12 +213,14 @@ class SteeringProblem(Problem):
         """
         from shoal.steering.planners import make_planner
 
-        simple = self.n_particles == 2 and not isinstance(self.place, Region)
+        two, obstacles = self.n_particles == 2, isinstance(self.place, Region)
         if isinstance(self.planner, str) and self.planner == "auto":
-            return make_planner("shortest" if simple else "sampling")
+            simple = "robust" if self.noisy else "sampling" if obstacles else "shortest"
+            return make_planner(simple if two else "sampling")
         planner = make_planner(self.planner)
-        if not simple and not getattr(planner, "general", False):
-            lacking = "a convex workspace, got a region" if self.n_particles == 2 else f"2 particles, got {self.n_particles}"
+        able = getattr(planner, "general", False) or (two and (not obstacles or getattr(planner, "obstacles", False)))
+        if not able:
+            lacking = "a convex workspace, got a region" if two else f"2 particles, got {self.n_particles}"
             raise InvalidInputError(f"planner {planner.name}: expected {lacking} (use the planner sampling)")
         return planner
 

@@ -154,12 +154,12 @@ def test_many_corners_are_looked_from_as_they_are_needed(monkeypatch):
     monkeypatch.setattr(sampling, "_sees", lambda *given: asked.append(given) or sees(*given))
     start, goal = np.array([(-0.5, 0.3), (-0.5, 0.1)]), np.array([(0.5, 0.1), (0.5, -0.1)])
     task = SteeringTask(RegionWorld(STAR), start, goal, 1e-6)
-    way = next(sampling._Translations(task).around(start[0] - goal[0]))
+    way = next(sampling.Translations(task).around(start[0] - goal[0]))
     assert 1.0 < np.linalg.norm(way, axis=1).sum() < 1.03
     assert len(asked) < 5
     late = replace(task, deadline=0.0)
     assert Sampling().plan(late) is None
-    assert not [*sampling._Translations(late).around(start[0] - goal[0])]
+    assert not [*sampling.Translations(late).around(start[0] - goal[0])]
     assert len(asked) < 5
 
 

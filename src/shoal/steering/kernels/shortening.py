@@ -1,7 +1,8 @@
-"""Plans of two particles made shorter: their steps are changed at random, and what is no longer is kept, as in annealing.
+"""Plans of two particles as steps, made shorter or surer: steps are changed at random; what is no worse is kept, as in annealing.
 
-Each plan is a sequence of steps: to a contact, an adjustment while a wall holds one particle, a translation of both. The last
-adjustment makes the difference of the goals, and the last step, a translation, leads there: both follow from the others.
+Each step has a target and leads there from wherever the particles are: a contact brings one of them to a place, an adjustment makes
+a difference of their positions while a wall holds one, a translation brings the middle between them to a place. In a world without
+noise the last adjustment makes the difference of the goals. In noise a plan is judged by the moves that it takes on average.
 """
 
 from __future__ import annotations
@@ -14,16 +15,44 @@ from shoal.jit import kernel
 from shoal.steering.kernels.contact import copy
 from shoal.steering.kernels.sampling import step, wall_point
 
-Steps = namedtuple("Steps", "kinds particles vectors along moves")
-"""Steps of a plan: CONTACT, ADJUSTMENT or TRANSLATION; the particle that comes to a wall, or is held; where the contact is, else
-the move; of a contact the direction of its wall; and, once it was played, each move."""
+Steps = namedtuple("Steps", "kinds particles targets along moves")
+"""Steps of a plan: CONTACT, ADJUSTMENT or TRANSLATION; the particle that comes to a wall, or is held; their targets; of a contact
+the direction of its wall; and, once it was played, each move."""
+
+Noise = namedtuple("Noise", "starts errors deviation cycle")
+"""Where particles may be at the start, float64, shape (scenarios, 2, 2), and errors of moves, shape (scenarios, moves, 2); their
+standard deviation; and how many moves it takes to mend a wrong difference and to arrive."""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 EXACT = 1e-9  # of the size: a step that goes elsewhere by more is another one
-WIDEST, FINEST = 0.3, 1e-6  # of the size: typical changes of places and moves
-WARMTH = 0.05  # of the length: by how much plans may get longer at first
-CHANGED = 0.75  # of the trials: other places and moves
+WIDEST, FINEST = 0.3, 1e-6  # of the size: typical changes of targets
+WARMTH = 0.05  # of the length or the moves: by how much plans may get worse at first
+CHANGED = 0.75  # of the trials: other targets
 LEFT_OUT, GIVEN, PUT_IN = 0.85, 0.92, 0.98  # up to here: a step less, another contact and toucher, a contact more; else a bend
+FAR = 4.0  # times as many moves it takes to mend a difference, where it is wrong by the size
+BLOCKED = 2.0  # moves more, where a wall is in the way of the last one
+
+
+@kernel
+def make_move(steps, k, state, move):
+    """Write the move with which a step leads from a state to its target."""
+    p, kind = steps.particles[k], steps.kinds[k]
+    for i in range(2):
+        if kind == CONTACT:
+            move[i] = steps.targets[k, i] - state[p, i]
+        elif kind == ADJUSTMENT:
+            move[i] = (1 - 2 * p) * (steps.targets[k, i] - state[1, i] + state[0, i])
+        else:
+            move[i] = steps.targets[k, i] - (state[0, i] + state[1, i]) / 2
+
+
+@kernel
+def is_near(state, goal, tolerance):
+    """Tell whether both particles are within the tolerance of their goals."""
+    for q in range(2):
+        if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
+            return False
+    return True
 
 
 @kernel
@@ -34,21 +63,17 @@ def play(steps, count, start, goal, tolerance, world, state, wanted):
         if steps.kinds[last] == CONTACT:
             return np.inf
         last -= 1
-    if last < 0:
-        return np.inf
     copy(start, state)
     near, length = EXACT * world.walls.size, 0.0
+    for i in range(2):
+        steps.targets[count - 1, i] = (goal[0, i] + goal[1, i]) / 2
+        if last >= 0:
+            steps.targets[last, i] = goal[1, i] - goal[0, i]
     for k in range(count):
         p, kind, move = steps.particles[k], steps.kinds[k], steps.moves[k]
-        for i in range(2):
-            move[i] = steps.vectors[k, i]
-            if kind == CONTACT:
-                move[i] -= state[p, i]
-            if k == last:
-                move[i] = state[p, i] - goal[p, i] - state[1 - p, i] + goal[1 - p, i]
-            if k == count - 1:
-                move[i] = (goal[0, i] + goal[1, i] - state[0, i] - state[1, i]) / 2
-            for q in range(2):
+        make_move(steps, k, state, move)
+        for q in range(2):
+            for i in range(2):
                 wanted[q, i] = state[q, i] + (0.0 if kind == ADJUSTMENT and q == p else move[i])
         step(state, move, world)
         for q in range(2):
@@ -56,10 +81,44 @@ def play(steps, count, start, goal, tolerance, world, state, wanted):
                 if not abs(state[q, i] - wanted[q, i]) <= near:
                     return np.inf
         length += np.sqrt(move[0] ** 2 + move[1] ** 2)
-    for q in range(2):
-        if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
-            return np.inf
-    return length
+    return length if is_near(state, goal, tolerance) else np.inf
+
+
+@kernel
+def moves_left(state, goal, tolerance, noise, world, move):
+    """Estimate how many moves more it takes to arrive; the state is lost."""
+    if is_near(state, goal, tolerance):
+        return 0.0
+    apart, way = 0.0, 0.0
+    for i in range(2):
+        apart += (state[1, i] - state[0, i] - goal[1, i] + goal[0, i]) ** 2
+        move[i] = (goal[0, i] + goal[1, i] - state[0, i] - state[1, i]) / 2
+        way += move[i] ** 2
+    room = tolerance - np.sqrt(apart) / 2
+    arrives = 0.0
+    if room > 0:
+        arrives = 1.0 if noise.deviation == 0 else 1 - np.exp(-0.5 * (room / noise.deviation) ** 2)
+    if arrives * noise.cycle <= 1:
+        return noise.cycle * (1 + FAR * np.sqrt(apart) / world.walls.size) + np.sqrt(way) / world.walls.size
+    step(state, move, world)
+    return 1 / arrives + (0.0 if is_near(state, goal, tolerance) else BLOCKED + np.sqrt(way) / world.walls.size)
+
+
+@kernel
+def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
+    """Return how many moves a plan takes on average over the scenarios, with what is left to do at its end."""
+    total, scenarios = 0.0, noise.starts.shape[0]
+    for s in range(scenarios):
+        copy(noise.starts[s], state)
+        k = 0
+        while k < count and not is_near(state, goal, tolerance):
+            make_move(steps, k, state, move)
+            for i in range(2):
+                move[i] += noise.errors[s, k, i]
+            step(state, move, world)
+            k += 1
+        total += k + moves_left(state, goal, tolerance, noise, world, move)
+    return total / scenarios
 
 
 @kernel
@@ -67,7 +126,7 @@ def copy_steps(source, count, target):
     for k in range(count):
         target.kinds[k], target.particles[k] = source.kinds[k], source.particles[k]
         for i in range(2):
-            target.vectors[k, i], target.along[k, i] = source.vectors[k, i], source.along[k, i]
+            target.targets[k, i], target.along[k, i] = source.targets[k, i], source.along[k, i]
             target.moves[k, i] = source.moves[k, i]
 
 
@@ -78,92 +137,120 @@ def shift(steps, first, count, by):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
         for i in range(2):
-            steps.vectors[k + by, i], steps.along[k + by, i] = steps.vectors[k, i], steps.along[k, i]
+            steps.targets[k + by, i], steps.along[k + by, i] = steps.targets[k, i], steps.along[k, i]
     return count + by
 
 
 @kernel
-def draw_contact(steps, k, particle, goal, world, rng, place, normal):
-    """Make a step a contact of a particle anywhere on the walls."""
+def draw_contact(steps, k, particle, goal, world, rng, over, place, normal):
+    """Make a step a contact of a particle anywhere on the walls, at times behind them by about ``over``."""
     wall_point(goal[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
-    steps.vectors[k, 0], steps.vectors[k, 1] = place[0], place[1]
     steps.along[k, 0], steps.along[k, 1] = -normal[1], normal[0]
+    far = 2 * over * abs(rng.normal())
+    for i in range(2):
+        steps.targets[k, i] = place[i] - far * normal[i]
 
 
 @kernel
-def vary(steps, k, width, world, rng):
-    """Change the place or the move of a step by so much."""
+def vary(steps, k, width, world, rng, over):
+    """Change the target of a step by so much; that of a contact along its wall, and off it by about ``over``."""
     x, y = width * rng.normal(), width * rng.normal()
     if steps.kinds[k] == CONTACT:
-        x, y = x * steps.along[k, 0], x * steps.along[k, 1]
-    steps.vectors[k, 0] += x
-    steps.vectors[k, 1] += y
+        off = min(width, over) * rng.normal()
+        x, y = x * steps.along[k, 0] + off * steps.along[k, 1], x * steps.along[k, 1] - off * steps.along[k, 0]
+    steps.targets[k, 0] += x
+    steps.targets[k, 1] += y
     circle = world.walls.circle
     if steps.kinds[k] == CONTACT and circle[2] > 0:
-        x, y = steps.vectors[k, 0] - circle[0], steps.vectors[k, 1] - circle[1]
+        x, y = steps.targets[k, 0] - circle[0], steps.targets[k, 1] - circle[1]
         away = np.sqrt(x * x + y * y)
         steps.along[k, 0], steps.along[k, 1] = -y / away, x / away
-        steps.vectors[k, 0], steps.vectors[k, 1] = circle[0] + circle[2] * x / away, circle[1] + circle[2] * y / away
+        if over == 0:
+            steps.targets[k, 0], steps.targets[k, 1] = circle[0] + circle[2] * x / away, circle[1] + circle[2] * y / away
 
 
 @kernel
-def change(steps, count, goal, world, rng, place, normal):
+def aim_near(steps, k, start, world, width, rng, state, move):
+    """Give a new step a target near to where the steps before it lead."""
+    copy(start, state)
+    for n in range(k):
+        make_move(steps, n, state, move)
+        step(state, move, world)
+    for i in range(2):
+        here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
+        steps.targets[k, i] = here + width * rng.normal()
+
+
+@kernel
+def change(steps, count, start, goal, world, rng, over, state, move, normal):
     """Change a plan at random, in place; return how many steps it has then."""
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
-    width = size * WIDEST * (FINEST / WIDEST) ** rng.random()
-    if choice < CHANGED:
-        vary(steps, k, width, world, rng)
+    width = size * WIDEST * (max(FINEST, 0.1 * over / size) / WIDEST) ** rng.random()
+    if choice < CHANGED and count > 1:
+        if steps.kinds[k] == ADJUSTMENT and rng.random() < 0.1:
+            for i in range(2):
+                steps.targets[k, i] = goal[1, i] - goal[0, i]
+        else:
+            vary(steps, k, width, world, rng, over)
         if rng.random() < 0.5:
-            vary(steps, min(int(rng.random() * (count - 1)), count - 2), width, world, rng)
-    elif choice < LEFT_OUT:
-        if count > 2:
-            return shift(steps, k + 1, count, -1)
-    elif choice < GIVEN:
+            vary(steps, min(int(rng.random() * (count - 1)), count - 2), width, world, rng, over)
+    elif choice < LEFT_OUT and count > 1:
+        return shift(steps, k + 1, count, -1)
+    elif choice < GIVEN and count > 1:
         while k > 0 and steps.kinds[k] != CONTACT:
             k -= 1
         particle = steps.particles[k] if rng.random() < 0.5 else 1 - steps.particles[k]
         if steps.kinds[k] == CONTACT:
             turned = particle != steps.particles[k]
-            draw_contact(steps, k, particle, goal, world, rng, place, normal)
+            draw_contact(steps, k, particle, goal, world, rng, over, move, normal)
             while turned and k + 1 < count and steps.kinds[k + 1] != CONTACT:
                 k += 1
                 if steps.kinds[k] == ADJUSTMENT:
                     steps.particles[k] = particle
-                    steps.vectors[k, 0], steps.vectors[k, 1] = -steps.vectors[k, 0], -steps.vectors[k, 1]
     elif choice < PUT_IN:
         if count + 2 <= steps.kinds.shape[0]:
+            k = max(k, 0)
             count = shift(steps, k, count, 2)
             particle = 0 if rng.random() < 0.5 else 1
-            draw_contact(steps, k, particle, goal, world, rng, place, normal)
+            draw_contact(steps, k, particle, goal, world, rng, over, move, normal)
             steps.kinds[k + 1], steps.particles[k + 1] = ADJUSTMENT, particle
-            for i in range(2):
-                steps.vectors[k + 1, i] = width * rng.normal()
+            aim_near(steps, k + 1, start, world, width, rng, state, move)
     elif count < steps.kinds.shape[0]:
+        k = max(k, 0)
         count = shift(steps, k, count, 1)
         steps.kinds[k] = TRANSLATION
-        for i in range(2):
-            steps.vectors[k, i] = width * rng.normal()
+        aim_near(steps, k, start, world, width, rng, state, move)
     return count
 
 
 @kernel
-def anneal(steps, count, start, goal, tolerance, most, changes, world, rng, trial, best):
-    """Change a plan, in place, so many times; write the shortest met to ``best``; return its steps and its length.
+def cost(steps, count, start, goal, tolerance, noise, world, state, wanted, move):
+    """Return the length of a plan in a world without noise; else the moves that it takes on average."""
+    if noise.starts.shape[0] == 0:
+        return play(steps, count, start, goal, tolerance, world, state, wanted)
+    return expected_moves(steps, count, goal, tolerance, noise, world, state, move)
+
+
+@kernel
+def anneal(steps, count, start, goal, tolerance, most, changes, noise, world, rng, trial, best):
+    """Change a plan, in place, so many times; write the best met to ``best``; return its steps and its cost.
 
     It is infinite if the plan itself does not work. No plan gets more moves than ``most``.
     """
-    state, wanted, place, normal = np.empty((2, 2)), np.empty((2, 2)), np.empty(2), np.empty(2)
-    length = play(steps, count, start, goal, tolerance, world, state, wanted)
+    state, wanted, move, normal = np.empty((2, 2)), np.empty((2, 2)), np.empty(2), np.empty(2)
+    length = cost(steps, count, start, goal, tolerance, noise, world, state, wanted, move)
     copy_steps(steps, count, best)
     shortest, few = length, count
     if not length < np.inf:
         return few, length
     for done in range(changes):
         copy_steps(steps, count, trial)
-        number = change(trial, count, goal, world, rng, place, normal)
-        found = play(trial, number, start, goal, tolerance, world, state, wanted) if number <= most else np.inf
+        number = change(trial, count, start, goal, world, rng, noise.deviation, state, move, normal)
+        found = np.inf
+        if number <= most:
+            found = cost(trial, number, start, goal, tolerance, noise, world, state, wanted, move)
         warmth = WARMTH * length * (1.0 - done / changes) ** 3
         if found < length - warmth * np.log(1.0 - rng.random()):
             length, count = found, number
@@ -172,3 +259,10 @@ def anneal(steps, count, start, goal, tolerance, most, changes, world, rng, tria
                 shortest, few = length, count
                 copy_steps(steps, count, best)
     return few, shortest
+
+
+@kernel
+def step_all(states, moves, world):
+    """Make a move each, in place, in many states of all particles."""
+    for s in range(states.shape[0]):
+        step(states[s], moves[s], world)

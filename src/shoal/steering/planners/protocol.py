@@ -18,10 +18,11 @@ class Planner(Protocol):
 
     Notes
     -----
-    A planner may have three more attributes:
+    A planner may have four more attributes:
 
     - ``general``: true if the planner supports regions with obstacles and more than two particles. Otherwise such problems are
       refused.
+    - ``obstacles``: true if the planner supports regions with obstacles, for two particles.
     - ``prefers``: "length" or "moves", the criterion for comparing two plans if goals are interchangeable.
     - ``control(task, apparatus)``: a method that acts in a closed loop instead of planning; see
       `shoal.steering.simulation.apparatus`.

@@ -66,7 +66,7 @@ class Sampling:
         rng = np.random.default_rng(task.seed)
         # Simulation takes many times as long for sliding particles.
         share = 1.0 if task.world.friction == np.inf else SLIDING
-        world, translations = world_of(task.world), _Translations(task)
+        world, translations = world_of(task.world), Translations(task)
         found: list[Points] = []
         simple = len(task.start) == 2 and task.world.friction == np.inf
         for tree in range(TREES + (MORE_TREES if simple else MORE_TREES // 2)):
@@ -74,7 +74,7 @@ class Sampling:
                 break
             if tree < TREES and found:
                 continue
-            moves = _Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
+            moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
             found += [] if moves is None else [moves]
         if simple:
             found = [moves if task.late else annealed(task, world, moves, rng, changes=SHORTENED) for moves in found]
@@ -98,7 +98,7 @@ def world_of(world: Any) -> kernels.World:
 
 
 @dataclass
-class _Tree:
+class Tree:
     """A search tree: states, parent nodes, and the moves from each parent."""
 
     task: SteeringTask
@@ -116,10 +116,10 @@ class _Tree:
         keys[0] = 2 * n
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
-    def search(self, translations: _Translations) -> Points | None:
+    def search(self, translations: Translations) -> Points | None:
         """Return the first plan found, without unnecessary moves, or None."""
         for _hit in range(HITS):
-            moves = self.direct(translations)
+            moves = self._direct(translations)
             if moves is not None:
                 moves = _shortened(self.task, moves)
                 if len(moves) <= self.task.max_moves:
@@ -140,7 +140,7 @@ class _Tree:
             self.left -= rounds - left
         return bool(hit)
 
-    def direct(self, translations: _Translations) -> Points | None:
+    def _direct(self, translations: Translations) -> Points | None:
         """Return all moves to the last node and from there to the goal by translations, or None if no translation path exists."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
@@ -168,20 +168,20 @@ class _Tree:
         return np.concatenate(parts[::-1])
 
 
-class _Translations:
+class Translations:
     """Translation paths to the goal for particles whose relative positions are correct.
 
     An offset is their common displacement from the goal.
     """
 
-    def __init__(self, task: SteeringTask) -> None:
-        self._task = task
-        self._offsets: dict[float, _FreeOffsets | None] = {}
+    def __init__(self, task: SteeringTask, margins: tuple[float, ...] = MARGINS) -> None:
+        self._task, self._margins = task, margins
+        self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
         """Yield the moves from an offset to the goal, one path per feasible margin. There are none in a convex workspace."""
         room = self._task.world.room
-        for margin in MARGINS if isinstance(room, Region) else ():
+        for margin in self._margins if isinstance(room, Region) else ():
             if margin not in self._offsets and not self._task.late:
                 self._offsets[margin] = free_offsets(room, self._task.goal, margin * float(room.size))
             free = self._offsets.get(margin)
@@ -191,7 +191,7 @@ class _Translations:
 
 
 @dataclass
-class _FreeOffsets:
+class FreeOffsets:
     """Collision-free offsets that are connected to the goal.
 
     Attributes
@@ -246,7 +246,7 @@ class _FreeOffsets:
         return np.array(way)
 
 
-def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | None:
+def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
     """Return the offsets connected to the goal for which all particles keep a margin to the walls, or None if there are none."""
     import shapely
     from shapely import affinity
@@ -263,7 +263,7 @@ def free_offsets(room: Region, goal: Points, margin: float) -> _FreeOffsets | No
             shapely.prepare(part)
             turned = shapely.orient_polygons(inner)
             bends = [_reflex_corners(np.asarray(ring.coords)[:-1]) for ring in (turned.exterior, *turned.interiors)]
-            return _FreeOffsets(part, inner, np.vstack([last, *bends]), reach)
+            return FreeOffsets(part, inner, np.vstack([last, *bends]), reach)
     return None
 
 

@@ -12,6 +12,8 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_STEPS = 32
 _EXACT = 1e-9  # relative to a move: distance that a particle may fall behind without counting as held
+_NOTHING = 1e-12  # relative to the size: length of a move that is left out
+QUIET = kernels.Noise(np.zeros((0, 2, 2)), np.zeros((0, 0, 2)), 0.0, 0.0)
 
 
 def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Generator, *, changes: int) -> Points:
@@ -25,14 +27,25 @@ def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Gener
     rng : numpy.random.Generator
     changes : int
     """
-    steps, count = _apart(task, moves)
+    steps, count = steps_of(task, moves)
     if count > MOST_STEPS:
         return moves
+    best, few, length = improved(task, world, steps, count, rng, changes=changes)
+    plan = best.moves[:few][np.hypot(*best.moves[:few].T) > _NOTHING * task.world.room.size]
+    return plan if length < float(np.linalg.norm(moves, axis=1).sum()) else moves
+
+
+def improved(
+    task: SteeringTask, world: Any, steps: kernels.Steps, count: int, rng: np.random.Generator, *, changes: int, noise: Any = QUIET
+) -> tuple[kernels.Steps, int, float]:
+    """Return the steps of a plan after so many random changes, how many they are, and their cost; the given ones are lost.
+
+    The cost is the length; in noise the number of moves that it takes to arrive, on average.
+    """
     room, best = new_steps(), new_steps()
     goal, most = np.ascontiguousarray(task.goal), min(task.max_moves, MOST_STEPS)
-    few, length = kernels.anneal(steps, count, task.start, goal, task.tolerance, most, changes, world, rng, room, best)
-    plan = best.moves[:few][np.hypot(*best.moves[:few].T) > 0]
-    return plan if length < float(np.linalg.norm(moves, axis=1).sum()) else moves
+    few, cost = kernels.anneal(steps, count, task.start, goal, task.tolerance, most, changes, noise, world, rng, room, best)
+    return best, int(few), float(cost)
 
 
 def new_steps() -> kernels.Steps:
@@ -41,38 +54,38 @@ def new_steps() -> kernels.Steps:
     return kernels.Steps(kinds, particles, *np.zeros((3, MOST_STEPS, 2)))
 
 
-def _apart(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
+def steps_of(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
     """Divide a plan into steps without idle ones.
 
     Return the steps and their number, which exceeds the arrays' length on overflow.
     """
     parts, state = [], task.start
-    for move in moves:
+    for move in moves[np.hypot(*moves.T) > 0]:
         after = task.world.step(state, move)
         shares = np.linalg.norm(after - state, axis=1) / float(np.linalg.norm(move))
         held = int(np.argmin(shares))
         first, last = float(shares[held]), float(shares[1 - held])
         if first > 1 - _EXACT:
-            parts.append((kernels.TRANSLATION, 0, move, np.zeros(2)))
+            parts.append((kernels.TRANSLATION, 0, after.mean(axis=0), np.zeros(2)))
         else:
             if first > _EXACT:
                 parts.append((kernels.CONTACT, held, after[held], _direction_at(task.world.room, after[held])))
             if last - first > _EXACT:
-                parts.append((kernels.ADJUSTMENT, held, (last - first) * move, np.zeros(2)))
+                parts.append((kernels.ADJUSTMENT, held, after[1] - after[0], np.zeros(2)))
         state = after
     if not parts or parts[-1][0] != kernels.TRANSLATION:
-        parts.append((kernels.TRANSLATION, 0, np.zeros(2), np.zeros(2)))
+        parts.append((kernels.TRANSLATION, 0, task.goal.mean(axis=0), np.zeros(2)))
     steps = new_steps()
     for k, part in enumerate(parts[:MOST_STEPS]):
-        steps.kinds[k], steps.particles[k], steps.vectors[k], steps.along[k] = part
+        steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = part
     return steps, len(parts)
 
 
 def _direction_at(room: Any, point: Points) -> Points:
-    """Return the direction of the wall that is nearest to a point."""
+    """Return the direction of the wall that is nearest to a point, with the inside on its right."""
     if room.round:
         outward = point - room.center
-        return np.array([-outward[1], outward[0]]) / max(float(np.hypot(*outward)), 1e-300)
+        return np.array([outward[1], -outward[0]]) / max(float(np.hypot(*outward)), 1e-300)
     corners = room.rings if hasattr(room, "rings") else (room.vertices,)
     ends = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
     along = ends[:, 2:] - ends[:, :2]
@@ -80,4 +93,4 @@ def _direction_at(room: Any, point: Points) -> Points:
     along = along / lengths[:, None]
     places = np.clip(np.sum((point - ends[:, :2]) * along, axis=1), 0, lengths)
     away = np.linalg.norm(ends[:, :2] + places[:, None] * along - point, axis=1)
-    return np.asarray(along[int(np.argmin(away))])
+    return np.asarray(-along[int(np.argmin(away))])

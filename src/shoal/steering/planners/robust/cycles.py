@@ -1,8 +1,7 @@
-"""Planner robust, a closed loop: observe, plan, make a contact, adjust from the observation, and plan again."""
+"""The closed loop in convex workspaces: make a contact, adjust from the observation, and plan again."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf
 from typing import Any
 
@@ -14,80 +13,22 @@ from shoal.steering.kernels.contact import first_contact
 from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.search import shortest_chain
 from shoal.steering.planners.greedy import any_chain
-from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 SURE = 4.0  # number of standard deviations that counts as impossible
 LEAST = 1e-4  # relative to the size: minimum overshoot, limited to half of the tolerance
-ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
-QUIET_MOVES = 12  # maximum number of moves with assumed noise
-STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # relative to the tolerance: noise levels to test, and number of runs for each
 CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limits
 
 
-@PLANNERS.register("robust")
-class Robust:
-    """Plans that tolerate noise, one cycle at a time.
+class Cycles:
+    """One run in a convex workspace, one cycle at a time.
 
     The move to a contact overshoots the wall by the possible error due to noise and unknown gain, so the wall certainly holds the
     toucher. The adjustment uses the camera's observation. It makes the difference that the remaining moves will turn into the
-    goal's difference, and always pushes into the wall. The planner estimates the gain of the field from the observed motion of the
+    goal's difference, and always pushes into the wall. The loop estimates the gain of the field from the observed motion of the
     particles.
-
-    Notes
-    -----
-    Own method. The apparatus of paper W, section VII.A, had a nonuniform field.
     """
-
-    name = "robust"
-
-    def plan(self, task: SteeringTask) -> Points | None:
-        """Return the shortest moves, because a world without noise needs no closed loop."""
-        return Shortest().plan(task)
-
-    def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
-        """Return the moves that were sent and the resulting states.
-
-        In a world without noise, these are the shortest moves. If these fail, the loop runs with a small assumed noise. The
-        apparatus gets a remark about the noise that the loop tolerates.
-        """
-        if apparatus.problem.noisy:
-            _Loop(task, apparatus, apparatus.problem).run()
-        else:
-            short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
-            for move in _moves_or_none(self.plan(task), task):
-                apparatus.send(move)
-            if task.error(apparatus.states[-1]) > task.tolerance:
-                apparatus.restart()
-                _Loop(short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem).run()
-            apparatus.remark = _noise_stood(short, apparatus)
-        d = task.start.shape[1]
-        return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
-
-
-def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
-    """Return a plan, or an empty array if there is none."""
-    return np.zeros((0, task.start.shape[1])) if moves is None or len(moves) > task.max_moves else moves
-
-
-def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
-    """Return a sentence about the execution noise that the loop tolerates: the largest tested level at which all runs succeed."""
-    for share in STOOD:
-        noise = share * task.tolerance
-        for seed in range(STOOD_RUNS):
-            trial = apparatus.with_noise(noise, seed=seed)
-            _Loop(task, trial, trial.problem).run()
-            if task.error(trial.states[-1]) > task.tolerance or task.late:
-                break
-        else:
-            return f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop also reaches the goals"
-    return f"execution noise of {STOOD[-1] * task.tolerance:.2g} is too much here"
-
-
-class _Loop:
-    """One run of the closed loop."""
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
         self.task, self.apparatus, self.noise = task, apparatus, noise

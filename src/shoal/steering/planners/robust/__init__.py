@@ -1,0 +1,88 @@
+"""Planner robust, a closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf
+from typing import Any
+
+import numpy as np
+
+from shoal.steering.planners.protocol import PLANNERS
+from shoal.steering.planners.robust.cycles import Cycles
+from shoal.steering.planners.robust.replanning import Replanning
+from shoal.steering.planners.sampling import Sampling
+from shoal.steering.planners.shortest import Shortest
+from shoal.steering.planners.task import SteeringTask
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.region import Region
+
+ASSUMED = 1 / 16  # relative to the tolerance: assumed noise if the problem has none
+QUIET_MOVES = 12  # maximum number of moves with assumed noise
+SLIGHT = 1 / 12  # relative to the tolerance: with stronger noise, plans are evaluated in simulated noise
+STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # relative to the tolerance: noise levels to test, and number of runs for each
+
+
+@PLANNERS.register("robust")
+class Robust:
+    """A closed loop: make one move, observe, and plan again for the noise to come.
+
+    In the plane, plans are evaluated in simulated noise (`Replanning`). In space, in an uneven field and in slight noise, the loop
+    makes one cycle at a time (`Cycles`).
+
+    Notes
+    -----
+    Own method. The apparatus of paper W, section VII.A, had a nonuniform field.
+    """
+
+    name = "robust"
+    obstacles = True
+
+    def plan(self, task: SteeringTask) -> Points | None:
+        """Return short moves, because a world without noise needs no closed loop."""
+        return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
+
+    def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
+        """Return the moves that were sent and the resulting states.
+
+        In a world without noise, these are the shortest moves. If these fail, the loop runs with a small assumed noise. The
+        apparatus gets a remark about the noise that the loop tolerates.
+        """
+        if apparatus.problem.noisy:
+            _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
+        else:
+            short = replace(task, max_moves=min(task.max_moves, QUIET_MOVES))
+            for move in _moves_or_none(self.plan(task), task):
+                apparatus.send(move)
+            if task.error(apparatus.states[-1]) > task.tolerance:
+                apparatus.restart()
+                _loop(short, apparatus, apparatus.with_noise(ASSUMED * task.tolerance).problem).run()
+            apparatus.remark = _noise_stood(short, apparatus)
+        d = task.start.shape[1]
+        return np.array(apparatus.inputs).reshape(-1, d), np.array(apparatus.states)
+
+
+def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
+    """Return the loop for a workspace and its noise, which is slight up to a part of the tolerance."""
+    convex = not isinstance(task.world.room, Region)
+    known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
+    return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(task, apparatus, noise)
+
+
+def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
+    """Return a plan, or an empty array if there is none."""
+    return np.zeros((0, task.start.shape[1])) if moves is None or len(moves) > task.max_moves else moves
+
+
+def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
+    """Return a sentence about the execution noise that the loop tolerates: the largest tested level at which all runs succeed."""
+    for share in STOOD:
+        noise = share * task.tolerance
+        for seed in range(STOOD_RUNS):
+            trial = apparatus.with_noise(noise, seed=seed)
+            _loop(task, trial, trial.problem).run()
+            if task.error(trial.states[-1]) > task.tolerance or task.late:
+                break
+        else:
+            return f"in {STOOD_RUNS} of {STOOD_RUNS} runs with execution noise {noise:.2g} the loop also reaches the goals"
+    return f"execution noise of {STOOD[-1] * task.tolerance:.2g} is too much here"

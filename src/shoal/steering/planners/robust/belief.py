@@ -1,0 +1,84 @@
+"""What a closed loop knows of the places of the particles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.steering.kernels import shortening as kernels
+from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.region import Region
+
+STATES = 256
+LIKELY = 16  # effective states: with fewer what is seen counts alone
+SURE, SATISFIED = 0.95, 0.5  # share of the states that have arrived: of a run that has just begun, and of one at its end
+
+
+class PositionBelief:
+    """States that the particles may be in, all equally likely: a particle filter.
+
+    Parameters
+    ----------
+    room : ConvexWorkspace or Region
+    world : shoal.steering.kernels.sampling.World
+    noise : SteeringProblem
+    seen : ndarray of float64, shape (2, 2)
+    rng : numpy.random.Generator
+
+    Attributes
+    ----------
+    states : ndarray of float64, shape (states, 2, 2)
+    state : ndarray of float64, shape (2, 2)
+        The one of them nearest to their mean.
+    """
+
+    def __init__(self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator) -> None:
+        self.room, self.world, self.noise, self.rng = room, world, noise, rng
+        self._settle(self._anew(seen))
+
+    def update(self, move: Points, seen: Points) -> None:
+        """Follow a move, and learn from what is seen after it."""
+        states = self._followed(move, seen) if self.noise.measurement else None
+        self._settle(self._anew(seen) if states is None else states)
+
+    def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
+        """Return the states after a move, as likely as they agree with what is seen; None if hardly any does."""
+        moves = move + self.rng.normal(scale=self.noise.execution, size=(STATES, 2))
+        states = self.states.copy()
+        kernels.step_all(states, moves, self.world)
+        unlikely = np.sum((states - seen) ** 2, axis=(1, 2)) / (2 * self.noise.measurement**2)
+        weights = np.exp(unlikely.min() - unlikely)
+        weights /= weights.sum()
+        return None if 1 / np.sum(weights**2) < LIKELY else states[self.rng.choice(STATES, STATES, p=weights)]
+
+    def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
+        """Return whether the particles are surely at their goals; less certainty is enough if a larger share of moves is used."""
+        near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
+        return bool(near >= SURE - (SURE - SATISFIED) * share)
+
+    def _anew(self, seen: Points) -> NDArray[np.float64]:
+        """Return states that agree with what is seen."""
+        if not self.noise.measurement:
+            return np.repeat(seen[None], STATES, axis=0)
+        states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
+        outside = ~self.room.contains(states)
+        states[outside] = _nearest(self.room, states[outside])
+        return states
+
+    def _settle(self, states: NDArray[np.float64]) -> None:
+        self.states = np.ascontiguousarray(states)
+        self.state = self.states[int(np.argmin(np.sum((states - states.mean(axis=0)) ** 2, axis=(1, 2))))].copy()
+
+
+def _nearest(room: Any, points: Points) -> Points:
+    """Return the points of a plane workspace that are nearest to others; float64, shape (n, 2)."""
+    import shapely
+
+    if room.round:
+        away = points - room.center
+        return np.asarray(room.center + room.radius * away / np.linalg.norm(away, axis=1, keepdims=True))
+    shape = room.shape if isinstance(room, Region) else shapely.Polygon(room.vertices)
+    lines = shapely.shortest_line(shape, shapely.points(points))
+    return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))
