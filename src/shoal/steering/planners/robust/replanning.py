@@ -23,6 +23,7 @@ MARGINS = (3.0, 1.5, 0.5)  # of these: how far from walls ways around obstacles 
 SCENARIOS, JUDGED = 32, 256  # in which plans are changed, and in which they are judged
 REFINED, CHANGES = 3, 400  # of the best plans, so many changes each
 WORSE = 0.5  # moves more than were expected: then new plans are looked for
+IMPATIENCE = 1.15  # growth of the cost of a wrong difference with each move, so that no loop waits for better luck
 CYCLE = 3  # moves that mend a wrong difference, at the least
 
 
@@ -67,17 +68,18 @@ class Replanning:
 
     def _plan(self, last: Any, expected: float) -> tuple[tuple[kernels.Steps, int], float]:
         """Return the steps of the best plan from here, and how many moves it takes on average."""
-        left = min(self.task.max_moves - len(self.apparatus.inputs), MOST_STEPS)
+        sent = len(self.apparatus.inputs)
+        left, cycle = min(self.task.max_moves - sent, MOST_STEPS), min(self.cycle * IMPATIENCE**sent, 1e6)
         task = replace(self.task, start=self.belief.state, max_moves=left)
         errors = self.rng.normal(scale=self.deviation, size=(JUDGED, MOST_STEPS, 2))
-        judged = kernels.Noise(self.belief.states, errors, self.deviation, self.cycle)
+        judged = kernels.Noise(self.belief.states, errors, self.deviation, cycle)
         found = [self._judged(plan, judged) for plan in self._plans_at_hand(task, last)]
         if last is None:
             found += [self._judged(plan, judged) for plan in self._new_plans(task, FIRST_TREES)]
         elif not task.late and min(cost for _, cost in found) > expected + WORSE:
             found += [self._judged(plan, judged) for plan in self._new_plans(task, TREES)]
         found = sorted(found, key=lambda one: one[1])
-        few = kernels.Noise(self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, self.cycle)
+        few = kernels.Noise(self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle)
         for plan, _cost in found[:REFINED]:
             if not task.late:
                 steps, count, _ = improved(task, self.world, _copied(plan), plan[1], self.rng, changes=CHANGES, noise=few)
