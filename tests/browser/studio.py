@@ -83,7 +83,7 @@ def written_by(page: Page, studio: Studio, button: str) -> Path:
     """Click on an export and return the file that it writes."""
     page.locator(".exports:visible").get_by_role("button", name=button).click()
     note = page.locator(".note", has_text="Written into the folder").last
-    note.wait_for()
+    note.wait_for(timeout=90_000)  # films take a while
     name = note.locator("span").inner_text().partition(": ")[2]
     note.get_by_role("button", name="Close").click()
     return studio.folder / name
