@@ -668,7 +668,7 @@ def test_a_terminal_without_the_letters_is_no_reason_to_stop():
     command = [*SHOAL, "map", "line:5", "-n", "2"]
     ended = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
     assert (ended.returncode, ended.stderr) == (0, "")
-    assert r"\xb5s a move" in ended.stdout
+    assert r"\xb5s per move" in ended.stdout
 
 
 # Interruptions
