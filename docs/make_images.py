@@ -2,6 +2,7 @@
 
 Run: python -m docs.make_images [mapping] [theory] [tours] [searches] [steering], without a name for all.
 (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
+(learning-curve.png, too: python examples/reinforce_mapping.py --plot docs/images/learning-curve.png)
 """
 
 from __future__ import annotations

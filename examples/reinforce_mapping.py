@@ -1,6 +1,6 @@
 """Learn to map vessels by trial and error, with PPO on a vector environment, and compare on maps that were not seen.
 
-Run: python examples/reinforce_mapping.py --plot curve.png  (needs pip install "shoal[envs]"; seven minutes of one core)
+Run: python examples/reinforce_mapping.py --plot curve.png  (needs pip install "shoal[envs]"; one minute of one core)
 
 The policy sees the 21 numbers of the observation `compact` and its own last command. A small network rates each command by these
 numbers, turned so that the command points to the left, so that one network serves all four. Nobody shows it what to do: it is
