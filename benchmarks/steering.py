@@ -194,18 +194,6 @@ def random_points(rng: np.random.Generator, room: Region, count: int) -> np.ndar
     return np.array(points)
 
 
-def excess(instances: int, seed: int) -> None:
-    """Plans around two obstacles against the best of a search that takes about ten times as long."""
-    room, _ = ROOMS["two obstacles"]
-    rng, over = np.random.default_rng(seed), []
-    for _ in range(max(2, instances // 50)):
-        points = random_points(rng, room, 4)
-        problem = SteeringProblem(room, points[:2], points[2:], 1e-6 * room.size)
-        found = [steer(problem, planner="sampling", seed=k).length for k in range(10)]
-        over += [one / min(found) - 1 for one in found]
-    print(f"two obstacles: over the best of ten seeds {100 * np.mean(over):.1f} % on average, {100 * max(over):.0f} % at most")
-
-
 PARTS: dict[str, Callable[[int, int], None]] = {
     "planners": planners,
     "fewest": fewest,
@@ -214,7 +202,6 @@ PARTS: dict[str, Callable[[int, int], None]] = {
     "robust": robust,
     "space": space,
     "sampling": sampling,
-    "excess": excess,
     "noise": noise_around_obstacles,
 }
 
