@@ -1,6 +1,6 @@
 """Learn to map vessels by trial and error, with PPO on a vector environment, and compare on maps that were not seen.
 
-Run: python examples/reinforce_mapping.py --plot curve.png  (needs pip install "shoal[envs]"; one minute of one core)
+Run: python examples/reinforce_mapping.py --plot curve.png  (needs pip install "shoal[envs]"; two minutes of one core)
 
 The policy sees the 21 numbers of the observation `compact` and its own last command. A small network rates each command by these
 numbers, turned so that the command points to the left, so that one network serves all four. Nobody shows it what to do: it is
@@ -230,7 +230,7 @@ def main(arguments: list[str] | None = None) -> None:
     parser.add_argument("--cells", type=int, default=300, help="size of the maps")
     parser.add_argument("--particles", type=int, default=30)
     parser.add_argument("--maps", type=int, default=60, help="maps to learn from: numbers 0, 1, ...")
-    parser.add_argument("--commands", type=int, default=2_500_000, help="commands to learn from")
+    parser.add_argument("--commands", type=int, default=5_000_000, help="commands to learn from")
     parser.add_argument("--longest", type=int, default=600, help="moves of an episode to learn from, at most")
     parser.add_argument("--tests", type=int, default=50, help="maps to compare on: numbers 1000, 1001, ...")
     parser.add_argument("--max-moves", type=int, default=3000, help="longest episode; random moves take longer")
