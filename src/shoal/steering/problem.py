@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
-from shoal.core.checks import check_number, check_points, shortened
+from shoal.core.checks import check_integer, check_number, check_points, shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
@@ -292,7 +292,7 @@ class SteeringProblem(Problem):
 
     def endpoints(self, seed: int) -> tuple[Points, Points]:
         """Return start and goal of each particle, float64, shape (particles, dimensions). The seed determines random points."""
-        rng = np.random.default_rng([seed, 1])
+        rng = np.random.default_rng([check_integer(seed, what="seed", least=0), 1])
         start, goal = (
             self._drawn(rng) if isinstance(points, str) else points.copy() for points in (self.start, self.goal)
         )  # fmt: skip

@@ -9,7 +9,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
-from shoal.core.checks import shortened
+from shoal.core.checks import check_integer, shortened
 from shoal.core.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -55,6 +55,7 @@ def demo(
 
 def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     """Map the vessels of an eye."""
+    particles, seed = check_integer(particles, what="particles", least=1), check_integer(seed, what="seed", least=0)
     from shoal.cli.swarm.exploration import summary, write_outputs
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map

@@ -12,7 +12,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, check_number
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -83,6 +83,8 @@ def drive(
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
+    for what, seconds in (("timeout", timeout), ("patience", patience_)):
+        check_number(seconds, what=what, above=0)
     book = None if log is None else DriveLog(log)
     with patient():
         opened: Any

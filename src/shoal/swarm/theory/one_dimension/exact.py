@@ -14,6 +14,8 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
+MAX_CELLS = 2**53  # up to which floats are exact
+
 _COUNTED = 1000  # number of particles or empty cells from which C(m, n) has thousands of digits
 
 
@@ -84,7 +86,7 @@ class Line:
     Parameters
     ----------
     cells : int
-        m, at least 1.
+        m, 1 to `MAX_CELLS`.
     particles : int
         n, 1 to m.
 
@@ -110,7 +112,7 @@ class Line:
     particles: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "cells", check_integer(self.cells, what="cells", least=1))
+        object.__setattr__(self, "cells", check_integer(self.cells, what="cells", least=1, most=MAX_CELLS))
         object.__setattr__(self, "particles", check_integer(self.particles, what="particles", least=1, most=self.cells))
 
     @property
