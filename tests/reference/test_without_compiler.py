@@ -225,7 +225,7 @@ print(json.dumps(printed))
 
 @pytest.fixture(scope="module")
 def printed():
-    """What all scripts print, with the compiler and without it: one process each, as starting one takes longer than most scripts."""
+    """What all scripts print, with the compiler and without it: one process each, as starting one takes longer than most."""
 
     def run(off):
         environment = dict(os.environ, NUMBA_DISABLE_JIT=off)

@@ -140,12 +140,12 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Return a route without points on a straight leg. The test is exact, because this check uses no tolerance."""
-    way = way[np.concatenate([[True], np.any(np.diff(way, axis=0) != 0, axis=1)])]
-    steps = np.diff(way, axis=0)
-    turn = steps[:-1, 0] * steps[1:, 1] - steps[:-1, 1] * steps[1:, 0]
-    straight = (turn == 0) & (np.sum(steps[:-1] * steps[1:], axis=1) > 0)
-    return np.asarray(way[np.concatenate([[True], ~straight, np.ones(min(1, len(steps)), dtype=np.bool_)])])
+    """Return a route without points on a straight leg, up to the rounding of coordinates: rows at an angle are straight, too."""
+    import shapely
+
+    if len(way) < 2 or np.all(way == way[0]):
+        return way[:1]
+    return np.asarray(shapely.get_coordinates(shapely.simplify(shapely.linestrings(way), _GRID / 10, preserve_topology=False)))
 
 
 def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
