@@ -1,8 +1,8 @@
-"""What becomes of a kernel: a part of another one, or an entry that Python calls.
+"""Compilation of kernels: a kernel is either an entry, which Python calls, or a part of another kernel.
 
-A kernel that other kernels call is only typed and lowered; what Python calls is optimized with all that it calls, once.
-Numba's own way optimizes a kernel, and all below it, again at every level, makes machine code and a Python wrapper of each, and
-caches each: two thirds of the time. docs/adr/0012-kernels-compiled-once.md has the measurements.
+A part is only typed and lowered. An entry is optimized once, together with all its parts. Numba alone would optimize each kernel
+again at every level of calls, and would make machine code, a Python wrapper and a cache file for each one. That takes two thirds
+of the time. The measurements are in docs/adr/0012-kernels-compiled-once.md.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ class _PartLowering(_EntryLowering):
 
 
 def _load_array_functions() -> None:
-    """Have Numba load what it knows of arrays without SciPy's linear algebra, a third of a second: only ``np.cov`` looks for it."""
+    """Load Numba's array functions without SciPy's linear algebra, which takes a third of a second and serves ``np.cov`` only."""
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules or "numba.np.arraymath" in sys.modules:
         return
@@ -91,14 +91,14 @@ class _PartCompiler(_EntryCompiler):
 
 
 class _Dispatcher(CPUDispatcher):
-    """Numba's compiled function, which looks for other people's extensions of Numba when it compiles, not when it loads."""
+    """Numba's dispatcher, without the search for extensions of Numba when a compiled function is only loaded."""
 
     def _compilation_chain_init_hook(self) -> None:
         pass
 
 
 class _PartDispatcher(_Dispatcher):
-    """What a kernel calls: compiled once for all values, not once more for each number that is written in a call."""
+    """The dispatcher of a part: a literal number in a call does not cause another compilation."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         plain = {name: types.unliteral(one) for name, one in kws.items()}
@@ -106,7 +106,7 @@ class _PartDispatcher(_Dispatcher):
 
 
 class Kernel:
-    """A function to be compiled: called from Python an entry of its own, called from another kernel a part of that one's."""
+    """A function to be compiled. A call from Python uses its entry; a call from another kernel makes it a part of this kernel."""
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         update_wrapper(self, function)
@@ -124,11 +124,11 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What compiled code takes this object for."""
+        """The Numba type of this kernel in compiled code."""
         return types.Dispatcher(self._part)
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the entry, which is compiled when that is first done."""
+        """Call the entry. The first call compiles it."""
         return self.entry(*arguments)
 
     def __reduce__(self) -> str:
@@ -136,10 +136,10 @@ class Kernel:
 
 
 def _named_apart(function: Callable[..., Any]) -> None:
-    """Give a kernel that was made within a function a name that tells which kernels it was made of.
+    """Add the names of the enclosed kernels to the name of a kernel that was made inside a function.
 
-    Machine code is linked by name, and Numba tells such kernels apart by a number that each process counts anew: one from the
-    cache could otherwise stand for another one that this process compiles.
+    Machine code is linked by name. Numba distinguishes such kernels by a number that starts again in each process. Without this
+    name, a kernel from the cache could be confused with another one that the process compiles.
     """
     if "<locals>" in function.__qualname__:
         made_of = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -153,10 +153,10 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function when it is first called."""
+    """Mark a function for compilation at its first call."""
     return _compiled(function)
 
 
 def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Compile a function that makes no arrays, but works in those that it is given: no references are counted."""
+    """Mark a function that creates no arrays for compilation without reference counting."""
     return _compiled(function, _nrt=False)

@@ -1,1 +1,1 @@
-"""Kernels that all parts need."""
+"""Kernels that all parts use."""

@@ -1,4 +1,4 @@
-"""Connected parts of a grid of cells."""
+"""Connected components of a grid of cells."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from shoal.jit.compiler import in_place_kernel
 
 
 def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
-    """Return the label of each cell's connected part, 0 for obstacles, and the number of parts, as `scipy.ndimage.label` does.
+    """Return the label of each cell's connected component, 0 for obstacles, and the number of components.
 
-    SciPy's takes longer to import than a whole command should.
+    The result equals that of `scipy.ndimage.label`, whose import takes longer than a whole command should.
 
     Parameters
     ----------
     free : ndarray of bool, shape (H, W) or (D, H, W)
     corners : bool
-        Whether cells touch that share no more than a corner.
+        Whether cells that share only a corner count as connected.
 
     Returns
     -------
     labels : ndarray of int32, the shape of ``free``
-        1, 2, ... in row-major order of the parts' first cells.
+        Labels 1, 2, ... in row-major order of the components' first cells.
     number : int
 
     Examples
@@ -41,9 +41,9 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
 
 @in_place_kernel
 def label_parts(free, offsets, labels, stack):
-    """Label the connected parts of the free cells from 1 on, in the order of their first cells; return how many there are.
+    """Label the connected components of the free cells from 1 on, in the order of their first cells. Return their number.
 
-    ``labels`` is 0 everywhere, ``stack`` has room for all free cells, no cell of the rim may be free.
+    ``labels`` must be 0 everywhere, ``stack`` must have space for all free cells, and no cell of the rim may be free.
     """
     parts = 0
     for first in range(free.shape[0]):

@@ -1,1 +1,1 @@
-"""The compiled kernels of the search part: plain arrays in, plain arrays out; they never raise."""
+"""The compiled code of the search part: functions on plain arrays that never raise."""

@@ -1,4 +1,4 @@
-"""Merging of cycles that cannot be merged for nothing: the cheapest pair of neighbouring cells first."""
+"""Merging of cycles that cannot be merged without extra length, cheapest pair of neighbouring cells first."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ TOUCHED = 4096
 
 @kernel
 def best_exchange(links, c, a, width):
-    """Return (cost, d, b): the cheapest exchange of edges c-d and a-b for c-a and d-b, of equal ones that of the longest."""
+    """Return (cost, d, b) of the cheapest exchange of edges c-d and a-b for c-a and d-b.
+
+    Among equal ones, the longest is removed.
+    """
     cost, longest, best_d, best_b = np.inf, -1.0, c, a
     new = apart(c, a, width)
     for i in range(2):
@@ -31,7 +34,7 @@ def best_exchange(links, c, a, width):
 
 @kernel
 def offer(heap, mask, links, parent, c):
-    """Put the exchanges of cell c with its neighbours in other cycles on the heap."""
+    """Add the exchanges of cell c with its neighbours in other cycles to the heap."""
     height, width = mask.shape
     row, col = c // width, c % width
     for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
@@ -45,7 +48,7 @@ def offer(heap, mask, links, parent, c):
 
 @kernel
 def attach(mask, links, parent):
-    """Merge all cycles of a connected component into one, the cheapest exchange first, and let it grow after each."""
+    """Merge all cycles of a connected component into one by the cheapest exchanges, growing the tour after each."""
     width = mask.shape[1]
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     touched = np.empty(TOUCHED, dtype=np.int64)

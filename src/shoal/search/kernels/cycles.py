@@ -1,9 +1,8 @@
-"""Cycles of cells that are merged into one: the tour round a spanning tree of blocks, and what partial blocks need.
+"""Cycles of cells that are merged into one: the tour around a spanning tree of blocks, and the cells of partial blocks.
 
-A cycle is kept without a direction: row k of ``links`` (H * W, 2) holds the cells before and after cell k. A single cell is a
-cycle that links to itself, twice; two cells are one that links each to the other, twice. Two cycles become one by exchanging an
-edge c-d of one and an edge a-b of the other for c-a and d-b, whatever their directions. ``parent`` (H * W) is a
-union-find forest of the cycles.
+A cycle has no direction: row k of ``links`` (H * W, 2) contains the cells before and after cell k. A single cell is a cycle that
+links to itself twice. Two cells form a cycle in which each links to the other twice. Two cycles are merged by exchanging an edge
+c-d of one and an edge a-b of the other for c-a and d-b. ``parent`` (H * W) is a union-find forest of the cycles.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from shoal.jit import kernel
 
 @kernel
 def find(parent, k):
-    """Return the root of cell k, halving the way to it."""
+    """Return the root of cell k, with path halving."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -39,7 +38,7 @@ def merge(links, parent, c, d, a, b):
 
 @kernel
 def ring(links, parent, k, width):
-    """Make a cycle of the 2 x 2 cells whose upper left is k."""
+    """Make a cycle of the 2 x 2 cells whose upper left cell is k."""
     corners = (k, k + 1, k + width + 1, k + width)
     for i in range(4):
         links[corners[i], 0], links[corners[i], 1] = corners[i - 1], corners[(i + 1) % 4]
@@ -48,10 +47,10 @@ def ring(links, parent, k, width):
 
 @kernel
 def tree_of_blocks(full, origin, width, along_rows, links, parent):
-    """Make a cycle of each full block and merge neighbouring ones as Kruskal's algorithm does: a spanning tree of the blocks.
+    """Make a cycle of each full block, and merge neighbouring ones into a spanning tree of blocks by Kruskal's algorithm.
 
-    ``full`` (h, w) is which blocks are full, ``origin`` the upper left cell of the first. All links along one direction come first,
-    then those across, line by line: straight corridors with a spine, for few turns.
+    ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first one. All links along one direction come
+    first, and then those across, line by line. This gives straight corridors with a spine, and so few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -86,7 +85,7 @@ def is_single(links, k):
 
 @kernel
 def border(mask, parent, listed):
-    """List the cells beside a cell of another cycle; return how many."""
+    """List the cells beside a cell of another cycle. Return their number."""
     height, width = mask.shape
     at_border = np.zeros(mask.size, dtype=np.bool_)
     for row in range(height):
@@ -109,9 +108,9 @@ def border(mask, parent, listed):
 
 @kernel
 def grow(mask, links, parent, queue, queued, head, count, touched):
-    """Merge whatever lies alongside an edge of a queued cell without making the tour longer; return how many cells were touched.
+    """Merge all cells beside an edge of a queued cell that do not lengthen the tour. Return the number of changed cells.
 
-    Alongside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer.
+    Beside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer.
     """
     height, width = mask.shape
     n_touched = 0
@@ -148,7 +147,7 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 
 @kernel
 def beside(c, d, side, height, width):
-    """Return the cells beside c and d, if c and d are neighbours and the cells are in the grid, else (-1, -1)."""
+    """Return the cells beside c and d if c and d are neighbours and these cells are in the grid, otherwise (-1, -1)."""
     row, col = c // width, c % width
     if abs(c - d) == 1 and row == d // width:
         row += side
@@ -165,7 +164,7 @@ def beside(c, d, side, height, width):
 
 @kernel
 def grow_everywhere(mask, links, parent):
-    """Grow from all cells, make cycles of 2 x 2 single cells that are left, and grow again."""
+    """Grow from all cells, make cycles of remaining 2 x 2 single cells, and grow again."""
     height, width = mask.shape
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)
@@ -194,10 +193,11 @@ def grow_everywhere(mask, links, parent):
 
 @kernel
 def chains(links, width, members, starts, order):
-    """Write the cells of all cycles into ``order``, one cycle after the other.
+    """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells sorted by cycle, ``starts`` where each cycle begins in it, and the end. The first cycle begins at its
-    first member, any other one at its cell nearest to where the one before ended; it is opened at the longer edge of that cell.
+    ``members`` are the cells sorted by cycle. ``starts`` contains the beginning of each cycle, and the end. The first cycle begins
+    at its first member. Every other cycle begins at its cell nearest to the end of the previous cycle, and is opened at the longer
+    edge of that cell.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):
@@ -212,7 +212,7 @@ def chains(links, width, members, starts, order):
         one, other = links[entry, 0], links[entry, 1]
         longer = apart(entry, one, width) >= apart(entry, other, width)
         if len(starts) == 2:
-            longer = not longer  # a single cycle stays closed: the edge that closes it is to be short
+            longer = not longer  # a single cycle stays closed, so its closing edge should be short
         before, here, after = entry, entry, other if longer else one
         while True:
             order[at] = here
@@ -226,6 +226,6 @@ def chains(links, width, members, starts, order):
 
 @kernel
 def apart(a, b, width):
-    """Return the distance of two cells."""
+    """Return the distance between two cells."""
     row, col = a // width - b // width, a % width - b % width
     return np.sqrt(float(row * row + col * col))

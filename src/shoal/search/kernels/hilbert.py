@@ -1,9 +1,9 @@
-"""Hilbert and Moore curves at random access: index to cell and back, several levels a table look-up, no recursion.
+"""Conversion between indices and cells of Hilbert and Moore curves, with several levels per table look-up and no recursion.
 
-Table look-ups are unsigned, which saves the test for a negative index: half of the time.
+Table look-ups use unsigned indices, which avoids tests for negative ones and halves the time.
 
-All functions take the output array last and return the number of the first entry out of range, -1 if there is none. Frames: a cell
-(row, col) of the square of 2^order cells a side has x = col and y = 2^order - 1 - row, a cell (layer, row, col) also z = layer.
+All functions take the output array last. They return the number of the first entry out of range, or -1. A cell (row, col) of the
+square with 2^order cells per side has x = col and y = 2^order - 1 - row; a cell (layer, row, col) also has z = layer.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ WIDTH_2, WIDTH_3 = 2 * LEVELS_2, 3 * LEVELS_3
 DIGITS_2, DIGITS_3 = (1 << WIDTH_2) - 1, (1 << WIDTH_3) - 1
 SIDE_2, SIDE_3 = (1 << LEVELS_2) - 1, (1 << LEVELS_3) - 1
 TRANSPOSED = int(BEGIN_2[1])
-"""The state whose curve runs from the origin to the far end of y."""
+"""The state of the curve from the origin to the far end of y."""
 
 
 @kernel
 def index_of(x, y, order, state):
-    """Return the index of (x, y) on the curve of that order that begins in that state; 0 <= x, y < 2^order."""
+    """Return the index of (x, y) on the curve of this order that begins in this state; 0 <= x, y < 2^order."""
     looks = (order + LEVELS_2 - 1) // LEVELS_2
     index = 0
     for look in range(looks - 1, -1, -1):
@@ -38,7 +38,7 @@ def index_of(x, y, order, state):
 
 @kernel
 def place_of(index, order, state):
-    """Return (x, y) of an index on the curve of that order that begins in that state; 0 <= index < 4^order."""
+    """Return (x, y) of an index on the curve of this order that begins in this state; 0 <= index < 4^order."""
     looks = (order + LEVELS_2 - 1) // LEVELS_2
     x = y = 0
     for look in range(looks - 1, -1, -1):
@@ -51,7 +51,7 @@ def place_of(index, order, state):
 
 @kernel
 def begin_of(order, transposed):
-    """Return the state to begin in, so that after the zeros in front the curve is state 0, or its transpose."""
+    """Return the initial state for which the curve, after the leading zeros, has state 0 or its transpose."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
         filled = (filled + 1) % 2  # a level of zeros transposes
@@ -84,7 +84,7 @@ def decode_2(indices, order, cells):
 
 @kernel
 def encode_moore(cells, order, indices):
-    """Encode on the Moore curve: up through two Hilbert curves of order - 1 on the left, down through two on the right."""
+    """Encode on the Moore curve: up through two Hilbert curves of order - 1 on the left, and down through two on the right."""
     if order == 0:
         indices[:] = 0
         return first_other_than_zero(cells)
@@ -97,8 +97,8 @@ def encode_moore(cells, order, indices):
         x, y = col, top - row
         right, upper = x >> below, y >> below
         quarter = upper + right * (3 - 2 * upper)
-        x = x & inside ^ inside * (1 - right)  # the left half is mirrored in x, the right one in y; no branch, which would
-        y = y & inside ^ inside * right  # be guessed wrong every second time
+        x = x & inside ^ inside * (1 - right)  # the left half is mirrored in x, the right half in y; without a branch, which would
+        y = y & inside ^ inside * right  # be mispredicted half of the time
         indices[k] = quarter << (2 * below) | index_of(x, y, below, begin)
     return -1
 

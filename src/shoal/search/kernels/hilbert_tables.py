@@ -1,8 +1,8 @@
-"""State tables of the Hilbert curve: several levels of the curve in one look-up.
+"""State tables of the Hilbert curve, with several levels per look-up.
 
-One level of a curve in n dimensions is a walk over the 2^n parts of a cube in Gray-code order, turned and mirrored; how it is
-turned and mirrored is the *state*. The states and what follows them are from C. Hamilton, "Compact Hilbert indices", technical
-report CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables for several levels.
+One level of a curve in n dimensions visits the 2^n parts of a cube in Gray-code order, rotated and mirrored. The *state* is this
+rotation and mirroring. The states and their successors are from C. Hamilton, "Compact Hilbert indices", technical report
+CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables for several levels.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEVELS_2, LEVELS_3 = 5, 3
-"""Levels a look-up in 2 and 3 dimensions: tables of 8 and 24 KiB, which stay in the fastest cache."""
+"""Levels per look-up in 2 and 3 dimensions: tables of 8 and 24 KiB, which fit into the fastest cache."""
 
 
 def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (parts, following), each shape (states, 2^dimensions): which part the curve visits when, and the state in it.
+    """Return (parts, following), each of shape (states, 2^dimensions): the visited parts in order, and the state in each.
 
     Bit j of a part is the side along axis j. State 0 begins at the origin, leaves along axis 1 and ends at the far end of axis 0.
     """
@@ -55,11 +55,11 @@ def _turn(rank: int, dimensions: int) -> int:
 
 
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
-    """Return (decoding, encoding, begin) for ``levels`` levels a look-up.
+    """Return (decoding, encoding, begin) for ``levels`` levels per look-up.
 
-    ``decoding[state << n * levels | digits]`` is the next state, the same way shifted, with the coordinates below it, axis j in
-    the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from which k
-    levels of zeros lead to state 0: orders that are no multiple of ``levels`` are filled up with zeros in front.
+    ``decoding[state << n * levels | digits]`` contains the next state, shifted in the same way, and below it the coordinates, with
+    axis j in the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from
+    which k levels of zeros lead to state 0. Orders that are not a multiple of ``levels`` are padded with leading zeros.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels

@@ -1,8 +1,9 @@
-"""Back and forth over any mask: runs of cells, chains of runs one above the other, and the way from chain to chain.
+"""Back and forth over any mask: runs of cells, chains of consecutive runs, and the path from chain to chain.
 
-A *run* is a row's cells between two gaps. Where the region neither splits nor joins, runs follow each other one to one and make a
-*chain*, which is swept back and forth: a cell of H. Choset, "Coverage of known spaces: the boustrophedon cellular decomposition",
-Autonomous Robots 9, 2000. Chains are visited depth first, the nearest end of an unvisited neighbour next.
+A *run* consists of a row's cells between two gaps. Where the region neither splits nor joins, runs of consecutive rows correspond
+one to one and form a *chain*, which is swept back and forth. A chain is a cell of H. Choset, "Coverage of known spaces: the
+boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Chains are visited depth first. The next chain is the unvisited
+neighbour with the nearest end.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ import numpy as np
 from shoal.jit import kernel
 
 LOOK = 64
-"""Unvisited neighbours of a chain that are compared."""
+"""Maximum number of a chain's unvisited neighbours that are compared."""
 
 
 @kernel
 def runs_of(mask):
-    """Return (row, begin, end) of all runs, end one past the last cell; int64, shape (R, 3), in reading order."""
+    """Return (row, begin, end) of all runs, with end one past the last cell; int64, shape (R, 3), in reading order."""
     height, width = mask.shape
     count = 0
     for row in range(height):
@@ -37,7 +38,7 @@ def runs_of(mask):
 
 @kernel
 def overlaps(runs):
-    """Return (above, below): pairs of runs in consecutive rows that touch; sorted by the lower one."""
+    """Return (above, below): pairs of touching runs in consecutive rows, sorted by the lower run."""
     above, below = np.empty(2 * len(runs), dtype=np.int64), np.empty(2 * len(runs), dtype=np.int64)
     count, upper = 0, 0
     for lower in range(len(runs)):
@@ -54,7 +55,7 @@ def overlaps(runs):
 
 @kernel
 def chains_of(runs, above, below):
-    """Return (chain, first, last, following): each run's chain, each chain's first and last run, and the run after each run."""
+    """Return (chain, first, last, following): each run's chain, each chain's first and last run, and each run's successor."""
     n = len(runs)
     up, down, over = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, -1)
     for k in range(len(above)):
@@ -99,7 +100,7 @@ def neighbours_of(chain, count, above, below):
 
 @kernel
 def nearest_end(runs, first, last, row, col):
-    """Return (squared distance, from_last, from_right): the end of a chain that is nearest to a cell."""
+    """Return (squared distance, from_last, from_right) of the end of a chain that is nearest to a cell."""
     best, from_last, from_right = np.int64(2) ** 62, False, False
     for bottom in (False, True):
         run = runs[last if bottom else first]
@@ -113,7 +114,7 @@ def nearest_end(runs, first, last, row, col):
 
 @kernel
 def sweep(runs, first, last, following, previous, from_last, from_right, cells, at):
-    """Write the cells of a chain back and forth from that end; return the row after the last one written."""
+    """Write the cells of a chain back and forth from the given end. Return the row after the last one written."""
     run = last if from_last else first
     while run >= 0:
         row, begin, end = runs[run]
@@ -163,7 +164,7 @@ def sweep_all(mask, cells):
 
 @kernel
 def choose(runs, first, last, offsets, others, visited, pointer, here, row, col):
-    """Return (chain, from_last, from_right): the nearest end of the unvisited neighbours of a chain; -1 if there are none."""
+    """Return (chain, from_last, from_right) of the nearest end among a chain's unvisited neighbours; -1 if there are none."""
     while pointer[here] < offsets[here + 1] and visited[others[pointer[here]]]:
         pointer[here] += 1
     found, nearest, from_last, from_right = -1, np.int64(2) ** 62, False, False

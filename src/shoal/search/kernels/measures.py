@@ -1,4 +1,4 @@
-"""What is measured along a tour: steps, turns, how far apart neighbours are on it. Cells are int64, shape (N, 3)."""
+"""Metrics along a tour: steps, turns, distances of neighbours. Cells are int64, shape (N, 3)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from shoal.jit import kernel
 
 @kernel
 def squared_steps(cells, squares):
-    """Write the squared length of each step to the next cell, the last one's to the first."""
+    """Write the squared length of each step to the next cell; the last cell's step leads to the first."""
     n = len(cells)
     for k in range(n):
         after = k + 1 if k + 1 < n else 0
@@ -22,7 +22,7 @@ def squared_distance(cells, a, b):
 
 @kernel
 def count_turns(cells, closed):
-    """Return at how many cells the direction changes; on a closed tour also at the first and last."""
+    """Return the number of cells at which the direction changes; for a closed tour including the first and last."""
     n, turns = len(cells), 0
     if n < 3:
         return 2 if closed and n == 2 else 0
@@ -37,7 +37,7 @@ def count_turns(cells, closed):
 
 @kernel
 def neighbour_gaps(position, closed, n):
-    """Return (sum, pairs): the distance along the tour of all pairs of neighbouring cells; ``position`` has shape (L, H, W)."""
+    """Return (sum, pairs): the distances along the tour over all pairs of neighbouring cells. ``position`` has shape (L, H, W)."""
     total, pairs = 0, 0
     layers, rows, cols = position.shape
     for z in range(layers):
@@ -58,7 +58,7 @@ def neighbour_gaps(position, closed, n):
 
 @kernel
 def dilation(cells, closed):
-    """Return the largest squared distance over distance along the tour, at distances 1, 2, 3, 4, 6, 8, 12, 16, ..."""
+    """Return the largest squared distance divided by distance along the tour, at distances 1, 2, 3, 4, 6, 8, 12, 16, ..."""
     n = len(cells)
     reach = n // 2 if closed else n - 1
     worst, apart, power = 0.0, 1, 1
@@ -78,7 +78,7 @@ def dilation(cells, closed):
 
 @kernel
 def fill_position(cells, position):
-    """Write each cell's number on the tour; return the number of the first cell met before, -1 if there is none."""
+    """Write each cell's number on the tour. Return the number of the first repeated cell, -1 if there is none."""
     for k in range(len(cells)):
         z, y, x = cells[k, 0], cells[k, 1], cells[k, 2]
         if position[z, y, x] >= 0:

@@ -1,8 +1,8 @@
-"""The order in which rows of cells are driven, and which way each: a tour of segments, made shorter by exchanges.
+"""The order and direction in which rows of cells are driven: a tour of runs, shortened by exchanges.
 
-A *run* is a row's cells between two gaps; ``ends`` (R, 2, 2) are the row and column of its first and its last cell. A closed tour
-is an ``order`` (R) of the runs, and for each run whether it is driven from its last cell to its first: ``backwards`` (R), 0 or 1.
-Link k leads from the run at place k - 1 of the order to that at place k.
+A *run* consists of a row's cells between two gaps. ``ends`` (R, 2, 2) are the row and column of its first and its last cell. A
+closed tour is an ``order`` (R) of the runs, and for each run a flag ``backwards`` (R) that is 1 if it is driven from its last cell
+to its first. Link k leads from the run at place k - 1 of the order to the run at place k.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ import numpy as np
 from shoal.jit import in_place_kernel, kernel
 
 _LESS = 1e-9
-_LONGEST = 3  # runs that are moved together
-_SPAN = 50  # places of the order among which a disturbance exchanges two parts
+_LONGEST = 3  # maximum number of runs that are moved together
+_SPAN = 50  # number of places in the order among which a disturbance exchanges two parts
 _DISTURBANCES = 300
-_LINKS = 50_000  # disturbances times runs
+_LINKS = 50_000  # limit of disturbances times runs
 
 
 @in_place_kernel
 def step(ends, one, out, other, into):
-    """Return how far it is from an end of a run to one of another; 0 is the first cell, 1 the last."""
+    """Return the distance from one end of a run to one end of another; 0 is the first cell, 1 the last."""
     rows, cols = ends[one, out, 0] - ends[other, into, 0], ends[one, out, 1] - ends[other, into, 1]
     return np.sqrt(rows * rows + cols * cols)
 
 
 @in_place_kernel
 def link(ends, backwards, one, other):
-    """Return how far it is from where a run is left to where the next one is entered."""
+    """Return the distance from the exit of a run to the entry of the next one."""
     return step(ends, one, 1 - backwards[one], other, backwards[other])
 
 
 @in_place_kernel
 def reverse(order, backwards, begin, end):
-    """Drive the runs from one place of the order to another, both counted, the other way round."""
+    """Reverse the direction and order of the runs between two places of the order, inclusive."""
     low, high = begin, end
     while low < high:
         order[low], order[high] = order[high], order[low]
@@ -45,7 +45,7 @@ def reverse(order, backwards, begin, end):
 
 @in_place_kernel
 def exchange_link(ends, order, backwards, active, k):
-    """Replace link k and another one by two shorter ones if that helps (2-opt); return whether it did."""
+    """Replace link k and another one by two shorter ones if possible (2-opt). Return whether this was done."""
     n = len(order)
     best, other = -_LESS, -1
     for j in range(n):
@@ -71,7 +71,7 @@ def exchange_link(ends, order, backwards, active, k):
 
 @in_place_kernel
 def move_runs(ends, order, backwards, active, rest, i, count):
-    """Move so many runs from place i on to where they make the tour shorter (Or-opt); return whether they were moved."""
+    """Move ``count`` runs from place i on to where they make the tour shorter (Or-opt). Return whether they were moved."""
     n = len(order)
     first, last = order[i], order[(i + count - 1) % n]
     before, after = order[i - 1], order[(i + count) % n]
@@ -100,7 +100,7 @@ def move_runs(ends, order, backwards, active, rest, i, count):
 
 @kernel
 def exchange(ends, order, backwards, active, rest):
-    """Make a closed tour of runs shorter until no exchange at an active run helps; then none is active."""
+    """Shorten a closed tour of runs until no exchange at an active run helps. Then no run is active."""
     n, helped = len(order), True
     while helped:
         helped = False
@@ -122,7 +122,7 @@ def exchange(ends, order, backwards, active, rest):
 
 @in_place_kernel
 def length(ends, order, backwards):
-    """Return how long all links are."""
+    """Return the total length of all links."""
     total = 0.0
     for k in range(len(order)):
         total += link(ends, backwards, order[k - 1], order[k])
@@ -131,7 +131,7 @@ def length(ends, order, backwards):
 
 @kernel
 def shorten(ends, order, backwards):
-    """Make a closed tour of runs shorter until no exchange helps, nor any of many random ones of two parts with what follows."""
+    """Shorten a closed tour of runs until neither exchanges nor any of many random exchanges of two parts help."""
     n = len(order)
     if n <= _LONGEST + 2:
         return

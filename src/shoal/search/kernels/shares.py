@@ -1,7 +1,7 @@
-"""How far robots get along a tour in a given time: what bisection over the makespan asks for.
+"""The progress of robots along a tour in a given time, for a bisection over the makespan.
 
-A pass goes once round the tour from the first robot on and gives each robot as many cells as it can search in the time; ``borders``
-gets where each one's cells begin.
+A pass goes once around the tour from the first robot on. It gives each robot as many cells as it can search in the time.
+``borders`` receives the first cell of each robot.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class TourArrays(NamedTuple):
     Parameters
     ----------
     ahead : ndarray of float64, shape (4 N + 1,)
-        What it costs to search the cells before each one, four times round.
+        Cumulative cost of searching the cells before each one, over four rounds.
     points : ndarray of float64, shape (N, d)
-        Where a robot stands in each cell, in sides of a cell.
+        Viewpoint of each cell in cell sides.
     """
 
     ahead: NDArray[np.float64]
@@ -35,15 +35,15 @@ class Team(NamedTuple):
     Parameters
     ----------
     starts : ndarray of int64, shape (m,)
-        Numbers of cells on the tour, rising.
+        Tour indices of the start cells, increasing.
     rates : ndarray of float64, shape (m,)
-        How fast each moves.
+        Speed of each robot.
     places : ndarray of float64, shape (m, d)
-        Where each is, as `TourArrays.points`.
+        Position of each robot in the units of `TourArrays.points`.
     gains : ndarray of float64, shape (m,)
-        How many times as fast each searches as one that sees a cell and moves like it.
+        Search rate of each robot relative to a robot of equal speed with a footprint of one cell.
     far : ndarray of float64, shape (m, N) or (0, 0)
-        How far it is from each start to each cell; empty where ways are straight.
+        Distance from each start to each cell; empty if paths are straight.
     """
 
     starts: NDArray[np.int64]
@@ -55,7 +55,7 @@ class Team(NamedTuple):
 
 @kernel
 def furthest(ahead, first, budget):
-    """Return the largest number b, first or more, such that the cells first .. b - 1 can be searched for the budget."""
+    """Return the largest number b, at least first, such that the budget suffices for searching the cells first .. b - 1."""
     if budget < 1.0:
         return first
     return max(np.searchsorted(ahead, ahead[first + 1] + budget - 1.0 + 1e-9, side="right") - 1, first + 1)
@@ -63,13 +63,13 @@ def furthest(ahead, first, budget):
 
 @kernel
 def between(ahead, one, other):
-    """Return what it costs to go from one number to another, either way round as they come."""
+    """Return the cost of moving along the tour from one cell number to another, in either direction."""
     return abs(ahead[other] - ahead[one])
 
 
 @kernel
 def shift_pass(tour, team, time, first, borders):
-    """One pass in which each robot goes along the tour to the beginning of its cells, either way, and searches them forwards."""
+    """One pass in which each robot moves along the tour, in either direction, to its first cell and then searches forwards."""
     m, n, ahead = team.starts.shape[0], tour.points.shape[0], tour.ahead
     here = first
     for i in range(m):
@@ -85,7 +85,7 @@ def shift_pass(tour, team, time, first, borders):
 
 @kernel
 def flown(points, places, robot, cell):
-    """Return the straight distance from one of some places to a cell."""
+    """Return the straight distance from one of several positions to a cell."""
     total = 0.0
     for k in range(points.shape[1]):
         gap = places[robot, k] - points[cell, k]
@@ -95,7 +95,7 @@ def flown(points, places, robot, cell):
 
 @kernel
 def away(tour, team, robot, cell):
-    """Return how far it is from a robot's start to a cell."""
+    """Return the distance from a robot's start to a cell."""
     if team.far.shape[0] > 0:
         return team.far[robot, cell]
     return flown(tour.points, team.places, robot, cell)
@@ -103,7 +103,7 @@ def away(tour, team, robot, cell):
 
 @kernel
 def back(tour, team, robot, one, other):
-    """Return what it costs, beyond a step to a neighbour, to come from a cell back to another one, which is beside the start."""
+    """Return the cost, beyond a step to a neighbour, of returning from a cell to another one beside the start."""
     if team.far.shape[0] > 0:
         return max(team.far[robot, one] - 1.0, 0.0)
     return max(flown(tour.points, tour.points, one, other) - 1.0, 0.0)
@@ -111,11 +111,11 @@ def back(tour, team, robot, one, other):
 
 @kernel
 def both_ways(tour, team, robot, at, low, budget):
-    """Return how far a robot gets that searches from its start ``at`` back to ``low``, too; less than ``at`` if it cannot."""
+    """Return how far a robot gets that also searches back from its start ``at`` to ``low``; less than ``at`` if it cannot."""
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain
     behind = ahead[at] - ahead[low]
-    first = furthest(ahead, at, budget)  # if it comes back for what lies behind
+    first = furthest(ahead, at, budget)  # if it comes back for the cells behind
     while first > at + 1:
         if ahead[first] - ahead[at + 1] + 1.0 + gain * back(tour, team, robot, (first - 1) % n, (at - 1) % n) + behind <= budget:
             break
@@ -128,13 +128,13 @@ def both_ways(tour, team, robot, at, low, budget):
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """One pass in which each robot searches what lies behind and what lies ahead of it, the shorter part first and coming back."""
+    """One pass in which each robot searches the cells behind and ahead of it, the shorter part first and then returning."""
     m, n = team.starts.shape[0], tour.points.shape[0]
     here = first
     for i in range(m):
         borders[i] = here
         at, budget = team.starts[i] + n, time * team.rates[i]
-        if here >= at:  # the one before has searched as far as this one's start, or further
+        if here >= at:  # the previous robot has searched as far as this one's start, or further
             leg = team.far[i, here % n] if team.far.shape[0] > 0 else flown(tour.points, tour.points, at % n, here % n)
             here = furthest(tour.ahead, here, (budget - leg) * team.gains[i])
         else:
@@ -150,7 +150,7 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Return whether a pass from some first border succeeds in the time; ``borders`` then says how."""
+    """Return whether a pass from some first border succeeds in the time. ``borders`` then contains the result."""
     reach, n, ahead, start = 0, tour.points.shape[0], tour.ahead, team.starts[0]
     while reach < n and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]:
         reach += 1
@@ -173,7 +173,7 @@ def best_start(two_ways, tour, team, time, stride, borders):
 
 @kernel
 def hop_pass(tour, team, time, first, turn, borders):
-    """One pass in which each robot goes to the beginning of its cells; robot ``turn`` takes those from ``first`` on."""
+    """One pass in which each robot goes to the beginning of its cells. Robot ``turn`` gets the cells from ``first`` on."""
     m, n = team.places.shape[0], tour.points.shape[0]
     here = first
     for i in range(m):
@@ -188,11 +188,12 @@ def hop_pass(tour, team, time, first, turn, borders):
 
 @kernel
 def hop_costs(tour, team, firsts, latest):
-    """Write when all is searched if the tour is cut into arcs of equal times and each robot goes straight to its arc.
+    """Write the completion time if the tour is cut into arcs of equal times and each robot goes straight to its arc.
 
-    One row for each of ``firsts``, where the first arc begins, one column a turn: which robot takes it. The order is kept.
+    There is one row for each of ``firsts``, the beginning of the first arc, and one column per turn, the robot that gets this arc.
+    The order is kept.
     """
-    # Unpacked for the inner loop: a tuple that is passed on there counts its references, which takes longer than all the rest.
+    # Unpacked for the inner loop: passing the tuple counts references, which would take longer than all the rest.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
     m, n = places.shape[0], points.shape[0]
     powers = rates * team.gains
@@ -205,11 +206,11 @@ def hop_costs(tour, team, firsts, latest):
             worst, level = 0.0, ahead[firsts[row]]
             for i in range(m):
                 robot = (i + turn) % m
-                if turn == 0 or not alike:  # else all turns have the same arcs
+                if turn == 0 or not alike:  # otherwise all turns have the same arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
                 way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
                 worst = max(worst, way / rates[robot] + whole / power)
-                if worst > 1.5 * best and turn > 0:  # bisection will not make that the best
+                if worst > 1.5 * best and turn > 0:  # bisection will not make this the best
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power

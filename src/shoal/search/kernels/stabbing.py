@@ -1,4 +1,4 @@
-"""The way of fewest bends through windows: straight links from place to place that cross all windows between, in their order."""
+"""The path of fewest bends through windows: straight links from point to point that cross all windows between, in order."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _HAIR = 1e-6
 
 @in_place_kernel
 def clip(from_x, from_y, step_x, step_y, boxes, k):
-    """Return between which shares of a step it is in a box; (1, 0) if nowhere."""
+    """Return the interval of a step's fractions that lies in a box; (1, 0) if none."""
     low, high = 0.0, 1.0
     for axis in range(2):
         start, step = (from_x, step_x) if axis == 0 else (from_y, step_y)
@@ -31,11 +31,11 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
 
 @kernel
 def fewest_links(points, starts, boxes, turn, reach, banned, before):
-    """Write for each place the one from which a link leads to it: the least of lengths and ``turn`` for each link.
+    """Write the predecessor of each point on the path with the smallest sum of lengths and ``turn`` per link.
 
-    ``points`` (K, 2) are the places, those of window k from ``starts[k]`` to ``starts[k + 1]``; ``boxes`` (M, 4) are the windows:
-    left, low, right, high. A link passes over fewer than ``reach`` windows. ``banned`` are links, from * K + to, rising. The first
-    window has one place, the last too.
+    ``points`` (K, 2) are the points, where those of window k are from ``starts[k]`` to ``starts[k + 1]``. ``boxes`` (M, 4) are the
+    windows: left, low, right, high. A link passes over fewer than ``reach`` windows. ``banned`` are forbidden links, from * K + to,
+    increasing. The first and the last window have one point each.
     """
     count, windows = len(points), len(boxes)
     cost = np.full(count, np.inf)

@@ -1,8 +1,8 @@
-"""The shortest chain of contacts of a given kind: an interior-point method on contacts and differences.
+"""The shortest chain of contacts of a given kind, by an interior-point method on contacts and differences.
 
-On flat walls the length is convex in the unknowns and so are the limits; on the circle a contact is an angle, and what is found is
-the best near the first guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method for ever greater
-sharpness, so all that it returns lies strictly inside of all limits. See `limits` for what a chain is.
+On flat walls, the length and the constraints are convex in the unknowns. On the circle, a contact is an angle, and the result is a
+local optimum near the initial guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method for
+increasing sharpness, so every result lies strictly inside all limits. See `limits` for the definition of a chain.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from shoal.steering.kernels.chain_limits import add_flat, add_hold, add_length, 
 
 GROWTH = 12.0
 NEWTON = 40
-NEAR = 1e-2  # over the sharpness: how near to its minimum a round ends
-BLUR = 0.03  # over the sharpness: how far a length is blurred where it vanishes
+NEAR = 1e-2  # relative to the sharpness: distance from the minimum at the end of a round
+BLUR = 0.03  # relative to the sharpness: smoothing of a length near zero
 
 
 @in_place_kernel
 def add_limits(kind, work, slack, order):
-    """Add all limits of a chain; return the sum, infinite if one does not hold."""
+    """Add all limits of a chain. Return the sum, infinite if a limit is violated."""
     walls, flat = kind.walls, kind.shape.normals.shape[0]
     cycles, total = walls.shape[0], 0.0
     for m in range(cycles):
@@ -29,7 +29,7 @@ def add_limits(kind, work, slack, order):
             begin(work, work.delta, m, 0.0)
             used = combine(work, m, 1.0, -1, 0.0, -1 if which == 0 else m + which - 1, sign, -1, 0.0)
             skipped = walls[m] if which == 0 else -1
-            # At the goal's difference the other particle may end on the toucher's wall, too: the next move lifts both.
+            # At the goal's difference, the other particle may also end on the toucher's wall, because the next move lifts both.
             forgiven = kind.margin if which == 2 and m == cycles - 1 else 0.0
             total += add_flat(kind, work, used, skipped, forgiven, slack, order)
             if total < inf and kind.shape.circle[2] > 0 and skipped != flat:
@@ -44,7 +44,7 @@ def add_limits(kind, work, slack, order):
 
 @in_place_kernel
 def add_lengths(kind, work, sharpness, blur, order):
-    """Add the lengths of all moves of a chain, times the sharpness; return the sum."""
+    """Add the lengths of all moves of a chain times the sharpness. Return the sum."""
     touchers, cycles, total = kind.touchers, kind.walls.shape[0], 0.0
     for m in range(cycles + 1):
         one, a, other, b, left, p = m, 1.0, m - 1, -1.0, -1, 0.0
@@ -65,9 +65,9 @@ def add_lengths(kind, work, sharpness, blur, order):
 
 @in_place_kernel
 def assess(x, slack, sharpness, blur, kind, work, order):
-    """Return the blurred length times sharpness plus the barrier, and with ``order`` 1 the derivatives, in ``work``.
+    """Return the smoothed length times sharpness plus the barrier and, with ``order`` 1, write the derivatives to ``work``.
 
-    With a slack the length is left out and the slack, times sharpness, takes its place.
+    With a slack, the objective is the slack times sharpness instead of the length.
     """
     derivatives = work.derivatives
     if order > 0:
@@ -88,9 +88,9 @@ def assess(x, slack, sharpness, blur, kind, work, order):
 
 @in_place_kernel
 def newton_direction(derivatives, lower, direction, n):
-    """Solve ``hessian @ direction = -gradient`` by Cholesky, with the diagonal raised until that works; return the decrement.
+    """Solve ``hessian @ direction = -gradient`` by Cholesky, raising the diagonal until that works. Return the Newton decrement.
 
-    For the first n unknowns. The gradient is the last row of the derivatives, the others are the Hessian.
+    For the first n unknowns. The gradient is the last row of the derivatives; the other rows are the Hessian.
     """
     last = derivatives.shape[1]
     raised = 0.0
@@ -132,9 +132,11 @@ def newton_direction(derivatives, lower, direction, n):
 
 @in_place_kernel
 def descend(phase, sharpness, blur, kind, work, enough):
-    """Newton's method from the allowed chain ``wide``, in place; with ``phase`` its last entry is the slack, and -enough will do.
+    """Apply Newton's method to the feasible chain ``wide`` in place.
 
-    Ends where a step would gain next to nothing; divided by the sharpness, as lengths are.
+    With ``phase``, its last entry is the slack, and -enough suffices.
+
+    The method ends when a step would gain almost nothing. The criterion is divided by the sharpness, like lengths.
     """
     x, tried, direction = work.wide, work.tried, work.direction
     last = x.shape[0] - 1
@@ -162,7 +164,7 @@ def descend(phase, sharpness, blur, kind, work, enough):
 
 @in_place_kernel
 def worst_limit(x, kind, work):
-    """Return a slack that makes all limits positive at x, -inf if some limit without unknowns fails, 0 if none is needed."""
+    """Return a slack that makes all limits positive at x, -inf if a constant limit is violated, 0 if no slack is needed."""
     for tenth in range(-8, 5):
         slack = 0.0 if tenth == -8 else 10.0**tenth
         if assess(x, slack, 0.0, 0.0, kind, work, 0) < inf:
@@ -172,7 +174,7 @@ def worst_limit(x, kind, work):
 
 @in_place_kernel
 def count_limits(kind):
-    """Return how many limits a chain has, as a float."""
+    """Return the number of limits of a chain as a float."""
     flat = kind.shape.normals.shape[0]
     walls = flat + (1 if kind.shape.circle[2] > 0 else 0)
     total = 0
@@ -187,10 +189,10 @@ def count_limits(kind):
 
 @in_place_kernel
 def settle(x, enough, sharpnesses, bound, kind, work):
-    """Move x, in place, to where all limits hold, by ``enough`` if they can; then shorten the chain; return its length.
+    """Move x in place until all limits hold, by ``enough`` if possible, and then shorten the chain. Return its length.
 
-    Infinite if the limits cannot all hold, or if on flat walls the length cannot come below ``bound``. Each of ``sharpnesses`` is
-    a round of Newton's method: the last one says how near to the limits the chain may go.
+    The result is infinite if the limits cannot all hold, or if on flat walls the length cannot fall below ``bound``. Each of
+    ``sharpnesses`` is a round of Newton's method. The last one determines how close to the limits the chain may come.
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)
@@ -215,7 +217,7 @@ def settle(x, enough, sharpnesses, bound, kind, work):
             slack = wide[n]
             if slack < -enough or (slack < 0 and before < 0 and slack > 1.2 * before):
                 phase = False
-            # At the minimum for this sharpness the least slack is no smaller than that less (limits / sharpness).
+            # At the minimum for this sharpness, the smallest slack is at least that minus (limits / sharpness).
             elif slack > limits / sharpness or sharpness > 1e13:
                 if slack >= 0:
                     return inf

@@ -1,10 +1,10 @@
-"""What a chain of contacts is made of, and the limits and lengths that its sum adds up, with their derivatives.
+"""The elements of a chain of contacts, and its limits and lengths with their derivatives.
 
-A chain has cycles m = 0 .. M-1. In cycle m particle ``touchers[m]`` (0 or 1) is brought to the contact c[m] on wall ``walls[m]``,
-then the other one moves while the wall holds it, which turns the difference D[m] into D[m+1]; D[0] is the start's and D[M] the
-goal's. The unknowns are the contacts, as d-1 coordinates on their wall, and D[1] .. D[M-1].
+A chain has cycles m = 0 .. M-1. In cycle m, particle ``touchers[m]`` (0 or 1) moves to the contact c[m] on wall ``walls[m]``. Then
+the other particle moves while the wall holds the toucher, which changes the difference D[m] to D[m+1]. D[0] is the start's
+difference and D[M] the goal's. The unknowns are the contacts, as d-1 coordinates on their wall, and D[1] .. D[M-1].
 
-A limit is a value that must be positive; what is added up is minus its logarithm.
+A limit is a value that must be positive. The sum contains its negative logarithm.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 
-CONSTANT = 1e-13  # a limit whose gradient is smaller depends on no unknown
-FORGIVEN = 1e-12  # such a limit holds if it is above minus this
-TINY = 1e-200  # product of limits that is not made smaller before its logarithm is taken
+CONSTANT = 1e-13  # a limit with a smaller gradient depends on no unknown
+FORGIVEN = 1e-12  # such a limit holds if it is above minus this value
+TINY = 1e-200  # product of limits above which logarithms can be combined
 
 Shape = namedtuple("Shape", "frames normals offsets circle near")
-"""The walls: as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
+"""The walls, as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
 
 Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push")
-"""Which chains are meant: between which points, over which walls; how far the other particle keeps off them, and how far each
-adjustment goes into its wall."""
+"""The kind of chain: start, goal and walls; the distance of the other particle from the walls; and the component of each adjustment
+into its wall."""
 
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
 )
-"""What is worked in. The chain: of each contact where it is, its derivatives by each of its coordinates and, on the circle, the
-second one by the arc, (cycles, d + 1, d); its differences, (cycles + 1, d). A vector and its derivatives by the unknowns that it
-depends on, (1 + unknowns, d), and which they are; those of a value, twice; sums over walls by a point: of normal / limit, of
-normal / limit^2, and of normal normal^T / limit^2. Derivatives by all unknowns and the slack: the Hessian, and the gradient as one
-more row; its Cholesky factor; a step of Newton's method, and two chains with their slack."""
+"""Working memory. The chain: for each contact its position, its derivatives by each coordinate and, on the circle, the second
+derivative by the arc, (cycles, d + 1, d); and its differences, (cycles + 1, d). A vector with its derivatives by the unknowns that
+it depends on, (1 + unknowns, d), and the indices of these; the first and second derivatives of a value; sums over walls by a point:
+of normal / limit, of normal / limit^2, and of normal normal^T / limit^2. Derivatives by all unknowns and the slack: the Hessian
+with the gradient as an additional row; its Cholesky factor; a Newton step; and two chains with their slack."""
 
 
 def new_work(cycles: int, d: int) -> Work:
-    """Return room for a chain of so many cycles."""
+    """Return working memory for a chain of ``cycles`` cycles."""
     few, all_ = 4 * d, cycles * (2 * d - 1) - d + 1
     return Work(
         np.zeros((cycles, d + 1, d)), np.zeros((cycles + 1, d)), np.zeros((1 + few, d)), np.zeros(few, dtype=np.int64),
@@ -49,7 +49,7 @@ def new_work(cycles: int, d: int) -> Work:
 
 @in_place_kernel
 def put(x, kind, work):
-    """Write the contacts and differences that x stands for."""
+    """Write the contacts and differences for the unknowns x."""
     contacts, delta, walls, start, goal = work.contacts, work.delta, kind.walls, kind.start, kind.goal
     frames, circle = kind.shape.frames, kind.shape.circle
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -80,16 +80,16 @@ def put(x, kind, work):
 
 @in_place_kernel
 def begin(work, points, row, factor):
-    """Set the vector to a row of points, times a factor; 0 makes it zero."""
+    """Set the vector to a row of points times a factor. A factor of 0 makes it zero."""
     for i in range(work.span.shape[1]):
         work.span[0, i] = factor * points[row, i]
 
 
 @in_place_kernel
 def combine(work, one, a, other, b, left, p, right, q):
-    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector; write its derivatives; return of how many unknowns.
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector with its derivatives. Return the number of unknowns.
 
-    A negative number leaves a term out.
+    A negative index omits a term.
     """
     contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -131,7 +131,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Add ``weight`` times the length of the vector, blurred where it vanishes, and its derivatives; return the value."""
+    """Add ``weight`` times the smoothed length of the vector, and its derivatives. Return the value."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -155,9 +155,9 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 
 @in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
-    """Add ``-log(value + slack)``, where the slack is the last unknown unless it is NaN; infinite if that is not positive.
+    """Add ``-log(value + slack)``, infinite if that is undefined. The slack is the last unknown unless it is NaN.
 
-    ``second`` is only looked at if the value is ``curved``; where the value depends on no unknown, ``forgiven`` may be missing.
+    ``second`` is used only if the value is ``curved``. If the value depends on no unknown, it may be negative by ``forgiven``.
     """
     steep = 0.0
     for u in range(used):
@@ -190,10 +190,10 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Add the limits of a point, the vector, that must lie inside of the flat walls by the margin.
+    """Add the limits for a point, the vector, that must lie inside the flat walls by the margin.
 
-    Only those near the wall ``skipped``, if it is one. All of them depend on the unknowns through the point: they are summed up by
-    that first.
+    If ``skipped`` is a wall, only walls near it count. All limits depend on the unknowns through the point, so they are first
+    summed up by the point.
     """
     normals, offsets, near, margin = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.margin
     span, sums = work.span, work.sums
@@ -206,7 +206,7 @@ def add_flat(kind, work, used, skipped, forgiven, slack, order):
         if skipped >= 0 and not near[skipped, wall]:
             continue
         value = rows_dot(normals, wall, span, 0) - offsets[wall] - margin
-        if used < d and is_constant(normals, wall, span, used):  # with a difference among the unknowns none is
+        if used < d and is_constant(normals, wall, span, used):  # none is constant if a difference is among the unknowns
             if value < -FORGIVEN - forgiven:
                 return inf
             continue
@@ -236,7 +236,7 @@ def add_flat(kind, work, used, skipped, forgiven, slack, order):
 
 @in_place_kernel
 def is_constant(normals, wall, span, used):
-    """Tell whether the distance to a wall depends on no unknown."""
+    """Return whether the distance to a wall depends on no unknown."""
     for u in range(1, used + 1):
         if abs(rows_dot(normals, wall, span, u)) > CONSTANT:
             return False
@@ -245,7 +245,7 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Add the derivatives by a point, which are ``sums``, to those by the unknowns that it depends on.
+    """Convert the derivatives by a point, ``sums``, to derivatives by the unknowns that it depends on, and add them.
 
     ``ones`` and ``squares`` are the sums of 1 / limit and of its square, which are derivatives by the slack.
     """
@@ -271,7 +271,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Add the limit of a point, the vector, that must lie inside of the circle by the margin; c[one] is part of it."""
+    """Add the limit for a point, the vector, that must lie inside the circle by the margin. It contains c[one]."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
@@ -280,14 +280,14 @@ def add_round(kind, work, used, one, forgiven, slack, order):
         first[u] = -(x * span[1 + u, 0] + y * span[1 + u, 1]) / circle[2]
         for v in range(used):
             second[u, v] = -(span[1 + u, 0] * span[1 + v, 0] + span[1 + u, 1] * span[1 + v, 1]) / circle[2]
-        if index[u] == one * (d - 1):  # the contact enters with the factor 1
+        if index[u] == one * (d - 1):  # the contact has the factor 1
             second[u, u] -= (x * contacts[one, d, 0] + y * contacts[one, d, 1]) / circle[2]
     return add_limit(index, first, second, work.derivatives, value, used, True, forgiven, slack, order)
 
 
 @in_place_kernel
 def add_hold(kind, work, m, sign, slack, order):
-    """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed in, and inside of the friction cone."""
+    """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed into the wall, inside the friction cone."""
     contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     begin(work, work.delta, m, 0.0)
@@ -297,7 +297,7 @@ def add_hold(kind, work, m, sign, slack, order):
         first[u] = outward(kind, work, m, 1 + u)
         for v in range(used):
             second[u, v] = 0.0
-    if on_circle:  # the wall's direction depends on the contact, too
+    if on_circle:  # the direction of the wall also depends on the contact
         index[used] = m * (d - 1)
         first[used] = span[0, 0] * contacts[m, 1, 0] + span[0, 1] * contacts[m, 1, 1]
         first[used] /= circle[2]
@@ -316,7 +316,7 @@ def add_hold(kind, work, m, sign, slack, order):
 
 @in_place_kernel
 def outward(kind, work, m, row):
-    """Return how far a row of the span leads out of the wall of a contact."""
+    """Return the component of a row of the span that leads out of the wall of a contact."""
     contacts, span, normals, circle, wall = work.contacts, work.span, kind.shape.normals, kind.shape.circle, kind.walls[m]
     if wall < normals.shape[0]:
         return -rows_dot(normals, wall, span, row)
@@ -328,9 +328,9 @@ def outward(kind, work, m, row):
 
 @in_place_kernel
 def add_cone(friction, work, into, used, slack, order):
-    """Add the limit that the vector a lies in the cone |a|^2 <= (1 + friction^2) into^2, ``first`` and ``second`` are into's.
+    """Add the limit |a|^2 <= (1 + friction^2) into^2 for the vector a. ``first`` and ``second`` are derivatives of ``into``.
 
-    Divided by a length, to keep units: (1 + friction^2) into - |a|^2 / into.
+    The limit is divided by a length to keep units: (1 + friction^2) into - |a|^2 / into.
     """
     span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction

@@ -1,8 +1,8 @@
-"""One particle between walls: where one straight move of the shared input takes it.
+"""Motion of one particle between walls for one straight move of the shared input.
 
-`Walls` are the rows of ``normals`` with inside where ``normals[w] @ p >= offsets[w]``, and the circle (x, y, radius) around the
-first two coordinates, of radius 0 if there is none. ``gain`` is (g, gx, gy, ...): at p the particle moves by
-``g + (gx, gy, ...) @ p`` times the input.
+`Walls` contains the rows ``normals``, with the inside where ``normals[w] @ p >= offsets[w]``, and the circle (x, y, radius) around
+the first two coordinates, with radius 0 if there is none. ``gain`` is (g, gx, gy, ...): a particle at p moves by ``g + (gx, gy,
+...) @ p`` times the input.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from math import expm1, inf, log1p, sqrt
 
 from shoal.jit import in_place_kernel
 
-TOUCH = 1e-9  # of the size: who is nearer to a wall than this is on it
-PUSHED = 1e-9  # of the length of a move: who is moved away from a wall by less than this is held
-EVENTS = 4096  # walls met, and short steps along the circle, in one move
-SLOW = 1e-14  # growth of the gain on the way that is as good as none
-ARC = 1 / 400  # of the radius: steps of a slide along the circle
+TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
+PUSHED = 1e-9  # relative to the length of a move: a particle that leaves a wall by less than this is held
+EVENTS = 4096  # maximum number of wall contacts, and of short steps along the circle, in one move
+SLOW = 1e-14  # change of the gain along the path below which it is ignored
+ARC = 1 / 400  # relative to the radius: step length of a slide along the circle
 
 Walls = namedtuple("Walls", "normals offsets circle size friction gain")
-"""What particles move between."""
+"""The walls between which particles move."""
 
 
 @in_place_kernel
@@ -45,7 +45,7 @@ def circle_distance(point, circle):
 
 @in_place_kernel
 def touches(point, wall, walls, near):
-    """Tell whether a particle is nearer than ``near`` to a wall; the wall after the last flat one is the circle."""
+    """Return whether a particle is closer than ``near`` to a wall. The wall after the last flat one is the circle."""
     if wall == walls.normals.shape[0]:
         return walls.circle[2] > 0 and circle_distance(point, walls.circle) <= near
     return dot(walls.normals[wall], point) - walls.offsets[wall] <= near
@@ -53,7 +53,7 @@ def touches(point, wall, walls, near):
 
 @in_place_kernel
 def normal_part(point, wall, walls, i):
-    """Return a coordinate of the inward normal of a wall at a point; of the circle's, zero at its centre."""
+    """Return a coordinate of a wall's inward normal at a point. The circle's normal is zero at its centre."""
     if wall < walls.normals.shape[0]:
         return walls.normals[wall, i]
     away = walls.circle[2] - circle_distance(point, walls.circle)
@@ -62,7 +62,7 @@ def normal_part(point, wall, walls, i):
 
 @in_place_kernel
 def inward(point, wall, vector, walls):
-    """Return how far a vector leads away from a wall at a point."""
+    """Return the component of a vector away from a wall at a point."""
     total = 0.0
     for i in range(vector.shape[0]):
         total += normal_part(point, wall, walls, i) * vector[i]
@@ -71,7 +71,7 @@ def inward(point, wall, vector, walls):
 
 @in_place_kernel
 def is_held(point, move, walls):
-    """Tell whether some wall that the particle is on does not let it follow the move, friction without end."""
+    """Return whether a wall that the particle is on prevents the move, assuming infinite friction."""
     near, least = TOUCH * walls.size, PUSHED * norm(move)
     for wall in range(walls.normals.shape[0] + 1):
         if touches(point, wall, walls, near) and inward(point, wall, move, walls) <= least:
@@ -81,10 +81,12 @@ def is_held(point, move, walls):
 
 @in_place_kernel
 def velocity_at(point, move, walls, velocity):
-    """Write how a particle follows the input; return the wall it slides along, -1 if it is free and -2 if it is held.
+    """Write the particle's velocity per unit of input.
 
-    Pushed into a wall it slides by ``|T u| - friction |N u|`` along T, the direction of the move along the wall, if that is more
-    than nothing and no other wall that it is on is in the way.
+    Return the wall along which it slides, -1 if it is free, -2 if it is held.
+
+    A particle pushed into a wall slides by ``|T u| - friction |N u|`` along T, the tangential direction of the move, if this is
+    positive and no other wall that it is on blocks it.
     """
     for i in range(move.shape[0]):
         velocity[i] = move[i]
@@ -118,7 +120,7 @@ def velocity_at(point, move, walls, velocity):
 
 @in_place_kernel
 def first_contact(point, velocity, walls, sliding):
-    """Return how many times ``velocity`` a particle can go before it meets a wall other than ``sliding``, and that wall."""
+    """Return how many times ``velocity`` a particle can move before it meets a wall other than ``sliding``, and that wall."""
     normals, offsets, circle = walls.normals, walls.offsets, walls.circle
     length = norm(velocity)
     share, met = inf, -1
@@ -134,7 +136,7 @@ def first_contact(point, velocity, walls, sliding):
         b = x * velocity[0] + y * velocity[1]
         c = min(x * x + y * y - circle[2] ** 2, 0.0)
         root = sqrt(b * b - a * c)
-        # Of the two forms of the larger root the one that does not subtract nearly equal numbers.
+        # Of the two formulas for the larger root, the one without subtraction of almost equal numbers.
         found = (root - b) / a if b <= 0 else -c / (b + root)
         if found < share:
             share, met = found, normals.shape[0]
@@ -143,7 +145,7 @@ def first_contact(point, velocity, walls, sliding):
 
 @in_place_kernel
 def input_for(share, speed, rate):
-    """Return the share of an input that takes a particle ``share`` times it far; ``speed`` grows by ``rate`` times the way."""
+    """Return the fraction of an input that moves a particle by ``share`` times it; ``speed`` grows by ``rate`` times the path."""
     grown = share * rate / speed
     if abs(grown) < SLOW:
         return share / speed
@@ -152,13 +154,13 @@ def input_for(share, speed, rate):
 
 @in_place_kernel
 def way_of(share, speed, rate):
-    """Return how far a share of an input takes a particle, in times of the input; the inverse of `input_for`."""
+    """Return the path of a particle, in multiples of the input, for a fraction of an input. This is the inverse of `input_for`."""
     return speed * share if abs(rate * share) < SLOW else speed / rate * expm1(rate * share)
 
 
 @in_place_kernel
 def snap(point, wall, walls):
-    """Put a particle that has met a wall exactly onto it."""
+    """Place a particle that has met a wall exactly onto the wall."""
     normals, circle = walls.normals, walls.circle
     if wall == normals.shape[0]:
         x, y = point[0] - circle[0], point[1] - circle[1]
@@ -172,9 +174,9 @@ def snap(point, wall, walls):
 
 @in_place_kernel
 def advance(point, move, walls, velocity):
-    """Move one particle, in place; return the share of the input after which it first stopped being free, 1 if it never did.
+    """Move one particle in place. Return the fraction of the input after which it first stopped being free, or 1.
 
-    ``velocity`` is spare.
+    ``velocity`` is working memory.
     """
     if norm(move) == 0:
         return 1.0
@@ -216,7 +218,7 @@ def advance(point, move, walls, velocity):
 
 @in_place_kernel
 def advance_all(state, move, walls, velocity):
-    """Move all particles, in place; return the least share of the input after which one of them stopped being free."""
+    """Move all particles in place. Return the smallest fraction of the input after which one of them stopped being free."""
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, walls, velocity))
@@ -235,7 +237,7 @@ def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
 
 @in_place_kernel
 def copy(source, target):
-    """Write an array of two dimensions into another one, of which it may be the beginning."""
+    """Copy a 2-D array to another one, which may be larger."""
     for i in range(source.shape[0]):
         for k in range(source.shape[1]):
             target[i, k] = source[i, k]

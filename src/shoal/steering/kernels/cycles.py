@@ -1,8 +1,8 @@
-"""The nearest difference to a goal's that one cycle makes: algorithms 2 and 3 of the paper, corrected, with friction.
+"""The difference nearest to a goal's that one cycle can make: algorithms 2 and 3 of paper W, corrected, with friction.
 
-A cycle with the toucher on wall w turns D into D' if the toucher has a contact c with c + sD and c + sD' inside (s = 1 for the
-first particle, -1 for the second) and the wall holds: s(D' - D) lies in the cone of pushes. On a polygon all such sD' form one
-convex polygon: shifts of P by minus the contacts, cut by the cone.
+Let s = 1 if the first particle touches and -1 if the second does. A cycle with a contact c on wall w changes D to D' under two
+conditions: c + sD and c + sD' are inside, and the wall holds the toucher, that is, s(D' - D) lies in the cone of pushes. On a
+polygon P, all such sD' form one convex polygon: shifts of P by minus the contacts, intersected with the cone.
 """
 
 from __future__ import annotations
@@ -16,17 +16,18 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-"""What cycles are made on: walls as in `NormalizedWalls`, friction, how far the other particle keeps off the walls, and how far an
-adjustment goes into its wall."""
+"""Parameters of cycles: walls as in `NormalizedWalls`, friction, distance of the other particle from the walls, and component of an
+adjustment into its wall.
+"""
 
 ANGLES = 96
 FLAT = 1e-14
-DEPTH_SLACK = 1e-12  # of the unit: by how much a polygon of depths is cut too large
+DEPTH_SLACK = 1e-12  # in normalized units: enlargement of a polygon of depths
 
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the part of a side, as a range around its middle, from where the other particle is inside by a margin."""
+    """Return the range of a side, around its midpoint, from which the other particle is inside by a margin."""
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
@@ -43,7 +44,7 @@ def contact_range(delta, sign, wall, model, low, high, margin):
 
 @in_place_kernel
 def clip(corners, count, across, up, offset, spare):
-    """Cut a convex polygon, in place, by ``(across, up) @ p >= offset``; return the number of corners that are left."""
+    """Cut a convex polygon in place by ``(across, up) @ p >= offset``. Return the number of remaining corners."""
     kept = 0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -69,7 +70,7 @@ def copy_rows(source, count, target):
 
 @in_place_kernel
 def nearest_in(corners, count, point, found):
-    """Write the point of a convex polygon, counter-clockwise, nearest to a point, into the last two places; return the distance."""
+    """Write the point of a convex counter-clockwise polygon nearest to a point into the last two places. Return the distance."""
     inside, best = count > 2, np.inf
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -91,7 +92,7 @@ def nearest_in(corners, count, point, found):
 
 @in_place_kernel
 def cycle_outline(delta, sign, wall, model, corners, spare):
-    """Fill ``corners`` with the polygon of all sD' of one wall and toucher; return how many, 0 if the wall gives nothing."""
+    """Fill ``corners`` with the polygon of all sD' for one wall and toucher. Return the number of corners, 0 if it is empty."""
     frames, reaches, normals, offsets = model.frames, model.reaches, model.normals, model.offsets
     friction, margin, push = model.friction, model.margin, model.push
     height = sign * dot(normals[wall], delta)
@@ -123,9 +124,9 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write for each wall and toucher, into ``found``, shape (walls, 2, 5), the nearest D'.
+    """Write the nearest D' for each wall and toucher to ``found``, shape (walls, 2, 5).
 
-    Its distance, infinite if there is none, the range of its contacts, and itself.
+    Each entry has the distance (infinite if there is none), the range of contacts, and D' itself.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):
@@ -151,7 +152,7 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
 
 @in_place_kernel
 def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write the nearest D' with the first particle at an angle of the circle around the origin; return the distance."""
+    """Write the nearest D' with the first particle at an angle of the circle around the origin. Return the distance."""
     radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
     ex, ey = cos(angle), sin(angle)
     height = -(delta[0] * ex + delta[1] * ey)
@@ -206,7 +207,7 @@ def nearest_from(angle, delta, goal, model, candidates, found):
 
 @in_place_kernel
 def nearest_on_circle(delta, goal, model, candidates, found, nearest):
-    """Write the nearest D' that contacts of particle 1 give; return its distance, infinite if there is none, and the angle."""
+    """Write the nearest D' for contacts of particle 1. Return its distance (infinite if there is none) and the angle."""
     radius, margin = model.circle[2], model.margin
     best, at = np.inf, 0.0
     size = sqrt(dot(delta, delta))
@@ -240,10 +241,11 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write the greatest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
+    """Write the largest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
 
-    For a pair of contacts c (used, of particle s) and d (next, of particle t) that is the largest t N_d . D over D = s (q - c),
-    q in the polygon no deeper below the wall of c than allowed, and d + t D in the polygon: a polygon cut by half-planes.
+    Take a used contact c of particle s and the next contact d of particle t. The depth is the largest t N_d . D over D = s (q - c),
+    with q in the polygon not deeper below the wall of c than allowed, and d + t D in the polygon. The feasible set is a polygon cut
+    by half-planes.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):
@@ -271,7 +273,10 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
 
 @in_place_kernel
 def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
-    """Cut a polygon, in place, to the points q with ``following + turn (q - used)`` inside; return how many corners are left."""
+    """Cut a polygon in place to the points q with ``following + turn (q - used)`` inside.
+
+    Return the number of remaining corners.
+    """
     for wall in range(normals.shape[0]):
         least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)
         count = clip(corners, count, turn * normals[wall, 0], turn * normals[wall, 1], least - DEPTH_SLACK, spare)

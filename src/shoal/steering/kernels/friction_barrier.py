@@ -1,8 +1,8 @@
-"""How far reactions of walls with friction can carry a difference: a barrier around it, in polar coordinates.
+"""The differences to which reactions of walls with friction can lead: a barrier in polar coordinates.
 
-A wall that holds or brakes the first particle changes Δ by a vector within atan(friction) of -N, one that stops the second particle
-by one within as much of N. Which walls can be touched at all depends on Δ: along a ray from zero each up to some |Δ|. Angles of
-reactions are measured from the direction of -Δ, counter-clockwise.
+A wall that holds or brakes the first particle changes Δ by a vector within the angle atan(friction) of -N. A wall that stops the
+second particle changes Δ by a vector within this angle of N. Whether a wall can be touched depends on Δ: along a ray from zero,
+each wall can be touched up to some |Δ|. Angles of reactions are measured from the direction of -Δ, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from shoal.steering.kernels.cycles import contact_range
 SWEEPS = 12
 HALVINGS = 24
 SAME = 1e-9
-FLAT = 1e-9  # over pi: reactions that hardly leave a half plane stay in it
+FLAT = 1e-9  # in units of pi: reactions that barely leave a half-plane count as inside
 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """Write for a direction of Δ how large Δ may be for each wall and toucher, 0 for never, and the angle of their reactions.
+    """Write, for a direction of Δ, the maximum |Δ| for each wall and toucher (0 for never), and the angle of their reactions.
 
-    What can be touched by some Δ within half a step of the direction counts.
+    A wall counts if it can be touched with some Δ within half a step of the direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -37,7 +37,7 @@ def touchable(angle, step, most, model, ends, turns):
             ends[row] = 0.0
             if sign * height <= 0:
                 continue
-            turns[row] = np.arctan2(sign * across, sign * height)  # from -Δ to -sign N, as from Δ to sign N
+            turns[row] = np.arctan2(sign * across, sign * height)  # angle from -Δ to -sign N, as from Δ to sign N
             inner, outer = 0.0, most
             for halving in range(HALVINGS):
                 middle = outer if halving == 0 else (inner + outer) / 2
@@ -55,9 +55,9 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest |Δ| to which reactions turn a Δ of no more than ``radius`` by a step, and how far out they lead it before.
+    """Return the largest |Δ| to which reactions turn a Δ of at most ``radius`` by a step, and the largest |Δ| before that.
 
-    They lead outward only from where they point into no half plane.
+    Reactions lead outward only where they do not all point into one half-plane.
     """
     rows = ends.shape[0]
     before = radius
@@ -67,12 +67,12 @@ def carried(radius, side, step, most, ends, turns, cone):
             if high - low > np.pi + FLAT:
                 before = min(ends[row], most)
     after = 0.0
-    for row in range(rows + 1):  # where on the ray one wall less can be touched, and at its end
+    for row in range(rows + 1):  # where on the ray one wall fewer can be touched, and at its end
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue
         low, high = spread_at(place, ends, turns, cone)
-        way = -low if side > 0 else high  # a turn of Δ by reactions that turn from -Δ the other way
+        way = -low if side > 0 else high  # a turn of Δ by reactions that turn from -Δ in the opposite direction
         if way > 0:
             after = max(after, most if way + step >= np.pi else place * np.sin(way) / np.sin(way + step))
     return after, before
@@ -80,7 +80,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the least and the greatest angle of the reactions at a place of a ray."""
+    """Return the smallest and the largest angle of the reactions at a point of a ray."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:
@@ -90,9 +90,10 @@ def spread_at(place, ends, turns, cone):
 
 @kernel
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
-    """Return whether no reactions carry a Δ of a radius, at the angle number ``start``, out to ``goal`` at ``first`` to ``last``.
+    """Return whether reactions cannot lead a Δ of radius ``start`` to ``goal`` at the angles number ``first`` to ``last``.
 
-    The angles ascend all around, and between two of them Δ is parallel to no wall; ``farthest`` is the largest |Δ| there.
+    The angles ascend over the full circle, and Δ is not parallel to a wall between two of them. ``farthest`` is the largest |Δ|
+    there.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

@@ -1,4 +1,4 @@
-"""One particle in a region of any shape: where one straight move of the shared input takes it."""
+"""Motion of one particle in a region of any shape for one straight move of the shared input."""
 
 from __future__ import annotations
 
@@ -9,28 +9,29 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
-"""The boundary of a region: x and y of both ends of each edge, the free side on the left; inward unit normals and lengths; the
-edges before and after each; where the corner at the beginning of an edge is reflex, wider than 180 degrees; the region's size; and
-the boxes around runs of edges (least and largest x, then y), so that most edges need no look."""
+"""The boundary of a region: x and y of both ends of each edge, with the free side on the left; inward unit normals and lengths; the
+previous and the next edge of each; whether the corner at the beginning of an edge is reflex (wider than 180 degrees); the region's
+size; and bounding boxes of runs of edges (smallest and largest x, then y), so that most edges need no test.
+"""
 
-GAP = 1e-12  # of the size: by so much edges are longer for who comes to them, so that nobody slips through where two meet
+GAP = 1e-12  # relative to the size: extension of edges for particles that approach, so that none passes between two edges
 
 
 @in_place_kernel
 def signed_distance(x, y, edge, ends, normals):
-    """Return how far a point is in front of the line of an edge."""
+    """Return the signed distance of a point from the line of an edge, positive in front of it."""
     return normals[edge, 0] * (x - ends[edge, 0]) + normals[edge, 1] * (y - ends[edge, 1])
 
 
 @in_place_kernel
 def place_along(x, y, edge, ends, normals):
-    """Return how far along an edge a point is."""
+    """Return the position of a point along an edge."""
     return normals[edge, 1] * (x - ends[edge, 0]) - normals[edge, 0] * (y - ends[edge, 1])
 
 
 @in_place_kernel
 def is_on(x, y, edge, ends, normals, lengths, touch):
-    """Tell whether a point is nearer to an edge than ``touch``."""
+    """Return whether a point is closer to an edge than ``touch``."""
     away = signed_distance(x, y, edge, ends, normals)
     if abs(away) > touch:
         return False
@@ -41,16 +42,16 @@ def is_on(x, y, edge, ends, normals, lengths, touch):
 
 @in_place_kernel
 def pushes(move, edge, normals, length):
-    """Tell whether a move does not lead away from an edge."""
+    """Return whether a move does not lead away from an edge."""
     return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= PUSHED * length
 
 
 @in_place_kernel
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
-    """Tell whether the edge across a reflex corner lets a particle go that this one would hold.
+    """Return whether the edge on the other side of a reflex corner releases a particle that this edge would hold.
 
-    At the corner it does if the move leads away from it. Further on, where the wall between two edges is thinner than ``touch``,
-    the one in front of which the particle is decides.
+    At the corner, it does if the move leads away from that edge. Farther from the corner, where the wall between two edges is
+    thinner than ``touch``, the edge in front of the particle decides.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -61,7 +62,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return the first edge of a run and the one after its last, the same one if the run is not near to a straight way."""
+    """Return the first edge of a run and the one after its last; both are equal if the run is not near a straight path."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -72,7 +73,7 @@ def run_near(run, x, y, x_after, y_after, near, boxes, count):
 
 @in_place_kernel
 def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Tell whether the boundary that a particle is on does not let it follow a move."""
+    """Return whether the boundary that a particle is on prevents a move."""
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     for run in range(boxes.shape[0]):
@@ -92,10 +93,10 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return the share of a move after which a free particle meets an edge, the edge (-1 if none), and how far along it that is.
+    """Return the fraction of a move after which a free particle meets an edge, the edge (-1 if none), and the position along it.
 
-    Edges that it is on at the start let it go: it leaves them, or the corner between them. A reflex corner that it just passes
-    does not stop it: one of its two edges lets it go on.
+    Edges that the particle is on at the start release it: it leaves them, or the corner between them. A reflex corner on the path
+    does not stop it if one of its two edges lets it continue.
     """
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
@@ -105,7 +106,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
         for edge in range(first, last):
             speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
             away = signed_distance(x, y, edge, ends, normals)
-            # Who is behind the line of an edge cannot come upon its free side; away > -touch is for rounding.
+            # A particle behind the line of an edge cannot meet its free side; away > -touch allows for rounding.
             if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
                 continue
             found = max(away / -speed, 0.0)
@@ -122,7 +123,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def advance(point, move, edges):
-    """Move one particle, in place; return the share of the input after which it stopped, 1 if it never did."""
+    """Move one particle in place. Return the fraction of the input after which it stopped, or 1."""
     if move[0] == 0 and move[1] == 0:
         return 1.0
     ends, normals, lengths, links, reflex, size, boxes = edges
@@ -140,7 +141,7 @@ def advance(point, move, edges):
 
 @in_place_kernel
 def advance_all(state, move, edges):
-    """Move all particles, in place; return the least share of the input after which one of them stopped."""
+    """Move all particles in place. Return the smallest fraction of the input after which one of them stopped."""
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, edges))

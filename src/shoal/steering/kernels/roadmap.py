@@ -1,4 +1,4 @@
-"""Which differences one cycle turns into which, and the fewest cycles from one to another over given ones."""
+"""Links between differences that one cycle connects, and the shortest sequence of cycles over given differences."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from shoal.steering.kernels.contact import dot
 from shoal.steering.kernels.cycles import contact_range
 
 HALVINGS = 24
-SHARES = 4  # of the longest adjustment of a direction: 1, 1/2, 1/4, ...
+SHARES = 4  # relative to the longest adjustment in a direction: 1, 1/2, 1/4, ...
 
 
 @kernel
 def linked(before, after, model, step):
-    """Tell whether one cycle turns a difference into another; write its toucher, wall and contact, as in a chain."""
+    """Return whether one cycle changes a difference into another. Write its toucher, wall and contact as in a chain."""
     if model.circle[2] > 0:
         return linked_on_circle(before, after, model, step)
     normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
@@ -26,7 +26,7 @@ def linked(before, after, model, step):
         sign = 1.0 if pushed < 0 else -1.0
         if abs(pushed) < model.push or along > model.friction * abs(pushed) or sign * height < margin or sign * end < 0:
             continue
-        # Only where the way ends for good may the other particle come to the same wall.
+        # The other particle may touch the same wall only at the end of the whole path.
         reach = reaches[wall] - margin
         low, high = contact_range(before, sign, wall, model, -reach, reach, margin)
         if low > high:
@@ -40,7 +40,7 @@ def linked(before, after, model, step):
 
 @kernel
 def linked_on_circle(before, after, model, step):
-    """Tell the same of a disk, with particle 1 touching: three arcs of contacts meet."""
+    """Return the same for a disk with particle 1 touching, where three arcs of contacts intersect."""
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
     way = np.sqrt(x * x + y * y)
@@ -66,7 +66,7 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return how far in a direction one cycle leads from a difference, or ``back`` from where to it; 0 if it does not."""
+    """Return how far one cycle leads in a direction from a difference or, with ``back``, to it; 0 if it does not."""
     inner, outer = 0.0, most
     for halving in range(HALVINGS):
         middle = outer if halving == 0 else (inner + outer) / 2
@@ -84,10 +84,10 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Add to ``nodes``, from number ``count`` on, extreme differences that cycles lead to, or ``back`` to a difference from.
+    """Add to ``nodes``, from index ``count`` on, extreme differences that cycles reach or, with ``back``, that lead to one.
 
-    Extreme is what is larger than all found before in about the same direction, or ``back`` smaller: ``records`` holds the best of
-    each. Return how many nodes there are then.
+    A difference is extreme if it is larger than all found before in about the same direction or, with ``back``, smaller.
+    ``records`` holds the best of each direction. Return the new number of nodes.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))
@@ -121,9 +121,9 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
 
 @kernel
 def fewest_cycles(nodes, model, parents, order):
-    """Search breadth first from node 0 until node 1 is reached; write from where each node is reached, -1 if it is not.
+    """Breadth-first search from node 0 until node 1 is reached. Write the parent of each node, -1 if it is not reached.
 
-    ``order`` is spare; return whether node 1 was reached.
+    ``order`` is working memory. Return whether node 1 was reached.
     """
     count, step = nodes.shape[0], np.empty(3)
     parents[:] = -1

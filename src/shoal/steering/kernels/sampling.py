@@ -1,8 +1,8 @@
-"""A tree over states of particles, grown by random manoeuvres of which each is simulated.
+"""A search tree over states of particles, grown by random manoeuvres that are all simulated.
 
-An offset is where a particle is, seen from its goal. A translation changes all offsets alike, so particles are at their goals up to
-one when all offsets are equal. A manoeuvre brings one particle to a wall and then makes the moves after which another one's offset
-equals its own, or one of its coordinates does; or it is any move, so that what no plan foresees is found, too.
+An offset is the position of a particle relative to its goal. A translation changes all offsets alike, so a translation can complete
+the task when all offsets are equal. A manoeuvre brings one particle to a wall and then makes another particle's offset, or one of
+its coordinates, equal to the first one's. Sometimes a manoeuvre is any random move, to find solutions that no plan anticipates.
 """
 
 from __future__ import annotations
@@ -16,23 +16,24 @@ from shoal.steering.kernels import contact, region_contact
 from shoal.steering.kernels.contact import copy
 
 World = namedtuple("World", "flat edges walls")
-"""Whether all walls are straight and hold without slip, then `region_contact.Edges` (none if it is not so) and `contact.Walls`."""
+"""Whether all walls are straight and hold without slip; then `region_contact.Edges` (empty if not) and `contact.Walls`."""
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")
-"""Nodes: their states, what they come from, by which moves and how many, after how many moves in all, how far they are from the
-goal, and how often they were tried."""
+"""Nodes: their states, parents, moves from the parents with their number, total numbers of moves, distances from the goal, and
+numbers of attempts.
+"""
 
-STEPS = 8  # moves of one manoeuvre at the most
-EQUAL = 1e-11  # of the size: offsets nearer than that are equal
-LIFT = 1e-6  # of the size: how far particles are taken off walls before a translation
-CHANGED = 1e-7  # of the size: a manoeuvre that changes less is none
-WORSE = 0.3  # of the states that are farther from the goal than what they come from, so many are kept
-ROUNDS = 6  # nodes of which the most promising is taken
+STEPS = 8  # maximum number of moves of one manoeuvre
+EQUAL = 1e-11  # relative to the size: offsets with a smaller difference are equal
+LIFT = 1e-6  # relative to the size: distance to which particles are lifted off walls before a translation
+CHANGED = 1e-7  # relative to the size: a manoeuvre with a smaller change is discarded
+WORSE = 0.3  # fraction that is kept of the states farther from the goal than their parents
+ROUNDS = 6  # number of nodes among which the most promising one is chosen
 
 
 @kernel
 def step(state, move, world):
-    """Move all particles, in place; return the share of the move that all of them were free."""
+    """Move all particles in place. Return the fraction of the move during which all were free."""
     if world.flat:
         return region_contact.advance_all(state, move, world.edges)
     return contact.advance_all(state, move, world.walls, np.empty(2))
@@ -40,7 +41,7 @@ def step(state, move, world):
 
 @kernel
 def add_normals(point, world, total):
-    """Add the inward normals of all walls that a particle is nearly on."""
+    """Add the inward normals of all walls that a particle almost touches."""
     near = 0.5 * LIFT * world.walls.size
     if world.flat:
         edges, x, y = world.edges, point[0], point[1]
@@ -59,7 +60,7 @@ def add_normals(point, world, total):
 
 @kernel
 def send(state, x, y, world, moves, count):
-    """Make the move (x, y) if there is room for it; return the number of moves made."""
+    """Make the move (x, y) if there is space for it. Return the number of moves made."""
     if count < moves.shape[0] and (x != 0 or y != 0):
         moves[count, 0], moves[count, 1] = x, y
         step(state, moves[count], world)
@@ -69,7 +70,7 @@ def send(state, x, y, world, moves, count):
 
 @kernel
 def free_share(state, x, y, world):
-    """Return the share of the move (x, y) that all particles would be free."""
+    """Return the fraction of the move (x, y) during which all particles would be free."""
     trial, move = np.empty(state.shape), np.empty(2)
     move[0], move[1] = x, y
     copy(state, trial)
@@ -78,7 +79,7 @@ def free_share(state, x, y, world):
 
 @kernel
 def translate(state, x, y, world, size, moves, count):
-    """Move all particles alike, after a small lift off all walls if one of them would be held."""
+    """Move all particles alike, after a small lift off all walls if a wall would hold one of them."""
     if free_share(state, x, y, world) == 0.0:
         away = np.zeros(2)
         for p in range(state.shape[0]):
@@ -93,7 +94,7 @@ def translate(state, x, y, world, size, moves, count):
 
 @kernel
 def spread(state, goal):
-    """Return the translation (x, y) that brings particles nearest to their goals, and how far from its goal one is then."""
+    """Return the translation (x, y) that brings particles nearest to their goals, and the largest remaining distance."""
     left, right, low, high = np.inf, -np.inf, np.inf, -np.inf
     for p in range(state.shape[0]):
         x, y = state[p, 0] - goal[p, 0], state[p, 1] - goal[p, 1]
@@ -103,7 +104,7 @@ def spread(state, goal):
 
 @kernel
 def differing(state, goal, size):
-    """Count by how many pairs of coordinates the offsets differ: 0 if all are equal."""
+    """Return the number of pairs of coordinates in which the offsets differ; 0 if all offsets are equal."""
     count = 0
     for k in range(2):
         for p in range(1, state.shape[0]):
@@ -118,7 +119,7 @@ def differing(state, goal, size):
 
 @kernel
 def wall_point(point, world, rng, place, normal):
-    """Draw a point of a wall, at times the foot of a particle, and the inward normal there."""
+    """Draw a point of a wall, sometimes the nearest one to a particle, and its inward normal."""
     choice, where = rng.random(), rng.random()
     if world.flat:
         edges = world.edges
@@ -148,14 +149,14 @@ def wall_point(point, world, rng, place, normal):
 
 @kernel
 def draw_move(rng, size):
-    """Return a move in any direction, of any length up to nearly across the workspace."""
+    """Return a random move in any direction, with any length up to almost the width of the workspace."""
     angle, length = 2 * np.pi * rng.random(), 1.5 * size * rng.random() ** 2
     return length * np.cos(angle), length * np.sin(angle)
 
 
 @kernel
 def adjustment(state, goal, held, normal, rng, size):
-    """Return a move that makes an offset, or a part of it, equal to that of the particle that is held; or at times another one."""
+    """Return a move that makes an offset, or a part of it, equal to the held particle's; or sometimes another move."""
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
     x = state[held, 0] - goal[held, 0] - state[other, 0] + goal[other, 0]
@@ -179,9 +180,9 @@ def adjustment(state, goal, held, normal, rng, size):
 
 @kernel
 def manoeuvre(state, goal, world, rng, size, moves):
-    """Make a random manoeuvre, in place; return the number of its moves."""
+    """Make a random manoeuvre in place. Return its number of moves."""
     choice = rng.random()
-    if choice < 0.2:  # in any direction, at times a part of the way to the first contact
+    if choice < 0.2:  # in any direction, sometimes only a fraction of the path to the first contact
         x, y = draw_move(rng, size)
         share = 1.0
         if choice < 0.1:
@@ -228,9 +229,11 @@ def pick(total, tree, rng):
 
 @kernel
 def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
-    """Grow a tree in place by so many manoeuvres; return the number of its nodes, the rounds left, and whether the last is a hit.
+    """Grow a tree in place by ``rounds`` manoeuvres.
 
-    A hit is a state in which a translation is all that is missing.
+    Return the number of nodes, the rounds left, and whether the last node is a hit.
+
+    A hit is a state from which a translation completes the task.
     """
     states, depths, keys = tree.states, tree.depths, tree.keys
     moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)

@@ -1,9 +1,9 @@
-"""Plans of few straight moves, found by playing them: all but the last two moves are tried, the last two follow.
+"""Plans of few straight moves found by simulation: all moves except the last two are tried, and the last two are computed.
 
-With one more change of the difference to make, only one direction is left: the other particle must go by ``s (Dg - D)`` while the
-toucher is held. So the move before the last goes that way until the toucher has met its wall and then as far again; the last one
-brings both to their goals. Where random plans do not fit, what comes nearest is changed until it does; that a plan does not fit is
-measured, as a length: how much too early the other particle meets a wall.
+When one more change of the difference is needed, its direction is determined: the other particle must move by ``s (Dg - D)`` while
+the toucher is held. So the second-last move goes in this direction until the toucher meets its wall, and then as far again. The
+last move brings both particles to their goals. If no random plan succeeds, the best ones are changed until one succeeds. Their
+error is measured as a length: how much too early the other particle meets a wall.
 """
 
 from __future__ import annotations
@@ -13,19 +13,21 @@ import numpy as np
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_held, norm
 
-EXACT = 1e-9  # of the size: how near to the goal a plan must end
-WIDEST = 0.1  # of the size: the first changes of a plan
+EXACT = 1e-9  # relative to the size: maximum distance from the goal at the end of a plan
+WIDEST = 0.1  # relative to the size: initial changes of a plan
 FINEST = 1e-5
-HOPELESS = 10.0  # times the change: what is left then is too much for all smaller ones
-WORTH = 0.01  # times the change: less is no gain
-ENOUGH = 1e-6  # of the size: room to spare
+HOPELESS = 10.0  # multiple of the change: a larger error cannot be repaired by smaller changes
+WORTH = 0.01  # multiple of the change: a smaller improvement does not count
+ENOUGH = 1e-6  # relative to the size: safety margin
 
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write lengths of moves in a direction: until one particle meets a wall, until the other does, and between; return how many.
+    """Write candidate lengths of moves in a direction: until one particle meets a wall, until both do, and between.
 
-    A held particle has met its wall already. Shorter moves change no difference and only put off the next one.
+    Return their number.
+
+    A held particle has already met its wall. Shorter moves change no difference and only delay the next one.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -48,8 +50,8 @@ def lengths_along(points, direction, shares, walls, lengths):
 def shortage(points, goal, toucher, walls, direction):
     """Return how much too early the other particle meets a wall for two moves with this toucher to end at the goal; and a length.
 
-    Less than 0 if it does not, infinite where the toucher meets nothing. ``direction`` gets where the first of the two moves goes;
-    the length is how far, 0 if the difference is the goal's.
+    The shortage is negative if it does not meet one, and infinite if the toucher meets no wall. ``direction`` receives the
+    direction of the first move. The length is its extent, 0 if the difference already equals the goal's.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -74,7 +76,7 @@ def shortage(points, goal, toucher, walls, direction):
 
 @kernel
 def finish(points, goal, toucher, walls, moves):
-    """Write the last two moves with this toucher from a state; return the error that is left, infinite if there are none."""
+    """Write the last two moves with this toucher. Return the remaining error, infinite if there are no such moves."""
     d = points.shape[1]
     direction = np.empty(d)
     short, length = shortage(points, goal, toucher, walls, direction)
@@ -106,7 +108,7 @@ def total_length(moves):
 
 @kernel
 def holds_nearby(start, goal, toucher, trial, nudges, walls):
-    """Tell whether plans whose tried moves differ by a little end at the goal, too: no plan may hang on a rounding."""
+    """Return whether plans with slightly different tried moves also end at the goal, so that no plan depends on rounding."""
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
     state, move, spare = start.copy(), np.empty(start.shape[1]), np.empty(start.shape[1])
@@ -123,9 +125,11 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
 
 @kernel
 def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
-    """Try first moves from a state and the two that follow; write the shortest plan of three; return how many were found.
+    """Try first moves from a state with the two computed ones.
 
-    With ``enough`` plans found the search ends.
+    Write the shortest plan of three, and return the number of plans found.
+
+    The search ends when ``enough`` plans are found.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -154,7 +158,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, best_moves):
-    """Make a plan shorter, in place, by small changes of its tried moves; return its length."""
+    """Shorten a plan in place by small changes of its tried moves. Return its length."""
     d = start.shape[1]
     trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)
@@ -183,7 +187,7 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
-    """Return the smaller shortage of both touchers after all but the last two moves of a plan, and write the state there."""
+    """Return the smaller shortage of both touchers after all moves of a plan except the last two, and write the state there."""
     copy(start, state)
     for m in range(trial.shape[0] - 2):
         advance_all(state, trial[m], walls, direction)
@@ -194,7 +198,7 @@ def least_shortage(start, goal, trial, walls, state, direction):
 
 @kernel
 def repair(start, goal, walls, trial):
-    """Change all but the last two moves of a plan, in place, until these have room; return the shortage that is left."""
+    """Change all moves of a plan except the last two in place until these are feasible. Return the remaining shortage."""
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
     best = least_shortage(start, goal, trial, walls, state, direction)
@@ -220,7 +224,7 @@ def repair(start, goal, walls, trial):
 
 @kernel
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
-    """Write the moves that a row of picks says, a direction and a share each; return whether there are such."""
+    """Write the moves for a row of picks, each a direction and a fraction. Return whether they exist."""
     copy(start, state)
     for m in range(picks.shape[0]):
         direction = directions[picks[m, 0] % directions.shape[0]]
@@ -235,10 +239,10 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 
 @kernel
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
-    """Write the shortest plan found of as many moves as ``plan`` has; return how many were found.
+    """Write the shortest plan found with as many moves as ``plan`` has. Return the number of plans found.
 
-    ``picks``, int64, shape (tries, wide, moves - 2, 2): of each try the nearest of so many random plans is mended. With ``enough``
-    plans found the search ends.
+    ``picks``, int64, has shape (tries, wide, moves - 2, 2). In each try, the best of ``wide`` random plans is repaired. The search
+    ends when ``enough`` plans are found.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)

@@ -1,8 +1,8 @@
-"""Plans of two particles as steps, made shorter or surer: steps are changed at random; what is no worse is kept, as in annealing.
+"""Improvement of plans of two particles by random changes of their steps, with the acceptance rule of simulated annealing.
 
-Each step has a target and leads there from wherever the particles are: a contact brings one of them to a place, an adjustment makes
-a difference of their positions while a wall holds one, a translation brings the middle between them to a place. In a world without
-noise the last adjustment makes the difference of the goals. In noise a plan is judged by the moves that it takes on average.
+Each step has a target and reaches it from any state: a contact brings one particle to a place on a wall, an adjustment makes a
+difference of the positions while a wall holds one particle, and a translation brings the midpoint of the particles to a place.
+Without noise, the last adjustment makes the difference of the goals. With noise, a plan is judged by its mean number of moves.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from shoal.steering.kernels.contact import copy
 from shoal.steering.kernels.sampling import step, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
-"""Steps of a plan: CONTACT, ADJUSTMENT or TRANSLATION; the particle that comes to a wall, or is held; their targets; of a contact
-the direction of its wall; and, once it was played, each move."""
+"""Steps of a plan. Fields: the kind (CONTACT, ADJUSTMENT or TRANSLATION); the particle that moves to a wall or is held; the target;
+the direction of the wall of a contact; and each move, once the plan has been played."""
 
 Noise = namedtuple("Noise", "starts errors deviation cycle")
-"""Where particles may be at the start, float64, shape (scenarios, 2, 2), and errors of moves, shape (scenarios, moves, 2); their
-standard deviation; and how many moves it takes to mend a wrong difference and to arrive."""
+"""Scenarios of noise. Fields: possible start positions, float64, shape (scenarios, 2, 2); errors of moves, shape (scenarios, moves,
+2); the standard deviation of the errors; and the number of moves that correct a wrong difference and reach the goals."""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 EXACT = 1e-9  # of the size: a step that goes elsewhere by more is another one

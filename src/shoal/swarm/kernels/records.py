@@ -1,4 +1,4 @@
-"""Records: numbers with names that kernels change in place; compiled and not they are read and written as attributes."""
+"""Records: named numbers that kernels change in place, read and written as attributes both compiled and not."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def record_type(number: type[np.generic], *names: str) -> np.dtype[Any]:
 
 
 def new_record(kind: np.dtype[Any], **values: float) -> Any:
-    """Return a record, 0 wherever no value is given.
+    """Return a record with 0 for every field without a given value.
 
     Examples
     --------

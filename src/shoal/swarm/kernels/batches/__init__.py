@@ -1,1 +1,1 @@
-"""Many worlds at once: one command each, how they begin, and what is seen of them as bytes."""
+"""Kernels for many worlds at once: starts, steps with one command per world, and observations as bytes."""

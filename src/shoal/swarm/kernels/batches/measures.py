@@ -1,4 +1,4 @@
-"""What learners are told of many worlds beside planes: windows, sums over the particles, and ways to the frontier."""
+"""Observations of many worlds besides planes: windows, sums over the particles, and paths to the frontier."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from shoal.swarm.kernels.batches.worlds import field_of_world
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest, popcount
 from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 
-PROBING, MOVING = 0, 1  # measures of each command
-SUM, SQUARES = 0, 1  # of each axis
+PROBING, MOVING = 0, 1  # number of measures per command
+SUM, SQUARES = 0, 1  # number of measures per axis
 
 
 @in_place_kernel
 def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
-    """Write to ``out``, uint8, (worlds, planes, layers, rows, columns), the cells around a layer, row and column of each world.
+    """Write the cells around a layer, row and column of each world to ``out``, uint8, (worlds, planes, layers, rows, columns).
 
-    What is beyond the boards, ``columns`` wide, shows as obstacle.
+    Cells beyond the boards, which are ``columns`` wide, appear as obstacles.
     """
     depth, height, side = out.shape[2], out.shape[3], out.shape[4]
     for i in range(first, last):
@@ -45,11 +45,12 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
 
 @in_place_kernel
 def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
-    """Sum up over particles.
+    """Compute sums over the particles of each world.
 
-    Fills ``commands``, int64, (worlds, commands, 2): how many would enter a frontier cell, and how many one that is no known
-    obstacle and holds no particle; ``axes``, (worlds, 3, 2): the sums of their layers, rows and columns, and of the squares;
-    ``totals``, (worlds, 3): particles, cells of the frontier, cells known or of the frontier.
+    The kernel fills three arrays. ``commands``, int64, (worlds, commands, 2): the number of particles that would enter a frontier
+    cell, and the number whose next cell is not a known obstacle and holds no particle. ``axes``, (worlds, 3, 2): the sums of
+    layers, rows and columns, and of their squares. ``totals``, (worlds, 3): the numbers of particles, of frontier cells, and of
+    known or frontier cells.
     """
     width, rows = worlds.width, worlds.rows
     for i in range(first, last):
@@ -84,9 +85,9 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
 
 @in_place_kernel
 def find_nearest(worlds, chosen, work, search, found, first, last):
-    """Write to ``found``, int64, (worlds, 5), of the shortest way of a particle to the frontier length, first command and end.
+    """Write length, first command and end of each world's shortest path to the frontier to ``found``, int64, (worlds, 5).
 
-    The end is layer, row and column; without a way all is 0.
+    The end is given as layer, row and column. Without a path, all values are 0.
     """
     for i in range(first, last):
         field = field_of_world(worlds, chosen[i], work)

@@ -1,4 +1,4 @@
-"""Boards as bytes: one plane of 0 and 1 a kind of cell, as those who learn take them."""
+"""Boards as bytes: one plane of 0 and 1 per kind of cell, as input for learning."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PARTICLES, FREE, OBSTACLES, FRONTIER, UNKNOWN, MAP = 0, 1, 2, 3, 4, 5
 
 @in_place_kernel
 def word_of(worlds, world, word, plane):
-    """Return one word of the board that a plane shows."""
+    """Return one word of the board that a plane represents."""
     if plane == PARTICLES:
         return worlds.occupied[world, word]
     if plane == FREE:
@@ -52,7 +52,7 @@ def write_planes(worlds, chosen, planes, out, first, last):
 
 @in_place_kernel
 def count_particles(counts, cells):
-    """Write how many particles each cell holds, at most 255."""
+    """Write the number of particles in each cell, at most 255."""
     for row in range(cells.shape[0]):
         for column in range(cells.shape[1]):
             cells[row, column] = min(counts[row, column], 255)
@@ -60,10 +60,10 @@ def count_particles(counts, cells):
 
 @in_place_kernel
 def mark_commands(worlds, chosen, merge, masks, first, last):
-    """Mark in ``masks``, (worlds, commands), at which commands some particle's next cell is open to it, as far as is known.
+    """Mark in ``masks``, (worlds, commands), the commands for which some particle can move according to the belief.
 
-    It is no known obstacle and, but for ``merge``, no particle is in it. No particle stands in the rim, so that none that a shift
-    carries into another row is in the way.
+    A particle can move if its next cell is not a known obstacle and, except for ``merge``, holds no particle. No particle is in the
+    rim, so particles that a shift carries into another row block nothing.
     """
     width, size = worlds.width, worlds.occupied.shape[1]
     layer = width * worlds.rows

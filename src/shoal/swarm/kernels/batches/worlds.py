@@ -1,6 +1,6 @@
-"""Many worlds: their boards lie one after the other, and a thread takes a range of those that are asked for.
+"""Many worlds, whose boards are stored one after the other. Each thread processes a range of the selected worlds.
 
-All worlds have boards of one shape. A smaller map lies in the first rows and columns; nobody gets beyond it.
+All worlds have boards of one shape. A smaller map occupies the first rows and columns, and particles cannot leave it.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from shoal.swarm.kernels.dynamics.steps import step
 class Worlds(NamedTuple):
     """The boards of all worlds, changed in place."""
 
-    free: NDArray[np.uint64]  # (maps, words): the truth
-    inside: NDArray[np.uint64]  # (maps, words): the window of each map, one cell of rim included
-    map_of: NDArray[np.int64]  # (worlds,): row of the two above
-    occupied: NDArray[np.uint64]  # (worlds, words), as the next three; see Field
+    free: NDArray[np.uint64]  # (maps, words): the true free cells
+    inside: NDArray[np.uint64]  # (maps, words): the window of each map, including a rim of one cell
+    map_of: NDArray[np.int64]  # (worlds,): row of the two arrays above
+    occupied: NDArray[np.uint64]  # (worlds, words), like the next three; see Field
     open: NDArray[np.uint64]
     known: NDArray[np.uint64]
     frontier: NDArray[np.uint64]
-    counts: NDArray[np.int32]  # (worlds, rows, 64 x width); (worlds, 0, 0) but for merge
+    counts: NDArray[np.int32]  # (worlds, rows, 64 x width); (worlds, 0, 0) except for merge
     layers: int
     rows: int
     width: int
 
 
 class Steps(NamedTuple):
-    """What the last command did and how the episode stands, one entry a world, changed in place."""
+    """The effect of the last command and the state of the episode, one entry per world, changed in place."""
 
     commands: NDArray[np.int8]
     classified: NDArray[np.int32]
@@ -48,7 +48,7 @@ class Steps(NamedTuple):
 
 @in_place_kernel
 def field_of_world(worlds, world, work):
-    """Return the boards of one world; ``work`` has two rows for blocks of work space."""
+    """Return the boards of one world. ``work`` provides two rows of working memory for blocks."""
     return Field(
         worlds.free[worlds.map_of[world]], worlds.occupied[world], worlds.open[world], worlds.known[world], worlds.frontier[world],
         work[0], work[1], worlds.counts[world], worlds.layers, worlds.rows, worlds.width,
@@ -57,7 +57,7 @@ def field_of_world(worlds, world, work):
 
 @in_place_kernel
 def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
-    """Carry out the command of each of the worlds ``chosen[first:last]``, as often as ``repeat`` says."""
+    """Carry out the command of each of the worlds ``chosen[first:last]``, repeated as given by ``repeat``."""
     for i in range(first, last):
         world = chosen[i]
         steps.travelled[world] = 0
@@ -74,17 +74,17 @@ def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last)
 
 @in_place_kernel
 def note_end(steps, world):
-    """Note whether an episode has ended."""
+    """Record whether an episode has ended."""
     steps.complete[world] = steps.terminated[world] = steps.frontier[world] == 0
     steps.truncated[world] = steps.frontier[world] > 0 and steps.moves[world] >= steps.limits[world]
 
 
 @in_place_kernel
 def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
-    """Let the worlds ``chosen[first:last]`` begin.
+    """Start episodes in the worlds ``chosen[first:last]``.
 
-    ``cells`` holds the start cells, row and column, of one world after the other, up to ``ends``; ``targets`` the cells to cover of
-    each, or nothing in a mapping.
+    ``cells`` contains the start cells (row and column) of all worlds in order; ``ends`` are the ends of each world's cells.
+    ``targets`` contains the cells to cover of each world, and is empty for mapping.
     """
     for i in range(first, last):
         world = chosen[i]

@@ -1,1 +1,1 @@
-"""What one command does: words of cells, moves, and the cells that they classify."""
+"""The effect of one command: operations on words of cells, moves, and classified cells."""

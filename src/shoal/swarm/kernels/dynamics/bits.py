@@ -1,7 +1,7 @@
-"""Arithmetic on words of 64 cells.
+"""Arithmetic on 64-bit words of cells.
 
-``uint64 - 1`` becomes int64 in Numba and then ``>>`` drags the sign, so every constant is a ``np.uint64``. No shift is by 64:
-compiled and uncompiled code differ there.
+In Numba, ``uint64 - 1`` becomes int64, and ``>>`` then extends the sign. Therefore every constant is a ``np.uint64``. No shift is
+by 64, because compiled and uncompiled code differ there.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EIGHT, _SIXTEEN, _THIRTY_TWO = np.uint64(8), np.uint64(16), np.uint64(32)
 
 @in_place_kernel
 def popcount(word):
-    """Return the number of set bits, as int64 (the compiler knows this form and emits one instruction)."""
+    """Return the number of set bits as int64. The compiler recognizes this form and emits one instruction."""
     word = word - ((word >> ONE) & _PAIRS)
     word = (word & _QUADS) + ((word >> TWO) & _QUADS)
     word = (word + (word >> FOUR)) & _BYTES
@@ -36,7 +36,7 @@ def popcount(word):
 
 @in_place_kernel
 def reverse(word):
-    """Return the bits in reverse order (the compiler knows this form, too)."""
+    """Return the bits in reverse order. The compiler recognizes this form, too."""
     word = ((word >> ONE) & _PAIRS) | ((word & _PAIRS) << ONE)
     word = ((word >> TWO) & _QUADS) | ((word & _QUADS) << TWO)
     word = ((word >> FOUR) & _BYTES) | ((word & _BYTES) << FOUR)
@@ -47,13 +47,13 @@ def reverse(word):
 
 @in_place_kernel
 def lowest(word):
-    """Return the index of the lowest set bit of a word that is not zero, as int64."""
+    """Return the index of the lowest set bit of a nonzero word as int64."""
     return popcount(~word & (word - ONE))
 
 
 @in_place_kernel
 def has(words, width, row, column):
-    """Tell whether a cell is in a board of ``width`` words a row."""
+    """Return whether a board with ``width`` words per row contains a cell."""
     return (words[row * width + (column >> 6)] >> np.uint64(column & 63)) & ONE != ZERO
 
 

@@ -1,11 +1,11 @@
-"""One command: every particle tries one cell, and each unknown cell that was tried is classified.
+"""One command: every particle tries to enter one cell, and each unknown cell that was tried is classified.
 
-A particle stays if the next cell is an obstacle or holds one that stays. Across rows this is a chain from row to row, each row
-looked at after the one that it moves into. Along a row the particles that stay are runs of set bits that end at a wall: towards
-lower bits one addition a word clears exactly such runs, since its carry runs through them; towards higher bits the words are
-reversed for it. A run that goes on in the next word is rare and mended afterwards.
+A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, this is a recurrence: each
+row is processed after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end
+at a wall. Towards lower bits, one addition per word clears exactly these runs, because its carry passes through them. Towards
+higher bits, the words are reversed first. A run that continues in the next word is rare and corrected afterwards.
 
-Boards are worked through in blocks of rows that fit the processor's cache, so that a large one is read from memory once.
+Boards are processed in blocks of rows that fit the processor's cache, so a large board is read from memory only once.
 """
 
 from __future__ import annotations
@@ -20,32 +20,32 @@ from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
-BLOCK_WORDS = 1024  # of each board (or one row, if that is longer); a handful of boards is in use at once
-GROUP = 16  # words that are looked through together for cells that were tried: most have none
+BLOCK_WORDS = 1024  # words per block of each board (or one row, if longer); a handful of boards is used at once
+GROUP = 16  # words that are tested together for tried cells, because most contain none
 
 
 class Field(NamedTuple):
     """The boards of one running episode, changed in place; uint64, shape (layers x rows x width,), or one block of them."""
 
-    free: NDArray[np.uint64]  # the truth, which only moves may read
-    occupied: NDArray[np.uint64]  # where particles are
-    open: NDArray[np.uint64]  # known to be free
-    known: NDArray[np.uint64]  # known to be free or obstacle
-    frontier: NDArray[np.uint64]  # unknown next to known-free; in coverage the cells still to be covered
+    free: NDArray[np.uint64]  # the true free cells, which only moves may read
+    occupied: NDArray[np.uint64]  # cells with particles
+    open: NDArray[np.uint64]  # known free cells
+    known: NDArray[np.uint64]  # cells known to be free or obstacles
+    frontier: NDArray[np.uint64]  # unknown cells beside known free cells; in coverage, the cells still to be covered
     tried: NDArray[np.uint64]  # of one block: unknown cells that particles try to enter
     moving: NDArray[np.uint64]  # of one block: particles that move
-    counts: NDArray[np.int32]  # particles of each cell, (layers x rows, 64 x width); shape (0, 0) but for merge
+    counts: NDArray[np.int32]  # number of particles per cell, (layers x rows, 64 x width); shape (0, 0) except for merge
     layers: int
-    rows: int  # of a layer
-    width: int  # words of a row
+    rows: int  # rows per layer
+    width: int  # words per row
 
 
 @in_place_kernel
 def segments(field, command):
-    """Return (lines, words from line to line, first word, words of a line, words to the next row) of a cross-row command.
+    """Return (lines, words between lines, first word, words per line, words to the next row) for a command across rows.
 
-    The words of a line are those that have a next row. They are moved in this order: u and i from the first word on,
-    d and o from the last word back.
+    The words of a line are those with a next row. They are moved in this order: forwards from the first word for u and i, backwards
+    from the last word for d and o.
     """
     layer = field.rows * field.width
     if command == UP:
@@ -59,7 +59,7 @@ def segments(field, command):
 
 @in_place_kernel
 def move_across(field, command, rule):
-    """Move from row to row (u, d, i, o) and learn; return (travelled, classified, added to the frontier)."""
+    """Move particles from row to row (u, d, i, o) and classify; return (travelled, classified, added to the frontier)."""
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
     for line in range(lines):
@@ -80,10 +80,10 @@ def move_across(field, command, rule):
 
 @in_place_kernel
 def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
-    """Move words of particles from ``here`` to ``there``, which lie ``ahead`` words apart, in loops that become vector code.
+    """Move words of particles from ``here`` to ``there``, which are ``ahead`` words apart, in vectorized loops.
 
-    Notes in ``tried`` the cells entered or run against that are on ``board``, or not on it if ``flip`` is ALL, and in ``moving``
-    who moves. Returns the union of what was tried, one word, and how many moved.
+    ``tried`` receives the tried cells that are on ``board`` (not on it, if ``flip`` is ALL), and ``moving`` the particles that
+    move. Returns the union of the tried cells as one word, and the number of moved particles.
     """
     some, travelled = ZERO, 0
     for i in range(moving.shape[0]):
@@ -103,7 +103,7 @@ def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
 
 @in_place_kernel
 def hold(there, moving, ahead):
-    """Take those out of ``moving`` that are held up by one ahead which stays: the only recurrence from row to row."""
+    """Remove particles from ``moving`` whose next cell holds a staying particle. This is the only recurrence from row to row."""
     size, step = moving.shape[0], abs(ahead)
     first = min(step, size)
     if ahead < 0:
@@ -116,7 +116,7 @@ def hold(there, moving, ahead):
     for i in range(size - first, size):
         moving[i] &= ~there[i]
     later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
-    i = np.uint64(later.shape[0])  # unsigned: no test for negative indices, which takes as long as all else
+    i = np.uint64(later.shape[0])  # unsigned: tests for negative indices would take as long as all the rest
     while i > ZERO:
         i -= ONE
         later[i] &= ~blocking[i] | before[i]
@@ -124,10 +124,10 @@ def hold(there, moving, ahead):
 
 @in_place_kernel
 def learn(field, first, last):
-    """Classify the block of tried cells, words ``first`` to ``last - 1``, by where particles are now; return (classified, added).
+    """Classify the tried cells in words ``first`` to ``last - 1`` from the new particle positions; return (classified, added).
 
-    A tried cell is free if a particle stands in it, else obstacle. The unknown neighbours of those found free join the frontier;
-    among them may be cells that were tried, too, and come later here, but they are on the frontier already.
+    A tried cell is free if a particle is in it, otherwise an obstacle. The unknown neighbours of new free cells join the frontier.
+    Some of these neighbours may be tried cells that are classified later in this loop, but those are already on the frontier.
     """
     classified, added = 0, 0
     for start in range(0, last - first, GROUP):
@@ -145,7 +145,7 @@ def learn(field, first, last):
 
 @in_place_kernel
 def learn_word(field, i, cells):
-    """Classify the tried cells of one word; return how many cells join the frontier."""
+    """Classify the tried cells of one word. Return the number of cells added to the frontier."""
     field.known[i] |= cells
     field.frontier[i] &= ~cells
     found = cells & field.occupied[i]
@@ -157,7 +157,7 @@ def learn_word(field, i, cells):
 
 @in_place_kernel
 def add_neighbours(field, i, found):
-    """Add the unknown neighbours of the cells ``found`` of one word to the frontier; return how many are new."""
+    """Add the unknown neighbours of the cells ``found`` in one word to the frontier. Return the number of new frontier cells."""
     width = field.width
     added = add_frontier(field, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -174,7 +174,7 @@ def add_neighbours(field, i, found):
 
 @in_place_kernel
 def add_frontier(field, i, cells):
-    """Add the unknown ones of ``cells`` to one word of the frontier; return how many are new."""
+    """Add the unknown cells among ``cells`` to one word of the frontier. Return the number of new frontier cells."""
     new = cells & ~field.known[i] & ~field.frontier[i]
     field.frontier[i] |= new
     return popcount(new)
@@ -226,14 +226,14 @@ def start_right(free, here, moving, rule):
 
 @in_place_kernel
 def held_above(here, free):
-    """Return the bits of ``here`` whose run of set bits ends, at its top, below a bit that is ``free``."""
+    """Return the bits of ``here`` in runs of set bits that are followed, at the higher end, by a bit of ``free``."""
     turned = reverse(here)
     return reverse(turned & (turned + reverse(here & ~free)))
 
 
 @in_place_kernel
 def move_along(field, command, rule):
-    """Move along the rows (l, r) and learn; return (travelled, classified, added to the frontier)."""
+    """Move particles along the rows (l, r) and classify; return (travelled, classified, added to the frontier)."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
     block = max(1, BLOCK_WORDS // field.width) * field.width
@@ -253,7 +253,7 @@ def move_along(field, command, rule):
 
 @in_place_kernel
 def shift_along(occupied, free, board, flip, tried, moving, command, rule):
-    """Move particles along whole rows, as `shift_across` does."""
+    """Move particles along whole rows, like `shift_across`."""
     some, travelled, inner = ZERO, 0, occupied.shape[0] - 1
     if command == LEFT:
         start_left(free, occupied, moving, rule)
@@ -284,14 +284,14 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule):
 
 @in_place_kernel
 def carry_counts(field, command):
-    """Move the particle counts of rule merge; return the cells travelled."""
+    """Move the particle counts of the rule merge. Return the travelled cells."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
     if command == LEFT or command == RIGHT:
         columns_ahead = -1 if command == LEFT else 1
     else:
         rows_ahead = segments(field, command)[4] // width
-    forward = rows_ahead + columns_ahead < 0  # cells clear the way for those behind them, as above
+    forward = rows_ahead + columns_ahead < 0  # cells free the way for the particles behind them, as above
     rows, columns = counts.shape
     travelled = 0
     for a in range(rows):
@@ -308,7 +308,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Try one cell with every particle; return (cells travelled, cells classified, cells added to the frontier)."""
+    """Let every particle try one cell; return (cells travelled, cells classified, cells added to the frontier)."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -1,1 +1,1 @@
-"""Whole episodes without noise: a policy decides, the world moves, the trace is written."""
+"""Whole episodes without noise: decisions of a policy, moves of the world, and the trace."""

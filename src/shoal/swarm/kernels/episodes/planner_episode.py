@@ -1,4 +1,4 @@
-"""Whole episodes of planners; as `play`, in pieces, and wherever it is cut, the episode is the same."""
+"""Whole episodes of planners, in pieces like `play`. The result does not depend on the division into pieces."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from shoal.swarm.kernels.planning.rollout import choose_rollout
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
 
-GREEDY, ROLLOUT = 6, 7  # as the codes of `play`
-FADING = 8  # moves that find something, over which surprises are remembered
+GREEDY, ROLLOUT = 6, 7  # like the codes of `play`
+FADING = 8  # number of moves with classification over which prediction errors are averaged
 
 
 @in_place_kernel
 def choose(code, field, mapping, planner):
-    """Return the next command, -1 if there is none."""
+    """Return the next command, or -1 if there is none."""
     if code == GREEDY:
         return choose_greedy(field, planner)
     return choose_rollout(field, mapping, planner)
@@ -25,7 +25,7 @@ def choose(code, field, mapping, planner):
 
 @in_place_kernel
 def measure_surprise(field, planner):
-    """Count the cells just found free, and those of them that had been predicted to be walls or not at all."""
+    """Count the new free cells, and those among them that were predicted as walls or not predicted."""
     memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
     found, surprises = 0, 0
     for i in range(before.shape[0]):
@@ -38,7 +38,7 @@ def measure_surprise(field, planner):
 
 @in_place_kernel
 def observe_outcome(field, mapping, planner, command, done):
-    """Let a planner see what its last command did."""
+    """Let a planner observe the effect of its last command."""
     memory = planner.memory
     memory.quiet = 0 if done > 0 else memory.quiet + 1
     if mapping and done > 0:
@@ -48,7 +48,7 @@ def observe_outcome(field, mapping, planner, command, done):
 
 @in_place_kernel
 def play_planner(code, field, rule, mapping, planner, trace):
-    """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+    """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
     memory = planner.memory
     for move in range(trace.commands.shape[0]):
         if memory.remaining == 0:

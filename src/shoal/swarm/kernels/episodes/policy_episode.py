@@ -1,7 +1,8 @@
-"""Whole episodes: a policy decides, the world moves, the trace is written, without leaving compiled code.
+"""Whole episodes in compiled code: decisions of a policy, moves of the world, and the trace.
 
-``play`` runs for a limited number of moves and can be called again: all that a policy remembers is in ``PolicyState``. So a caller
-may show progress, be interrupted between two calls and let traces grow; the result does not depend on where it was cut.
+``play`` runs for a limited number of moves and can be called again, because ``PolicyState`` contains the policy's whole memory. So
+a caller can show progress, be interrupted between two calls, and enlarge traces. The result does not depend on the division into
+calls.
 """
 
 from __future__ import annotations
@@ -35,24 +36,25 @@ MANUAL, RANDOM, CLOSEST, ELECT, DEPTH_FIRST, SWEEP = 0, 1, 2, 3, 4, 5
 
 MEMORY = record_type(
     np.int64,
-    "remaining",  # cells of the frontier
+    "remaining",  # number of frontier cells
     "plan_length", "plan_at",
-    "row", "column",  # the elected particle, or the one that depth-first drives
+    "row", "column",  # the elected particle, or the particle driven by depth-first
     "target_row", "target_column",
     "trail_length", "backtracking",
     "phase", "second", "gain",  # of sweep
-    "idle",  # runs of commands in a row that changed nothing
-    "run_left", "run_command", "streak",  # commands left of the run, its direction, runs before it in the same one
-    "last_run",  # steps of an adaptive plan's last run, if chosen already
+    "idle",  # number of consecutive runs of commands without any effect
+    # commands left of the run, its direction, and number of previous runs in the same direction
+    "run_left", "run_command", "streak",
+    "last_run",  # steps of an adaptive plan's last run, if already chosen
     "learnt",  # cells classified in this run
-    "scanned",  # whether there has been a scan after the last command
-    "changed",  # whether this run has moved or classified anything
+    "scanned",  # whether a scan followed the last command
+    "changed",  # whether this run has moved particles or classified cells
 )  # fmt: skip
-PATIENCE = 1_000  # so many of them, and the policy is stopped
+PATIENCE = 1_000  # number of runs without effect after which the policy is stopped
 
 
 class PolicyState(NamedTuple):
-    """What a policy remembers between two moves, and the space that it works in."""
+    """A policy's memory between two moves, and its working memory."""
 
     memory: Any  # a record of MEMORY
     search: Search
@@ -61,23 +63,23 @@ class PolicyState(NamedTuple):
 
 
 class ElectSpace(NamedTuple):
-    """Work space of elect-particle."""
+    """Working memory of elect-particle."""
 
     single: NDArray[np.uint64]  # a board for one cell
 
 
 class DepthFirstSpace(NamedTuple):
-    """What depth-first remembers."""
+    """The memory of depth-first."""
 
-    visited: NDArray[np.uint64]  # a board: the cells where its particle has been
-    commands: NDArray[np.int8]  # that led from the root
+    visited: NDArray[np.uint64]  # a board: the cells visited by its particle
+    commands: NDArray[np.int8]  # the commands from the root
 
 
 @in_place_kernel
 def decide_elect(field, mapping, policy_state):
-    """Plan from the elected particle alone to the frontier cell nearest to it.
+    """Plan a path from the elected particle to the frontier cell nearest to it.
 
-    If its part of the free space is done, the particle nearest to the frontier is elected in its place.
+    If no frontier cell is left in its part of the free space, the particle nearest to the frontier is elected instead.
     """
     memory, search = policy_state.memory, policy_state.search
     row, column = memory.row, memory.column
@@ -98,7 +100,7 @@ def decide_elect(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_depth_first(field, mapping, policy_state):
-    """Probe, else step to a cell not visited, else go back one step."""
+    """Probe an unknown neighbour, otherwise enter an unvisited cell, otherwise go back one step."""
     memory, plan = policy_state.memory, policy_state.search.plan
     put(policy_state.space.visited, field.width, memory.row, memory.column)
     memory.backtracking = 0
@@ -117,7 +119,7 @@ def decide_depth_first(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_sweep(field, mapping, policy_state):
-    """Left to the wall; up and right by turns to the other wall; down and left by turns back; and again while it helps."""
+    """Move left to the wall. Alternate up and right to the other wall, then down and left back. Repeat while this classifies."""
     memory, plan = policy_state.memory, policy_state.search.plan
     if memory.phase == 3:
         if memory.gain == 0:
@@ -146,7 +148,7 @@ def decide_tilts(field, mapping, policy_state):
 
 @in_place_kernel
 def follow(field, policy_state, command):
-    """Keep track of the driven particle: whoever stands where it should have gone is it now; tell whether anybody does."""
+    """Update the driven particle: it is now the particle in the cell that it should have entered. Return whether there is one."""
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
     if not has(field.occupied, field.width, row, column):
@@ -157,12 +159,12 @@ def follow(field, policy_state, command):
 
 @in_place_kernel
 def notice_no_command(field, policy_state, command, travelled, done):
-    """Let a policy go on that remembers nothing of its last command."""
+    """Do nothing, for policies without memory of their last command."""
 
 
 @in_place_kernel
 def notice_elect(field, policy_state, command, travelled, done):
-    """Keep track of the elected particle; plan anew once its target is classified."""
+    """Update the elected particle, and request a new plan once its target is classified."""
     memory = policy_state.memory
     follow(field, policy_state, command)
     if not has(field.frontier, field.width, memory.target_row, memory.target_column):
@@ -171,7 +173,7 @@ def notice_elect(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_depth_first(field, policy_state, command, travelled, done):
-    """Keep the trail of the driven particle."""
+    """Update the path of the driven particle."""
     memory, trail = policy_state.memory, policy_state.space
     if not follow(field, policy_state, command):
         return
@@ -185,7 +187,7 @@ def notice_depth_first(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_sweep(field, policy_state, command, travelled, done):
-    """Go to the next phase where nothing moves any more."""
+    """Start the next phase if no particle moves any more."""
     memory = policy_state.memory
     memory.gain += done
     if memory.phase == 0 or memory.second == 1:
@@ -198,7 +200,7 @@ def notice_sweep(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def end_run(field, policy_state, scan_planner, given):
-    """Tell whether to scan after a run: always, but where an adaptive policy knew the outcome beforehand."""
+    """Return whether to scan after a run. The answer is yes unless an adaptive policy already knew the outcome."""
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:
         return given
@@ -211,20 +213,20 @@ def end_run(field, policy_state, scan_planner, given):
 
 
 def player(decide, notice):
-    """Return the kernels begin_run and play of a policy, which are compiled with its own two kernels and no others.
+    """Return the kernels begin_run and play of a policy, compiled with only the policy's own two kernels.
 
-    Each policy has a play of its own below; the codes MANUAL (a given plan) and RANDOM (drawn commands) go with any of them.
+    Each policy below has its own ``play``. The codes MANUAL (a given plan) and RANDOM (drawn commands) work with any of them.
     """
 
     @in_place_kernel
     def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-        """Choose the next run; tell whether there is one."""
+        """Choose the next run. Return whether there is one."""
         memory, plan, scanning = policy_state.memory, policy_state.search.plan, policy_state.scanning
         if memory.plan_at >= memory.plan_length:
             memory.plan_at, memory.last_run = 0, 0
             if code == RANDOM:
                 plan[0], memory.plan_length = draw, 1
-            elif code == MANUAL:  # its whole plan was there from the start
+            elif code == MANUAL:  # the whole plan existed from the start
                 memory.plan_length = 0
             elif scan_planner is None:
                 memory.plan_length = decide(field, mapping, policy_state)
@@ -245,7 +247,7 @@ def player(decide, notice):
         else:
             memory.streak = memory.streak + 1 if command == memory.run_command else 0
             limit, steps = interval(scanning.kind, scanning.step, memory.streak), stretch(plan, at, length)
-            # A turn of the path must not be missed; its last stretch leads into the unknown and may go on there.
+            # A run must not skip a change of direction. The last part of a plan leads into unknown cells and may be longer.
             steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
             memory.plan_at += steps
         memory.run_left, memory.run_command, memory.learnt, memory.changed = steps, command, 0, 0
@@ -253,11 +255,11 @@ def player(decide, notice):
 
     @in_place_kernel
     def play(code, field, rule, mapping, policy_state, scan_planner, trace):
-        """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+        """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
-        ``scan_planner`` is None unless scans are ADAPTIVE. For RANDOM ``trace.commands`` holds the commands to play, drawn
-        beforehand; if scans are GIVEN, ``trace.scanned`` holds them. What a run of commands does is looked at when it is scanned,
-        not before: no decision falls within a run.
+        ``scan_planner`` is None unless scans are ADAPTIVE. For RANDOM, ``trace.commands`` contains the commands, drawn in advance.
+        If scans are GIVEN, ``trace.scanned`` contains them. The effect of a run is observed only at its scan, because no decision
+        is made within a run.
         """
         memory = policy_state.memory
         for move in range(trace.commands.shape[0]):
@@ -296,35 +298,35 @@ _play_sweep = player(decide_sweep, notice_sweep)[1]
 
 @in_place_kernel
 def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-    """Choose the next run of closest-frontier, or of an adaptive scan rule; tell whether there is one."""
+    """Choose the next run of closest-frontier, or of an adaptive scan rule. Return whether there is one."""
     return _begin_closest(code, field, rule, mapping, policy_state, scan_planner, draw)
 
 
 @in_place_kernel
 def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play closest-frontier, a given plan, or commands drawn beforehand; see `play`."""
+    """Run closest-frontier, a given plan, or commands drawn in advance; see `play`."""
     return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play closest-frontier under rule tilt; see `play`."""
+    """Run closest-frontier under the rule tilt; see `play`."""
     return _play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_elect(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play elect-particle; see `play`."""
+    """Run elect-particle; see `play`."""
     return _play_elect(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play depth-first; see `play`."""
+    """Run depth-first; see `play`."""
     return _play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play sweep; see `play`."""
+    """Run sweep; see `play`."""
     return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)

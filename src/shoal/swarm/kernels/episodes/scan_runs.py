@@ -1,4 +1,4 @@
-"""How many equal commands to send before the next scan."""
+"""Scan rules: the number of equal commands before the next scan."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from shoal.swarm.kernels.prediction.lookahead import Lookahead, explore, write_p
 from shoal.swarm.kernels.search.frontier_search import nearest
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
-_LAST_DOUBLING, _LAST_HYPER = 40, 12  # runs longer than any map are long enough
+_LAST_DOUBLING, _LAST_HYPER = 40, 12  # longer than any map is wide
 
 
 class Scanning(NamedTuple):
-    """When to scan."""
+    """The scan rule."""
 
-    kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: as the log says
+    kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: scans as in the log
     step: int  # of EQUAL
 
 
 class ScanPlanner(NamedTuple):
-    """What an adaptive policy knows and works in.
+    """Knowledge and working memory of an adaptive policy.
 
-    Kernels take it as an argument that is None for all others: what only it needs, as much as all the rest, is not compiled then.
+    It is an argument that is None for all other policies. Its kernels, which are as large as all the rest, are then not compiled.
     """
 
     gain: ExpectedGain
@@ -32,7 +32,10 @@ class ScanPlanner(NamedTuple):
 
 @in_place_kernel
 def interval(kind, step, streak):
-    """Return the length of a run after ``streak`` others in the same direction: scans lie at k, 2k, ..., 1, 2, 4, ... or i^i."""
+    """Return the length of a run after ``streak`` runs in the same direction.
+
+    Scans are after k, 2k, ..., 1, 2, 4, ... or i^i commands.
+    """
     if kind == EQUAL:
         return step
     if streak == 0:
@@ -45,7 +48,7 @@ def interval(kind, step, streak):
 
 @in_place_kernel
 def stretch(plan, at, length):
-    """Return how many equal commands a plan has from ``at`` on."""
+    """Return the number of equal commands in a plan from index ``at`` on."""
     end = at + 1
     while end < length and plan[end] == plan[at]:
         end += 1
@@ -54,10 +57,11 @@ def stretch(plan, at, length):
 
 @in_place_kernel
 def decide_adaptive(field, rule, mapping, search, scan_planner):
-    """Plan a walk through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
+    """Plan a path through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
 
-    The run, or the walk and one more command, that is expected to classify most cells for its cost; the path to the nearest
-    frontier cell if that is better. A coverage has nothing to learn: the path alone, and no scan.
+    The plan is the run, or the path with one more command, with the highest expected number of classified cells per cost. If the
+    path to the nearest frontier cell is better, it is chosen instead. For coverage, where nothing is unknown, the plan is the path
+    alone without a scan.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0
@@ -70,7 +74,7 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
         if reached > rate:
             command, steps, rate = direction, length, reached
     length = 0
-    if rate * (scan + 2 * move) < 1:  # else no path is better: a straight one has been looked at
+    if rate * (scan + 2 * move) < 1:  # otherwise no path is better, because a straight one was already tested
         length = nearest(field, search, field.occupied)
         if length == 0:
             return 0, 0
@@ -87,7 +91,7 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
 
 @in_place_kernel
 def last_run(field, mapping, plan, at, length, scan_planner):
-    """Return the steps of the last stretch of an adaptive plan: further than planned if that classifies more for its cost."""
+    """Return the steps of the last run of an adaptive plan. It is longer than planned if that classifies more cells per cost."""
     steps = stretch(plan, at, length)
     if mapping:
         gains_of_runs(field, scan_planner.gain, plan[at])

@@ -1,1 +1,1 @@
-"""Particles that slip and are seen wrongly, the belief that is made of it, and whole episodes of both."""
+"""Noisy particles, the belief from noisy scans, and whole episodes with noise."""

@@ -1,10 +1,10 @@
-"""Whole episodes with noise: closest-frontier, planned anew after each scan, and a guard that ends every one of them.
+"""Whole episodes with noise: closest-frontier with a new plan after each scan, and a guard that ends every episode.
 
-Of each plan so many commands are sent as the scan rule allows, or all if they are fewer; then a scan follows.
+The number of commands sent from each plan is limited by the scan rule and by the length of the plan. Then a scan follows.
 
-A cell counts as progress when it is classified for the first time, however often belief changes afterwards. If nothing makes
-progress within a budget of moves that depends on the path to the target, the target is given up for good. Each of the two can
-happen once a cell, so every episode ends.
+A cell counts as progress when it is classified for the first time, however often the belief changes later. A budget of moves
+depends on the path to the target. If there is no progress within the budget, the target is given up permanently. Both events can
+occur only once per cell, so every episode ends.
 """
 
 from __future__ import annotations
@@ -23,26 +23,26 @@ from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 RUNNING, COMPLETE, STALLED = 0, 1, 2
 MEMORY = record_type(
     np.int64,
-    "budget",  # moves that may still go by without progress; -1: not reckoned yet
-    "remaining",  # cells of the frontier
-    "undecided",  # cells given up
+    "budget",  # moves left without progress; -1: not computed yet
+    "remaining",  # number of frontier cells
+    "undecided",  # number of cells given up
     "wakes",  # see wake
-    "at", "left",  # place in the plan, commands of it to send before the next scan
+    "at", "left",  # index in the plan, and commands of it to send before the next scan
 )  # fmt: skip
-PATIENCE, TIMES = 50, 5  # the budget for a way of d moves: PATIENCE + TIMES d
+PATIENCE, TIMES = 50, 5  # the budget for a path of d moves: PATIENCE + TIMES d
 
 
 class ProgressGuard(NamedTuple):
-    """What sees to it that an episode ends."""
+    """The progress guard, which ensures that every episode ends."""
 
-    classified: NDArray[np.uint64]  # cells that have been classified at some time
+    classified: NDArray[np.uint64]  # cells that have ever been classified
     given_up: NDArray[np.uint64]
     memory: Any  # a record of MEMORY
 
 
 @in_place_kernel
 def find_frontier(field, given_up):
-    """Fill the frontier with cells that are neither classified nor given up, beside one classified as free; return how many."""
+    """Fill the frontier with cells beside classified free cells that are neither classified nor given up. Return their number."""
     cells, width, size = field.open, field.width, field.open.shape[0]
     layer = width * field.rows
     count = 0
@@ -68,7 +68,7 @@ def find_frontier(field, given_up):
 
 @in_place_kernel
 def refresh(noisy, field, guard):
-    """Write the boards of the belief; return how many cells are classified for the first time."""
+    """Write the boards of the belief. Return the number of cells classified for the first time."""
     classify(noisy, field.open, field.known, field.occupied, field.width)
     fresh = 0
     for i in range(field.known.shape[0]):
@@ -80,7 +80,7 @@ def refresh(noisy, field, guard):
 
 @in_place_kernel
 def wake(field, search, guard):
-    """Plan any command if no cell is classified as free yet, as scans that are often wrong need a few moves to be sure of one."""
+    """Plan any command if no cell is classified as free yet. With frequent errors, the first free cell needs several scans."""
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
         return 0
@@ -91,7 +91,7 @@ def wake(field, search, guard):
 
 @in_place_kernel
 def anybody(board):
-    """Tell whether a board has a cell."""
+    """Return whether a board contains a cell."""
     some = ZERO
     for word in board:
         some |= word
@@ -100,9 +100,9 @@ def anybody(board):
 
 @in_place_kernel
 def choose(field, search, guard, most):
-    """Plan the path to the nearest frontier cell, giving up those that take too long.
+    """Plan the path to the nearest frontier cell, giving up cells that take too long.
 
-    Return how many commands of it to send before the next scan, at most ``most``; 0 if there is none.
+    Return the number of commands to send before the next scan, at most ``most``; 0 if there is none.
     """
     memory = guard.memory
     if memory.remaining == 0:
@@ -129,9 +129,10 @@ def choose(field, search, guard, most):
 
 @in_place_kernel
 def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
-    """Play until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+    """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
 
-    A scan follows at most ``every`` commands, and the last of ``limit``, which is at least the length of the trace.
+    A scan follows after at most ``every`` commands, and after the last of ``limit`` commands. ``limit`` is at least the length of
+    the trace.
     """
     memory = guard.memory
     for move in range(trace.commands.shape[0]):
@@ -151,7 +152,7 @@ def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
 
 @in_place_kernel
 def step_noisy(noisy, field, guard, rng, trace, move):
-    """Send the command that the trace has for a move, scan if it says so, and fill in the other columns."""
+    """Send the trace's command of a move, scan if the trace has a scan there, and fill the other columns."""
     command = trace.commands[move]
     trace.travelled[move] = move_noisy(noisy, command, rng)
     if trace.scanned[move]:
@@ -165,6 +166,6 @@ def step_noisy(noisy, field, guard, rng, trace, move):
 
 @in_place_kernel
 def follow_noisy(noisy, field, guard, rng, trace):
-    """Send the commands of the trace, with its scans, instead of planning: a replay."""
+    """Replay: send the commands of the trace with its scans, without planning."""
     for move in range(trace.commands.shape[0]):
         step_noisy(noisy, field, guard, rng, trace, move)

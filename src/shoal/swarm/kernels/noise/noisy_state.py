@@ -1,11 +1,13 @@
-"""Particles that slip, are seen beside their cell, or are not seen; and what such scans tell of each cell.
+"""Particles that slip or are observed wrongly, and the Bayes filter for noisy scans.
 
-Arrays are flat, over the workspace with a pad of three cells around it: the rim, which is probed as any wall, and two more that are
-never free, so that no neighbour needs a test. Cells are taken in such an order that those ahead come before those behind.
+Arrays are flat, over the workspace with a border of three cells: the rim, which is probed like other walls, and two more cells that
+are never free. So neighbours need no bounds test. Cells are processed in an order in which cells ahead come before the cells behind
+them.
 
-The belief holds for each cell the log-odds that it is free, and the probability that a particle is in it. A move and its scan
-change them in two passes: where the particles may have gone, then Bayes' rule for each cell and the one behind it, from which a
-particle may have tried to enter. Their two detections are weighed together, since a particle that was not let in is still behind.
+For each cell the belief contains the log-odds that it is free, and the probability that it holds a particle. A move with its scan
+updates both in two passes. The first pass computes where particles may have moved. The second applies Bayes' rule to each cell
+together with the cell behind it, from which a particle may have tried to enter. The two detections are weighed together, because a
+particle that could not enter is still in the cell behind.
 """
 
 from __future__ import annotations
@@ -19,40 +21,40 @@ from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO
 from shoal.swarm.kernels.records import record_type
 
-FAINT = 1e-5  # less likely particles are dropped
-LOST = 1e-4  # that a particle which belief has lost shows up in a cell
-CLUTTER = 1e-6  # that something is seen in a cell for no reason
-SURE = 14.0  # the largest log-odds: nothing is beyond doubt
-LEAP = 8.0  # the most that one scan adds or takes
+FAINT = 1e-5  # particles with a lower probability are dropped
+LOST = 1e-4  # probability that a particle lost by the belief appears in a cell
+CLUTTER = 1e-6  # probability of a detection without a particle
+SURE = 14.0  # maximum absolute log-odds: nothing is certain
+LEAP = 8.0  # maximum change of log-odds by one scan
 RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")  # bound: log-odds from which a cell counts as classified
 
 
 class NoisyState(NamedTuple):
-    """The truth of a simulation, and the belief; flat arrays over the padded workspace, changed in place."""
+    """The true state of a simulation, and the belief; flat arrays over the padded workspace, changed in place."""
 
     truth: NDArray[np.bool_]  # free cells
-    there: NDArray[np.bool_]  # where particles are
-    seen: NDArray[np.bool_]  # what the last scan showed
+    there: NDArray[np.bool_]  # true cells of the particles
+    seen: NDArray[np.bool_]  # detections of the last scan
     logit: NDArray[np.float64]  # log-odds that a cell is free
-    inside: NDArray[np.float64]  # probability that a particle is in a cell
-    staying: NDArray[np.float64]  # that it stays, if there is one
+    inside: NDArray[np.float64]  # probability that a cell holds a particle
+    staying: NDArray[np.float64]  # probability that a particle in the cell stays
     moved: NDArray[np.float64]  # probability of a particle after the move, before the scan
-    offsets: NDArray[np.int64]  # to the neighbour in the direction of each command
+    offsets: NDArray[np.int64]  # offset of the neighbour in the direction of each command
     rates: Any  # a record of RATES
-    layers: int  # of the board's window
+    layers: int  # shape of the board's window
     rows: int
     columns: int
 
 
 @in_place_kernel
 def chance(logit):
-    """Return the probability of log-odds."""
+    """Return the probability for log-odds."""
     return 1.0 / (1.0 + np.exp(-logit))
 
 
 @in_place_kernel
 def first_and_step(size, offset):
-    """Return (first cell, step) that take the cells ahead before those behind."""
+    """Return (first cell, step) for the order in which cells ahead come before those behind."""
     if offset > 0:
         return size - 1, -1
     return 0, 1
@@ -60,7 +62,7 @@ def first_and_step(size, offset):
 
 @in_place_kernel
 def move_noisy(noisy, command, rng):
-    """Move the particles by rule block; each stays of itself with the rate of slips. Return how many moved."""
+    """Move the particles by the rule block. Each particle slips with the slip probability. Return the number of moved particles."""
     offset = noisy.offsets[command]
     at, step = first_and_step(noisy.there.shape[0], offset)
     there, slip, travelled = noisy.there, noisy.rates.slip, 0
@@ -75,7 +77,7 @@ def move_noisy(noisy, command, rng):
 
 @in_place_kernel
 def look(noisy, rng):
-    """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen where it is."""
+    """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen in its own cell."""
     there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
     seen[:] = False
     for at in range(there.shape[0]):
@@ -92,7 +94,7 @@ def look(noisy, rng):
 
 @in_place_kernel
 def first_belief(noisy):
-    """Begin the belief with the first scan: where something is seen there is a particle, unless it was seen beside its cell."""
+    """Initialize the belief from the first scan: a detection is a particle in this cell, or a misplaced particle."""
     misplace, miss = noisy.rates.misplace, noisy.rates.miss
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
@@ -106,7 +108,7 @@ def first_belief(noisy):
 
 @in_place_kernel
 def foresee(noisy, command):
-    """Fill ``staying`` and ``moved``: where particles may be after a command, before it is looked."""
+    """Fill ``staying`` and ``moved``: the predicted positions of particles after a command, before the scan."""
     inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
     offset, slip = noisy.offsets[command], noisy.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
@@ -126,7 +128,7 @@ def foresee(noisy, command):
 
 @in_place_kernel
 def spread_noisy(noisy, command):
-    """Take in a command that no scan follows: particles go where they may have gone, and nothing is learnt of the cells."""
+    """Process a command without a scan: the predicted positions become the belief, and no cell becomes better known."""
     foresee(noisy, command)
     for at in range(noisy.inside.shape[0]):
         noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
@@ -134,7 +136,7 @@ def spread_noisy(noisy, command):
 
 @in_place_kernel
 def stray(noisy, at, but):
-    """Return the probability that a scan shows in a cell a particle of a neighbouring one, other than ``but``."""
+    """Return the probability that a scan shows a particle of a neighbouring cell, except ``but``, in this cell."""
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
     none = 1.0 - CLUTTER
     for offset in noisy.offsets:
@@ -145,7 +147,7 @@ def stray(noisy, at, but):
 
 @in_place_kernel
 def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
-    """Return the probability of two detections if particles are (or are not) behind and here after the move."""
+    """Return the probability of two detections, given whether particles are behind and here after the move."""
     neither = (1.0 - stray_behind) * (1.0 - stray_here)
     not_behind, not_here = 1.0 - stray_behind, 1.0 - stray_here
     if behind:
@@ -163,7 +165,7 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
 
 @in_place_kernel
 def weigh(noisy, at, offset):
-    """Weigh what was seen in a cell and behind it; return (log-odds gained that it is free, probability of a particle in it)."""
+    """Weigh the detections in a cell and behind it; return (gain in log-odds that it is free, probability of a particle in it)."""
     inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
     miss, misplace = noisy.rates.miss, noisy.rates.misplace
     hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
@@ -174,9 +176,9 @@ def weigh(noisy, at, offset):
     next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
     stay = noisy.staying[at] if taken > 0.0 else 0.0
     if seen[at] and noisy.moved[at] < LOST * free:
-        coming = max(coming, LOST)  # a particle that belief has lost
+        coming = max(coming, LOST)  # a particle that the belief has lost
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
-    held = coming + (1.0 - coming) * next_coming  # somebody behind, if nobody gets in
+    held = coming + (1.0 - coming) * next_coming  # a particle behind, if no particle can enter
     gone = coming * (1.0 - slip)
     none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
     only_behind = likelihood(seen[behind], seen[at], True, False, a, b, hit, share)
@@ -197,12 +199,12 @@ def weigh(noisy, at, offset):
 
 @in_place_kernel
 def learn_noisy(noisy, command):
-    """Take in a scan after one command."""
+    """Process a scan after one command."""
     foresee(noisy, command)
     offset = noisy.offsets[command]
     size = noisy.inside.shape[0]
     inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
-    after = noisy.staying  # read for the cell itself only, just before it is written
+    after = noisy.staying  # read only for this cell, just before it is written
     first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
     after[:first] = 0.0
     after[last:] = 0.0
@@ -220,7 +222,7 @@ def learn_noisy(noisy, command):
 
 @in_place_kernel
 def classify(noisy, open_words, known_words, occupied_words, width):
-    """Write boards of the belief: cells classified as free, classified at all, and holding a particle more likely than not."""
+    """Write boards of the belief: cells classified as free, all classified cells, and cells that probably hold a particle."""
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
     pad = 0 if noisy.layers == 1 else 2
     for layer in range(noisy.layers):

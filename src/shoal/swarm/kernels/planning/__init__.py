@@ -1,1 +1,1 @@
-"""Plans of planners: base policy, beam search, rollouts, annealing."""
+"""Planning kernels: base policy, beam search, rollouts, annealing."""

@@ -1,9 +1,9 @@
-"""A plan for a known map made shorter: parts of it are changed at random, and what is shorter, or hardly longer, is kept.
+"""Simulated annealing of a plan for a known map: random changes are kept if the plan becomes shorter or hardly longer.
 
-A change costs only the moves behind it, since states are kept every few moves on the way.
+A change costs only the simulation of the moves behind it, because intermediate states are stored at intervals.
 
-Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983); the changes are
-this project's (docs/concepts/planners.md).
+Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The changes are own
+designs (docs/concepts/planners.md).
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.planning.planner_state import draw
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, immediate_gains
 
-LONGEST_CHANGE = 8  # commands put in or taken out at once
-_FINENESS = 1 << 30  # of random numbers between 0 and 1
+LONGEST_CHANGE = 8  # maximum number of commands inserted or removed at once
+_FINENESS = 1 << 30  # resolution of random numbers between 0 and 1
 
 
 class AnnealedPlan(NamedTuple):
-    """Plans under change, and the states on the way of the present one."""
+    """The plans during annealing, and the states along the current plan."""
 
-    plan: NDArray[np.int8]  # the present one
+    plan: NDArray[np.int8]  # the current plan
     trial: NDArray[np.int8]  # it, changed
-    shortest: NDArray[np.int8]  # the shortest so far
-    kept: NDArray[np.uint64]  # (places, boards, words): the state before every so many moves
+    shortest: NDArray[np.int8]  # the shortest plan so far
+    kept: NDArray[np.uint64]  # (places, boards, words): the state at regular intervals of moves
     every: int
 
 
 @in_place_kernel
 def change(planner, plans, length):
-    """Write the present plan, changed, into the trial; return (first move that is new, length).
+    """Write a changed copy of the current plan to the trial; return (first changed move, length).
 
-    At a random place a command is replaced, up to eight equal ones are put in, taken out, or written over what was there, or up
-    to four are replaced by one.
+    The change is at a random place. It replaces a command; inserts, removes or overwrites up to eight equal commands; or replaces
+    up to four commands by one.
     """
     plan, trial = plans.plan, plans.trial
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
@@ -67,9 +67,9 @@ def change(planner, plans, length):
 
 @in_place_kernel
 def finish(planner, state, plan, at, length, limit):
-    """Play a plan in ``state`` from move ``at`` on, and go on greedily until nothing is left, writing the commands behind it.
+    """Simulate a plan in ``state`` from move ``at`` on, and complete it greedily, writing the additional commands behind it.
 
-    Returns (moves of the whole plan, moves simulated); the former is ``limit + 1`` if it takes more than ``limit``.
+    Returns (moves of the whole plan, moves simulated). The former is ``limit + 1`` if the plan needs more than ``limit`` moves.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
@@ -95,7 +95,10 @@ def finish(planner, state, plan, at, length, limit):
 
 @in_place_kernel
 def keep_states(planner, plans, at, length):
-    """Keep the states on the way of the present plan behind the one that is kept next before move ``at``; return the moves."""
+    """Store the states along the current plan from the last stored state before move ``at`` on.
+
+    Return the number of simulated moves.
+    """
     place = at // plans.every
     copy_state(plans.kept[place], planner.state)
     for i in range(place * plans.every, length):
@@ -107,10 +110,10 @@ def keep_states(planner, plans, at, length):
 
 @in_place_kernel
 def anneal(planner, plans, length, fewest, heat, budget):
-    """Change the plan, which begins at ``planner.root``, until so many moves have been simulated.
+    """Change the plan, which begins at ``planner.root``, until the budget of simulated moves is spent.
 
-    A plan longer by x is gone on with by chance exp(-x / heat). Returns the lengths of the present plan and of the shortest, and
-    the moves simulated.
+    A plan that is longer by x is accepted with probability exp(-x / heat). Returns the lengths of the current and of the shortest
+    plan, and the moves simulated.
     """
     plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
     copy_state(planner.root, plans.kept[0])

@@ -1,4 +1,4 @@
-"""Beam search over simulated commands: the best states of each depth are kept, each once."""
+"""Beam search over simulated commands. The best states of each depth are kept, without duplicates."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, di
 
 
 class Beam(NamedTuple):
-    """Work space: the states of two depths, which take turns."""
+    """Working memory: the states of two depths, used alternately."""
 
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)
-    values: NDArray[np.float64]  # (2, width): cells classified, discounted
+    values: NDArray[np.float64]  # (2, width): discounted number of classified cells
     marks: NDArray[np.uint64]  # (2, width): hashes
     child: NDArray[np.uint64]  # a state
 
 
 @in_place_kernel
 def place_for(values, marks, size, value, mark):
-    """Return where a child goes: a free place, that of the same state or of the worst if it is better; -1 if nowhere."""
+    """Return the place of a child: a free place, or the place of an equal or the worst state if the child is better; -1 if none."""
     for i in range(size):
         if marks[i] == mark:
             return i if value > values[i] else -1
@@ -38,7 +38,7 @@ def place_for(values, marks, size, value, mark):
 
 @in_place_kernel
 def lowest_value(values, size):
-    """Return the value that a child has to beat: that of the worst, if all places are taken."""
+    """Return the value that a child must exceed: the worst value if all places are taken."""
     if size < values.shape[0]:
         return -1.0
     worst = values[0]
@@ -49,9 +49,9 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from a state; return (which of the two halves holds the leaves, how many they are, moves simulated).
+    """Search from a state; return (which half holds the leaves, number of leaves, moves simulated).
 
-    States are ranked by the cells classified, discounted.
+    States are ranked by the discounted number of classified cells.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
@@ -90,7 +90,7 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and forget its value so that the next call returns the next."""
+    """Return the index of the best leaf, and clear its value so that the next call returns the next best."""
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:

@@ -1,7 +1,8 @@
-"""How a simulated plan goes on: by single commands, or by the whole path to the nearest frontier cell if none classifies any.
+"""Completion of a simulated plan by a base policy: single commands, or the path to the nearest frontier cell if none classifies.
 
-Two styles: greedy takes the command that classifies most now; careful takes off for each what it would leave behind, that is
-frontier cells beside a particle now and beside none afterwards. In a corridor careful probes both walls before it steps on.
+The policy has two styles. Greedy takes the command that classifies most cells now. Careful subtracts a charge for each frontier
+cell that is left behind, that is, beside a particle now and beside none afterwards. In a corridor, careful therefore probes both
+walls before it moves on.
 """
 
 from __future__ import annotations
@@ -14,12 +15,12 @@ from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, bes
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, immediate_gains, push
 from shoal.swarm.kernels.prediction.lookahead import copy
 
-GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, since a kernel is compiled anew for each literal argument
+GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, because a kernel is compiled again for each literal argument
 
 
 @in_place_kernel
 def most(gains, last):
-    """Return the command that classifies most, the last one if it is among them; -1 if none classifies anything."""
+    """Return the command that classifies most cells, preferably the last one; -1 if no command classifies any."""
     best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
     for command in range(gains.shape[0]):
         if gains[command] > (gains[best] if best >= 0 else 0):
@@ -29,7 +30,7 @@ def most(gains, last):
 
 @in_place_kernel
 def most_careful(scene, state, gains, moved, planes, last, charge):
-    """Return the command that classifies most, less ``charge`` times the cells left behind, of those that classify any."""
+    """Return the command with most classified cells minus ``charge`` per cell left behind, among those that classify any."""
     best, best_worth = -1, 0.0
     at_hand = planes[WAVE]
     some, only = 0, -1
@@ -53,7 +54,7 @@ def most_careful(scene, state, gains, moved, planes, last, charge):
 
 @in_place_kernel
 def left_behind(scene, occupied, at_hand, still):
-    """Return how many of the frontier cells that were at hand are neither tried just now nor at hand any more."""
+    """Return the number of frontier cells beside particles before that were not tried now and are no longer beside a particle."""
     beside(scene, occupied, at_hand, still)
     tried, lost = scene.tried, 0
     for i in range(still.shape[0]):
@@ -63,16 +64,16 @@ def left_behind(scene, occupied, at_hand, still):
 
 @in_place_kernel
 def complete(scene, state, space, plan, length, horizon, discount, style, charge, worth, expected, best):
-    """Simulate the first ``length`` commands of a plan and then go on by the base policy, writing its commands behind them.
+    """Simulate the first ``length`` commands of a plan and complete it by the base policy, writing its commands behind them.
 
-    Changes ``state``. Gives up when the plan cannot be better than ``best`` any more, if a cell classified at once is worth
-    ``worth`` moves and about ``expected`` are to be classified. Returns (time, value, length, moves, classified): when the last
-    cell was classified, ``horizon`` if some are left then; the cells classified, discounted; the commands in the plan; how many
-    were simulated; and the cells classified.
+    Changes ``state``. The simulation stops early if the plan cannot become better than ``best``, given that a cell classified
+    immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value, length, moves,
+    classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of classified cells;
+    the number of commands in the plan; the number of simulated commands; and the number of classified cells.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     at = np.int64(0)
-    gains, moved, planes = space.gains, space.ahead, space.planes  # to hand on all of the space takes time
+    gains, moved, planes = space.gains, space.ahead, space.planes  # passing the whole working memory takes time
     while at < horizon:
         if at >= length:
             if worth * (value + weight * max(expected - total, 0.0)) - at <= best:

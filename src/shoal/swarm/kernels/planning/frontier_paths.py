@@ -1,4 +1,4 @@
-"""The nearest frontier cell of a simulated state and a straight way to it: dilation, as in `search`, on fewer boards."""
+"""The nearest frontier cell of a simulated state and a straight path to it, by dilation as in `search` but with fewer boards."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def begin_waves(scene, state, planes):
 
 @in_place_kernel
 def spread(scene, planes, level):
-    """Replace WAVE by the next level, rim included; return the union of its words, one word."""
+    """Replace WAVE by the next level, including the rim. Return the union of its words as one word."""
     wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
     seen, mark = planes[SEEN], planes[MOD + level % 3]
     size, width = wave.shape[0], scene.width
@@ -50,7 +50,7 @@ def spread(scene, planes, level):
 
 @in_place_kernel
 def rim_rows(wave, within, following, reach, scene):
-    """Dilate into the outermost rows (layers), where no particle can be but frontier cells may."""
+    """Dilate into the outermost rows (layers), which contain no particles but may contain frontier cells."""
     end = wave.shape[0] - reach
     for i in range(reach):
         following[i] = wave[i + reach] & within[i]
@@ -59,7 +59,7 @@ def rim_rows(wave, within, following, reach, scene):
 
 @in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
-    """Write the way that ends in word ``index`` of the frontier, reached at ``level``; prefer to go straight."""
+    """Write the path that ends in word ``index`` of the frontier, reached at ``level``. Straight continuations are preferred."""
     hits = planes[WAVE, index] & state[FRONTIER, index]
     row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
     last = 0
@@ -76,17 +76,17 @@ def trace(scene, state, planes, index, level, plan, at):
 
 @in_place_kernel
 def on_board(scene, row, column):
-    """Tell whether a cell lies within the words of a board."""
+    """Return whether a cell lies within the words of a board."""
     return row >= 0 and row < scene.layers * scene.rows and column >= 0 and column < 64 * scene.width
 
 
 @in_place_kernel
 def path_to_nearest(scene, state, planes, plan, at, limit):
-    """Write the way to a nearest frontier cell into ``plan[at:]``; return its length.
+    """Write the path to a nearest frontier cell to ``plan[at:]``. Return its length.
 
-    It is 0 if there is none, TOO_FAR if it has more than ``limit`` moves.
+    The length is 0 if there is no path, and TOO_FAR if the path has more than ``limit`` moves.
 
-    Of several cells as near it is the first in row-major order.
+    Among equally near cells, the first in row-major order is used.
     """
     begin_waves(scene, state, planes)
     wave, frontier, size = planes[WAVE], state[FRONTIER], state.shape[1]
@@ -106,7 +106,7 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
 
 @in_place_kernel
 def beside(scene, cells, within, out):
-    """Write into ``out`` the cells of ``within`` that have a neighbour in ``cells``, which has none in the rim."""
+    """Write to ``out`` the cells of ``within`` that have a neighbour in ``cells``. ``cells`` must not contain rim cells."""
     width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
     reach = layer if scene.layers > 1 else width
     dilate(cells, within, out, reach, size - reach, scene)

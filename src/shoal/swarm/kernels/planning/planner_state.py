@@ -1,4 +1,4 @@
-"""What a planner remembers between two moves, and the space that it works in."""
+"""A planner's memory between two moves, and its working memory."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ from shoal.swarm.kernels.prediction.occupancy_prediction import OccupancyPredict
 from shoal.swarm.kernels.prediction.occupancy_prior import OccupancyPrior
 from shoal.swarm.kernels.records import record_type
 
-WHOLE = 1 << 20  # of shares that are counted in whole numbers
+WHOLE = 1 << 20  # denominator of fractions stored as whole numbers
 MEMORY = record_type(
     np.int64,
-    "plan_at", "plan_length",  # of the incumbent
-    "quiet",  # moves since something was classified
-    "forced",  # commands left of a path that is played whole
-    "random",  # state of the generator
-    "simulated",  # moves simulated so far
-    "remaining",  # cells of the frontier
-    "style",  # in which the incumbent was completed
-    "credit",  # moves that may be simulated
-    "surprise",  # share of the cells found free lately that had not been predicted to be, in 1 / WHOLE
+    "plan_at", "plan_length",  # length of the incumbent
+    "quiet",  # moves since the last classification
+    "forced",  # commands left of a path that is sent completely
+    "random",  # state of the random generator
+    "simulated",  # number of moves simulated so far
+    "remaining",  # number of frontier cells
+    "style",  # style in which the incumbent was completed
+    "credit",  # number of moves that may be simulated
+    "surprise",  # recent prediction error: fraction of new free cells that were not predicted as free, in 1 / WHOLE
 )  # fmt: skip
 
 
 class Planner(NamedTuple):
-    """Memory, options and work space."""
+    """Memory, options and working memory."""
 
     memory: Any  # a record of MEMORY
     options: Any  # a record: budget, and the fields of shoal.swarm.policies.planners.tuning.Tuning
     scene: Scene
-    root: NDArray[np.uint64]  # a state: the episode now
-    state: NDArray[np.uint64]  # a state: of the plan that is simulated
+    root: NDArray[np.uint64]  # a state: the current state of the episode
+    state: NDArray[np.uint64]  # a state: the state of the simulated plan
     ahead: NDArray[np.uint64]  # a board: the particles one move further
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
-    incumbent: NDArray[np.int8]  # the best plan known
+    incumbent: NDArray[np.int8]  # the best plan so far
     trial: NDArray[np.int8]  # the plan that is simulated
     beam: Beam
     prior: OccupancyPrior
@@ -64,7 +64,7 @@ def draw(planner, limit):
 
 @in_place_kernel
 def next_command(planner):
-    """Return the next command of the incumbent; -1 if it has none."""
+    """Return the next command of the incumbent, or -1 if it has none."""
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         return -1
@@ -74,7 +74,7 @@ def next_command(planner):
 
 @in_place_kernel
 def force(field, planner):
-    """Take a whole path to the nearest frontier cell as the plan: playing it classifies a cell, so every episode ends."""
+    """Set the plan to the path to the nearest frontier cell. Such a path always classifies a cell, so every episode ends."""
     memory = planner.memory
     take_state(field, planner.root)
     for i in range(field.open.shape[0]):
@@ -86,7 +86,7 @@ def force(field, planner):
 
 @in_place_kernel
 def take_greedily(field, planner):
-    """Take the command that classifies most now as the plan, or the path to the nearest frontier cell if none classifies any."""
+    """Set the plan to the command that classifies most cells now, or to the path to the nearest frontier cell."""
     memory = planner.memory
     take_state(field, planner.root)
     immediate_gains(planner.scene, planner.root, planner.gains)
@@ -98,7 +98,7 @@ def take_greedily(field, planner):
 
 @in_place_kernel
 def choose_greedy(field, planner):
-    """Return the next command of the policy greedy-classify: the one that classifies most now, else the path to the nearest."""
+    """Return the next command of the policy greedy-classify: the one that classifies most cells now, or the next one of a path."""
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         take_greedily(field, planner)

@@ -1,4 +1,4 @@
-"""Planning by rollouts: candidates are completed by a base policy in the predicted world, and the best one is followed.
+"""Planning by rollouts: a base policy completes candidates in the predicted world, and the best candidate is followed.
 
 Source: docs/concepts/planners.md.
 """
@@ -16,16 +16,16 @@ from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advan
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
 
 NOTHING = -1e18  # the value of no plan
-BRIEF = 300.0  # budget below which only the most promising plans are weighed, and not far,
-PLENTY = 900.0  # unless so many simulated moves have been saved up,
-SAVINGS = 20.0  # of at most so many moves
+BRIEF = 300.0  # budget below which only the most promising plans are evaluated, with a short horizon,
+PLENTY = 900.0  # unless this many simulated moves have been saved,
+SAVINGS = 20.0  # maximum number of moves of such a plan
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
-LONGEST_RUN = 40  # of a candidate that goes in one direction until it classifies something
+LONGEST_RUN = 40  # maximum length of a candidate that moves in one direction until it classifies a cell
 
 
 @in_place_kernel
 def prepare(field, mapping, planner):
-    """Fill the scene with the predicted world and the root with the state of the episode."""
+    """Fill the scene with the predicted world, and the root with the state of the episode."""
     if mapping:
         options = planner.options
         predict(
@@ -40,22 +40,22 @@ def prepare(field, mapping, planner):
 
 @in_place_kernel
 def is_brief(planner):
-    """Tell whether there is time only for the most promising plans, not simulated far."""
+    """Return whether the budget suffices only for the most promising plans with a short horizon."""
     return planner.options.budget < BRIEF and planner.memory.credit < PLENTY
 
 
 @in_place_kernel
 def evaluate(planner, length, best, few, style):
-    """Complete the trial plan; make it the incumbent if its value is above ``best``; return the higher value.
+    """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher value.
 
-    With the end in sight a plan is worth what it classifies early, less its moves until all is classified.
+    If the end of the task is within the horizon, the value of a plan is the discounted classification minus its number of moves.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
     brief = is_brief(planner)
     horizon = int(min(options.near_horizon, BRIEF_HORIZON) if brief else options.near_horizon)
     discount = BRIEF_DISCOUNT if brief else options.discount
-    if few > 0:  # where predictions fail, what lies far ahead is not worth simulating
+    if few > 0:  # with large prediction errors, the far future is not worth simulating
         far = surprise < options.far_surprise
         discount = options.far_discount if far else options.discount
         horizon += int(
@@ -73,7 +73,7 @@ def evaluate(planner, length, best, few, style):
         value = worth * value - time
         if (
             time == horizon and options.future_weight > 0 and surprise < options.end_surprise
-        ):  # the rest at the same rate, if it can be foreseen
+        ):  # the rest at the same rate, if the prediction is reliable
             value -= horizon * count(planner.state[FRONTIER]) / max(classified, 1)
     if value <= best:
         return best
@@ -96,7 +96,7 @@ def search_plans(planner):
         trial[i - at] = planner.incumbent[i]
     best = evaluate(planner, length - at, NOTHING, few, memory.style)
     if options.left_behind_cost > 0:
-        if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # a careful plan takes longer to simulate
+        if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # the simulation of a careful plan takes longer
             best = evaluate(planner, np.int64(0), best, few, CAREFUL)
         best = evaluate(planner, np.int64(0), best, few, GREEDY)
     for command in range(directions(planner.scene)):
@@ -116,14 +116,14 @@ def search_plans(planner):
 
 @in_place_kernel
 def predicted_frontier(planner):
-    """Return how many cells will join the frontier if all is as predicted: those beside cells taken to be free."""
+    """Return the number of cells that join the frontier if the prediction is correct: those beside predicted free cells."""
     beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[NEXT])
     return count(planner.planes[NEXT])
 
 
 @in_place_kernel
 def run(planner, command):
-    """Write a run in one direction until it classifies something into the trial; return its length, 0 if it does not."""
+    """Write a run in one direction until it classifies a cell to the trial. Return its length, or 0 if it classifies none."""
     copy_state(planner.root, planner.state)
     for step in range(LONGEST_RUN):
         planner.trial[step] = command
@@ -135,7 +135,7 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the best leaves of a beam; return the value of the best plan."""
+    """Complete the best leaves of the beam. Return the value of the best plan."""
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
@@ -154,10 +154,10 @@ def try_leaves(planner, best, few):
 
 @in_place_kernel
 def vary(planner):
-    """Write a variation of the incumbent into the trial; return its length.
+    """Write a variation of the incumbent to the trial. Return its length.
 
-    Another command at a random place, and all behind it left to the base policy; with RUNS also a run of up to eight commands
-    there, and what the incumbent had behind it, perhaps without some of it.
+    The variation has another command at a random place, and the base policy completes it. With RUNS it may instead have a run of up
+    to eight commands there, followed by the rest of the incumbent, possibly shortened.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)
@@ -183,7 +183,7 @@ def vary(planner):
 
 @in_place_kernel
 def choose_rollout(field, mapping, planner):
-    """Return the next command; -1 if there is none."""
+    """Return the next command, or -1 if there is none."""
     memory, options = planner.memory, planner.options
     saved = SAVINGS if options.budget < BRIEF else 1.0
     memory.credit = int(min(memory.credit + options.budget, saved * options.budget))
@@ -200,7 +200,7 @@ def choose_rollout(field, mapping, planner):
         prepare(field, mapping, planner)
         search_plans(planner)
         memory.credit -= memory.simulated - before
-        if memory.plan_length == 0:  # all that is left is further than the horizon
+        if memory.plan_length == 0:  # all remaining cells are beyond the horizon
             force(field, planner)
             memory.forced -= 1
     return next_command(planner)

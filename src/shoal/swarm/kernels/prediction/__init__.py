@@ -1,1 +1,1 @@
-"""What lies in unknown cells, and what a command would bring there."""
+"""Prediction of unknown cells, and of the effect of commands there."""

@@ -1,8 +1,8 @@
-"""How much a run of equal commands is expected to classify, and what was learnt of how free space goes on.
+"""Expected number of classified cells of a run of equal commands, and the learned probability that free space continues.
 
-A run in one direction classifies, for each particle, the unknown cells on its way: the first of them for certain, each further one
-if all before it turn out to be free. How likely that is, is estimated from zero in each episode: the share of free cells among
-those classified so far in the same surroundings, smoothed towards coarser ones.
+For each particle, a run classifies the unknown cells on its path: the first one certainly, and each further one if all cells before
+it are free. The probability of this is learned from zero in each episode. It is the fraction of free cells among the cells
+classified so far in the same surroundings, smoothed towards coarser surroundings.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, OccupancyPrior, around, chance, learn, steps_of
 from shoal.swarm.kernels.search.frontier_search import ahead
 
-BEHIND = PAIRS * PAIRS  # surroundings for each state of the cell two behind
-_LEAST = 0.01  # chance below which nobody looks further
+BEHIND = PAIRS * PAIRS  # number of surroundings for each state of the cell two behind
+_LEAST = 0.01  # probability below which the path is not followed further
 
 
 class ExpectedGain(NamedTuple):
-    """Prices, what was learnt, and work space of an adaptive scan."""
+    """Prices, learned counts, and working memory of an adaptive scan rule."""
 
     prices: Any  # a record of PRICES
-    prior: OccupancyPrior  # its model 0 alone is asked; ``before``: what was known before the run
+    prior: OccupancyPrior  # only its model 0 is used; ``before``: the cells known before the run
     gains: NDArray[np.float64]  # (directions, longest run + 1): cells classified at each step of a run
-    columns: int  # of a row, with the rim
+    columns: int  # cells per row, including the rim
 
 
 @in_place_kernel
 def learn_from_run(field, gain, command):
-    """Learn from what a run in one direction has classified."""
+    """Learn from the classifications of a run in one direction."""
     prior = gain.prior
     step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):
@@ -41,20 +41,20 @@ def learn_from_run(field, gain, command):
             cell = 64 * i + lowest(new)
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
-                number += BEHIND  # the run itself has come this way
+                number += BEHIND  # the run itself came along this path
             learn(prior, number, cell, is_free(field.open, cell))
             new &= new - ONE
 
 
 @in_place_kernel
 def is_free(opened, cell):
-    """Tell whether a cell is on a board."""
+    """Return whether a cell is on a board."""
     return (opened[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
 @in_place_kernel
 def on_rim(field, columns, row, column):
-    """Tell whether a cell has no neighbour in some direction: nobody may look further from there."""
+    """Return whether a cell lacks a neighbour in some direction, so that the path ends there."""
     layer, within = row // field.rows, row % field.rows
     if within == 0 or within == field.rows - 1 or column == 0 or column == columns - 1:
         return True
@@ -63,7 +63,7 @@ def on_rim(field, columns, row, column):
 
 @in_place_kernel
 def look_ahead(field, gain, row, column, command):
-    """Add what one particle is expected to classify on its way; others on its way speak for what is behind them."""
+    """Add the expected classifications of one particle on its path. Other particles on the path count for the cells behind them."""
     gains, width, rows = gain.gains[command], field.width, field.rows
     step, side = steps_of(rows, width, command)
     likely = 1.0
@@ -80,7 +80,7 @@ def look_ahead(field, gain, row, column, command):
             return
         cell = 64 * width * row + column
         number = around(field.open, field.known, cell, step, side)
-        if moves >= 3 and number < BEHIND:  # the cell two behind is unknown, but then this walk has come through it
+        if moves >= 3 and number < BEHIND:  # the cell two behind is unknown, but this path has passed it
             number += BEHIND
         likely *= chance(gain.prior, 0, number, cell)
         if likely < _LEAST:
@@ -103,7 +103,7 @@ def gains_of_runs(field, gain, command):
 
 @in_place_kernel
 def best_length(gain, command, least):
-    """Return (steps, cells classified per unit of cost) of the best run in one direction, of ``least`` steps or more."""
+    """Return (steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
     gains = gain.gains[command]
     classified, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):

@@ -1,7 +1,8 @@
-"""Simulated moves: what commands would do in a world as it is predicted, without touching the running episode.
+"""Forward model: the effect of commands in the predicted world, without changing the running episode.
 
-A state is three boards. Both tasks look alike: a cell of the frontier is classified when a particle tries to enter it. In a
-coverage that is the same as entering it, since a frontier cell is free and nobody stands in it; and nothing unseen is behind it.
+A state consists of three boards. Both tasks are treated alike: a frontier cell is classified when a particle tries to enter it. For
+coverage this equals entering the cell, because a frontier cell is free and holds no particle, and there are no unseen cells behind
+it.
 """
 
 from __future__ import annotations
@@ -15,15 +16,15 @@ from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, segments, shift_across, shift_along
 
-OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown and not on the frontier
+OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown cells that are not on the frontier
 BOARDS = 3
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
 
 class Scene(NamedTuple):
-    """The predicted world, and work space for moves in it."""
+    """The predicted world, and working memory for moves in it."""
 
-    ground: NDArray[np.uint64]  # a board: the cells taken to be free
+    ground: NDArray[np.uint64]  # a board: the predicted free cells
     tried: NDArray[np.uint64]  # a board: frontier cells that the last command tried
     moving: NDArray[np.uint64]  # a board: particles that move
     rule: int
@@ -44,7 +45,7 @@ def copy_state(source, target):
 
 @in_place_kernel
 def take_state(field, state):
-    """Fill a state with what is known of a running episode."""
+    """Fill a state from the belief of a running episode."""
     occupied, frontier, unseen = state[OCCUPIED], state[FRONTIER], state[UNSEEN]
     for i in range(occupied.shape[0]):
         occupied[i] = field.occupied[i]
@@ -54,7 +55,7 @@ def take_state(field, state):
 
 @in_place_kernel
 def immediate_gains(scene, state, gains):
-    """Write for each command how many frontier cells it would classify."""
+    """Write the number of frontier cells that each command would classify."""
     occupied, frontier, size = state[OCCUPIED], state[FRONTIER], state.shape[1]
     total = 0
     ahead, here, wanted = occupied[1:], occupied[: size - 1], frontier[: size - 1]
@@ -81,7 +82,7 @@ def immediate_gains(scene, state, gains):
 
 @in_place_kernel
 def advance(scene, state, command):
-    """Simulate one command, in place; return how many frontier cells it classifies. They are left in ``scene.tried``."""
+    """Simulate one command in place. Return the number of classified frontier cells, which are in ``scene.tried``."""
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
     tried, frontier, classified = scene.tried, state[FRONTIER], 0
@@ -95,7 +96,7 @@ def advance(scene, state, command):
 
 @in_place_kernel
 def push(scene, occupied, frontier, command):
-    """Move the particles, in place, and note the frontier cells tried; return their union, one word."""
+    """Move the particles in place and record the tried frontier cells. Return their union as one word."""
     if command == LEFT or command == RIGHT:
         return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule)[0]
     for i in range(scene.tried.shape[0]):
@@ -114,7 +115,7 @@ def push(scene, occupied, frontier, command):
 
 @in_place_kernel
 def discover(scene, frontier, unseen):
-    """Put the unseen neighbours of the cells just found free on the frontier."""
+    """Add the unseen neighbours of the new free cells to the frontier."""
     width, layer = scene.width, scene.width * scene.rows
     for i in range(frontier.shape[0]):
         found = scene.tried[i] & scene.ground[i]
@@ -134,7 +135,7 @@ def discover(scene, frontier, unseen):
 
 @in_place_kernel
 def reveal(frontier, unseen, i, cells):
-    """Put the unseen ones of ``cells`` on one word of the frontier."""
+    """Add the unseen cells among ``cells`` to one word of the frontier."""
     new = cells & unseen[i]
     frontier[i] |= new
     unseen[i] &= ~new
@@ -157,7 +158,7 @@ def directions(scene):
 
 @in_place_kernel
 def digest(state):
-    """Return a hash of particles and frontier, as uint64: a sum, which becomes vector code, of words mixed with their places."""
+    """Return a hash of particles and frontier as uint64: a sum, which can be vectorized, of words mixed with their indices."""
     value = ZERO
     for board in range(2):
         words = state[board]

@@ -1,7 +1,9 @@
-"""How likely a cell is to be free, as a small network tells that has seen maps: whole numbers alone, so the same on every machine.
+"""Probability that a cell is free, from a small network trained on maps.
 
-It looks at what is known in a square window around the cell, turned so that the way in is below. What it tells of a cell is kept
-until something in its window becomes known.
+It uses only integers, so all machines give equal results.
+
+The network sees the belief in a square window around the cell, rotated so that the entry side is below. Its result for a cell is
+cached until a cell in the window becomes known.
 
 Source: docs/concepts/prediction.md.
 """
@@ -16,39 +18,39 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 
-RADIUS = 7  # of the window
+RADIUS = 7  # side of the window
 SPAN = 2 * RADIUS + 1
-KINDS = 2  # of cells that are known: free ones and obstacles; no weights are added for unknown ones
-SHIFT = 8  # bits of a weight behind the point, and of what a hidden layer hands on
-ODDS = 16  # parts of a nat in which chances are told
-MOST_ODDS = 8  # nats, either way
+KINDS = 2  # kinds of known cells (free, obstacle); unknown cells add no weights
+SHIFT = 8  # fractional bits of a weight, and of the outputs of a hidden layer
+ODDS = 16  # units per nat for log-odds
+MOST_ODDS = 8  # maximum log-odds in nats, in both directions
 _ROW = np.uint64((1 << SPAN) - 1)
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
 
 class LearnedPrior(NamedTuple):
-    """Weights, work space, and what was told before."""
+    """Weights, working memory, and cached results."""
 
-    places: NDArray[np.int64]  # (commands, SPAN * SPAN): where each cell of the window is once it is turned
+    places: NDArray[np.int64]  # (commands, SPAN * SPAN): index of each window cell after rotation
     first: NDArray[np.int16]  # (KINDS * SPAN * SPAN, hidden)
     first_bias: NDArray[np.int32]  # (hidden,)
     second: NDArray[np.int16]  # (hidden of the second layer, hidden)
     second_bias: NDArray[np.int32]
     last: NDArray[np.int32]  # (hidden of the second layer,)
     last_bias: NDArray[np.int32]  # (1,)
-    chances: NDArray[np.float64]  # by log-odds, from -MOST_ODDS on
-    inner: NDArray[np.uint64]  # a board: all cells but the rim, which is never free
+    chances: NDArray[np.float64]  # probabilities by log-odds, from -MOST_ODDS on
+    inner: NDArray[np.uint64]  # a board: all cells except the rim, which is never free
     opened: NDArray[np.uint64]  # (SPAN,): the free cells of the window, row by row
     walls: NDArray[np.uint64]  # (SPAN,)
     sums: NDArray[np.int32]  # (hidden,)
-    marks: NDArray[np.uint64]  # of each cell: a hash of its window when it was last asked about
-    told: NDArray[np.uint8]  # and the place of the answer in ``chances``
-    width: int  # words of a row
+    marks: NDArray[np.uint64]  # for each cell: hash of its window at the last evaluation
+    told: NDArray[np.uint8]  # and the index of the result in ``chances``
+    width: int  # words per row
 
 
 @in_place_kernel
 def part_of_row(board, begin, width, column):
-    """Return SPAN cells of a row from a column on; none is set beyond its ends."""
+    """Return SPAN cells of a row from a column on. Cells beyond the ends of the row are not set."""
     word, shift = column >> 6, np.uint64(column & 63)
     cells = ZERO
     if 0 <= word < width:
@@ -60,7 +62,7 @@ def part_of_row(board, begin, width, column):
 
 @in_place_kernel
 def look(learned, opened, known, cell, command):
-    """Cut out the window around a cell that is entered by a command; return a hash of it."""
+    """Cut out the window around a cell that a command enters. Return a hash of the window."""
     width = learned.width
     row, column = (cell >> 6) // width - RADIUS, (cell >> 6) % width * 64 + (cell & 63) - RADIUS
     mark = np.uint64(command)
@@ -79,7 +81,7 @@ def look(learned, opened, known, cell, command):
 
 @in_place_kernel
 def add_weights(learned, command, kind, row, cells):
-    """Add to the sums the weights of some cells of one row of the window."""
+    """Add the weights of some cells in one row of the window to the sums."""
     sums = learned.sums
     while cells != ZERO:
         weights = learned.first[learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN]
@@ -90,7 +92,7 @@ def add_weights(learned, command, kind, row, cells):
 
 @in_place_kernel
 def log_odds(learned, command):
-    """Return what the network tells of the window cut out last, in ODDS parts of a nat."""
+    """Return the network's log-odds for the current window, in units of 1 / ODDS nat."""
     sums, none = learned.sums, np.int32(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
@@ -110,7 +112,7 @@ def log_odds(learned, command):
 
 @in_place_kernel
 def learned_chance(learned, opened, known, cell, command):
-    """Return how likely a cell is to be free that is entered by a command."""
+    """Return the probability that a cell entered by a command is free."""
     mark = look(learned, opened, known, cell, command)
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark

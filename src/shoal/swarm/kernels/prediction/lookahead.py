@@ -1,7 +1,7 @@
-"""What could be classified by one more scan after a walk through known cells, whose outcome needs none.
+"""Search for a path through known cells after which one more command and scan classify most cells.
 
-As long as no particle tries an unknown cell, a command's outcome follows from what is known. So the swarm may shift, and shift
-again across, to where many particles stand beside unknown cells, and only then try them all at once.
+While no particle tries an unknown cell, the outcome of a command follows from the belief. So the swarm can shift twice, in
+perpendicular directions, to a place where many particles are beside unknown cells, and then try all these cells at once.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
 from shoal.swarm.kernels.records import record_type
 
-FIRST_STEPS, SECOND_STEPS = 12, 8  # of the two shifts
+FIRST_STEPS, SECOND_STEPS = 12, 8  # maximum length of the two shifts
 LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
 BEST = record_type(np.int64, "first", "first_length", "second", "second_length", "last")
 PRICES = record_type(np.float64, "scan", "move")
 
 
 class Lookahead(NamedTuple):
-    """Work space of the search."""
+    """Working memory of the search."""
 
     shifted: NDArray[np.uint64]  # a board: the swarm after the first shift
-    twice: NDArray[np.uint64]  # a board: after the second
-    counts: NDArray[np.int32]  # none: how many particles share a cell does not matter
+    twice: NDArray[np.uint64]  # a board: the swarm after the second shift
+    counts: NDArray[np.int32]  # empty: the number of particles per cell has no effect
     best: Any  # a record of BEST
 
 
 @in_place_kernel
 def tried(field, occupied, command):
-    """Return how many unknown cells a swarm would try."""
+    """Return the number of unknown cells that a swarm would try."""
     known, size = field.known, field.known.shape[0]
     total = 0
     if command == LEFT:
@@ -57,7 +57,7 @@ def tried(field, occupied, command):
 
 @in_place_kernel
 def predicted(field, occupied, counts):
-    """Return the field as far as it is known, with the swarm elsewhere: unknown cells, which nobody tries, are walls."""
+    """Return the known field with the swarm elsewhere. Unknown cells, which no particle tries, are walls."""
     return Field(
         field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
         field.layers, field.rows, field.width,
@@ -66,7 +66,7 @@ def predicted(field, occupied, counts):
 
 @in_place_kernel
 def shift(field, predicted_field, command, rule):
-    """Move the swarm of a predicted field if the outcome is certain; tell whether it moved."""
+    """Move the swarm of a predicted field if the outcome is certain. Return whether it moved."""
     if tried(field, predicted_field.occupied, command) > 0:
         return False
     if command == LEFT or command == RIGHT:
@@ -76,7 +76,7 @@ def shift(field, predicted_field, command, rule):
 
 @in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
-    """Return the best last command for a shifted swarm, or -1 if none beats ``rate``, and the rate that is best now."""
+    """Return the best last command for a shifted swarm, or -1 if none exceeds ``rate``, and the best rate so far."""
     command = -1
     for last in range(4 if field.layers == 1 else 6):
         count = tried(field, occupied, last)
@@ -100,9 +100,10 @@ def copy(source, target):
 
 @in_place_kernel
 def explore(field, rule, lookahead, prices, rate):
-    """Look for a walk and a last command that classify more cells per unit of cost than ``rate``; write it, return its rate.
+    """Find a path and a last command with more classified cells per cost than ``rate``. Store it and return its rate.
 
-    ``lookahead.best`` holds it: a first shift and its length, a second across it and its length, and the last command.
+    ``lookahead.best`` contains the result: a first shift with its length, a perpendicular second shift with its length, and the
+    last command.
     """
     best = lookahead.best
     once = predicted(field, lookahead.shifted, lookahead.counts)
@@ -132,7 +133,7 @@ def explore(field, rule, lookahead, prices, rate):
 
 @in_place_kernel
 def write_plan(lookahead, plan):
-    """Write the walk found as a plan; return its length."""
+    """Write the path as a plan. Return its length."""
     best = lookahead.best
     first, second = best.first_length, best.second_length
     for i in range(first):

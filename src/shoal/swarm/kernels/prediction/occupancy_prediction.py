@@ -1,4 +1,4 @@
-"""What lies behind the frontier: predicted by the experts of `occupancy_prior`, layer by layer."""
+"""Prediction of the cells behind the frontier by the experts of `occupancy_prior`, layer by layer."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, LEAST, MODELS, PAIRS, around, counted_chance, place, steps_of
 
-UNLIKELY = 0.25  # chance below which a cell is taken to be wall before others are looked at
-FEWEST = 4  # cells seen in similar surroundings without which nothing is taken to be wall
+UNLIKELY = 0.25  # probability below which a cell is predicted as wall before other cells are evaluated
+FEWEST = 4  # minimum number of cells seen in similar surroundings for predicting a wall
 UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
 
 
 class OccupancyPrediction(NamedTuple):
-    """What is known and predicted; boards."""
+    """Known and predicted cells, as boards."""
 
-    open: NDArray[np.uint64]  # free, or taken to be
-    known: NDArray[np.uint64]  # known, or predicted
-    inner: NDArray[np.uint64]  # all cells but the rim
+    open: NDArray[np.uint64]  # known or predicted free cells
+    known: NDArray[np.uint64]  # known or predicted cells
+    inner: NDArray[np.uint64]  # all cells except the rim
     cells: NDArray[np.int64]  # the cells of this layer, as 64 * word + bit
-    following: NDArray[np.int64]  # those of the next one
-    verdicts: NDArray[np.int8]  # on the cells of this layer
-    told: NDArray[np.float64]  # of the cells of this layer: what the learned expert tells
-    chances: NDArray[np.float64]  # of each surroundings at each place; NOT_ASKED if nobody has asked yet
+    following: NDArray[np.int64]  # the cells of the next layer
+    verdicts: NDArray[np.int8]  # marks of the cells of this layer
+    told: NDArray[np.float64]  # results of the learned expert for the cells of this layer
+    chances: NDArray[np.float64]  # results for each surroundings at each place; NOT_ASKED if not computed yet
     layers: int
     rows: int
     width: int
@@ -36,7 +36,7 @@ class OccupancyPrediction(NamedTuple):
 
 @in_place_kernel
 def predict(field, prior, learned, prediction, depth, likely, sure):
-    """Fill ``prediction.open`` with the cells known to be free and those that the experts predict so, layer by layer."""
+    """Fill ``prediction.open`` with the known free cells and the cells predicted as free, layer by layer."""
     size = np.int64(0)
     prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
@@ -44,7 +44,7 @@ def predict(field, prior, learned, prediction, depth, likely, sure):
         prediction.known[i] = field.known[i]
         size = list_cells(prediction.cells, size, i, field.frontier[i])
     for layer in range(depth):
-        # All cells on the way have to be free, so the farther, the surer each of them.
+        # All cells of a path must be free, so cells farther away need a higher probability.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
         find_walls(prediction, prior, learned, size)
         if not find_free(prediction, prior, learned, size, needed):
@@ -54,7 +54,7 @@ def predict(field, prior, learned, prediction, depth, likely, sure):
 
 @in_place_kernel
 def list_cells(cells, size, i, word):
-    """Append the cells of one word of a board to a list; return its length."""
+    """Append the cells of one word of a board to a list. Return its length."""
     while word != ZERO:
         cells[size] = 64 * i + lowest(word)
         word &= word - ONE
@@ -64,7 +64,7 @@ def list_cells(cells, size, i, word):
 
 @in_place_kernel
 def counted(prediction, prior, cell, number):
-    """Return what `counted_chance` tells, which is asked once for each surroundings at each place."""
+    """Return the result of `counted_chance`, which is computed once for each surroundings at each place."""
     at, places = place(prior, MODELS - 1, cell)
     entry = number * places + at
     if prediction.chances[entry] == NOT_ASKED:
@@ -74,7 +74,7 @@ def counted(prediction, prior, cell, number):
 
 @in_place_kernel
 def ask_learned(prediction, learned, cell):
-    """Return what the learned expert tells of a cell, from the first side that it can be entered from."""
+    """Return the learned expert's result for a cell, seen from the first side from which it can be entered."""
     for command in range(4):
         if is_open(prediction.open, cell - steps_of(prediction.rows, prediction.width, command)[0]):
             return learned_chance(learned, prediction.open, prediction.known, cell, command)
@@ -83,7 +83,7 @@ def ask_learned(prediction, learned, cell):
 
 @in_place_kernel
 def find_walls(prediction, prior, learned, size):
-    """Take those cells of the layer as known that are hardly ever free, so that the way between two walls is seen as such."""
+    """Mark cells of the layer that are hardly ever free as known walls, so that corridors between them are recognized."""
     opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
     directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
@@ -108,7 +108,7 @@ def find_walls(prediction, prior, learned, size):
 
 @in_place_kernel
 def mixed(prediction, prior, k, number):
-    """Return how likely a cell of the layer is to be free, as all experts tell together."""
+    """Return the mixed probability of all experts that a cell of the layer is free."""
     share = prior.weights[LEARNED]
     if share <= LEAST:
         return counted(prediction, prior, prediction.cells[k], number)
@@ -119,14 +119,14 @@ def mixed(prediction, prior, k, number):
 
 @in_place_kernel
 def find_free(prediction, prior, learned, size, needed):
-    """Find the cells of the layer that are taken to be free from every side that they can be entered from; tell if any are."""
+    """Find the cells of the layer that are predicted free from every possible entry side. Return whether there are any."""
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
     for k in range(size):
         cell = prediction.cells[k]
         if prediction.verdicts[k] == WALL:
             continue
-        if share > LEAST and prediction.told[k] <= needed:  # the walls just found may tell more
+        if share > LEAST and prediction.told[k] <= needed:  # the new walls may change the results
             prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
@@ -142,7 +142,7 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Tell whether a cell is on a board; beyond it none is."""
+    """Return whether a cell is on a board. Cells beyond the board are not."""
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
@@ -155,7 +155,7 @@ def mark(board, cell):
 
 @in_place_kernel
 def next_layer(prediction, size):
-    """Take the layer as known, and go on behind the cells taken to be free; return how many cells the next layer has."""
+    """Mark the layer as known and continue behind its free cells. Return the number of cells of the next layer."""
     for k in range(size):
         mark(prediction.known, prediction.cells[k])
         if prediction.verdicts[k] == FREE:

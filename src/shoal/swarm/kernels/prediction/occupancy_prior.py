@@ -1,14 +1,15 @@
-"""How likely a cell is to be free: experts that are mixed by how well they have foretold this episode so far.
+"""Probability that a cell is free: a mixture of experts, weighted by their predictions in this episode so far.
 
-The experts that count are chains of shares of free cells, from coarse to fine, each smoothed towards the one before. Model 0 looks
-at what is known around a cell, seen from the free neighbour from which it is entered: the cell two behind, the two beside that
-neighbour, and the two beside the cell. Model m > 0 looks at the cell's place modulo 2 to the m, too: the corridors of mazes,
-trees and chips often lie on a lattice. They start from nothing in each episode. The last expert is a network that has seen maps
-before (`learned_prior`). Whenever a cell is classified, every expert is asked before it learns the answer, and weighs more the
-likelier it had called that; a small share of all weight is dealt out evenly each time, so that another expert may take over.
+The counting experts are chains of fractions of free cells, from coarse to fine, each smoothed towards the previous one. Model 0
+uses the known cells around a cell, seen from the free neighbour from which it is entered: the cell two behind, the two beside that
+neighbour, and the two beside the cell. Model m > 0 also uses the cell's position modulo 2 to the m, because corridors of mazes,
+trees and chips often lie on a lattice. These experts start without knowledge in each episode. The last expert is a network trained
+on maps (`learned_prior`). When a cell is classified, every expert is evaluated before it learns the result. Its weight is
+multiplied by the probability that it gave to the result. A small fraction of all weight is redistributed evenly each time, so that
+another expert can take over.
 
-Sources: docs/concepts/prediction.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984);
-M. Herbster, M. K. Warmuth, Tracking the best expert, Machine Learning 32 (1998).
+Sources: docs/concepts/prediction.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984); M.
+Herbster, M. K. Warmuth, Tracking the best expert, Machine Learning 32 (1998).
 """
 
 from __future__ import annotations
@@ -24,38 +25,39 @@ from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 
 MODELS = 4
-LEARNED = MODELS  # the expert behind them
+LEARNED = MODELS  # index of the expert after the counting ones
 EXPERTS = MODELS + 1
-STATES, PAIRS = 3, 6  # of a cell: unknown, free, obstacle; unordered pairs of them
-COARSE = STATES * PAIRS  # what is behind the neighbour and beside it
+STATES, PAIRS = 3, 6  # states of a cell: unknown, free, obstacle; unordered pairs of them
+COARSE = STATES * PAIRS  # cells behind the neighbour and beside it
 FINE = COARSE * PAIRS  # and beside the cell
-# The tallies: one of all cells; then, of each model in turn, those of coarse surroundings at each place, those of fine ones.
-WEIGHT = 2.0  # cells that the coarser share counts
-DEALT = 0.002  # share of all weight that is dealt out evenly whenever a cell is classified
-LEAST = 0.01  # weight below which an expert is not asked what is to be expected
+# The tallies: one of all cells; then, for each model in turn, those of coarse surroundings at each place, and those of fine ones.
+WEIGHT = 2.0  # weight of the coarser fraction in cells
+DEALT = 0.002  # fraction of all weight that is redistributed evenly at each classification
+LEAST = 0.01  # weight below which an expert is not evaluated for expectations
 
 
 class OccupancyPrior(NamedTuple):
-    """What was learnt so far."""
+    """The learned counts and weights."""
 
-    tallies: NDArray[np.int64]  # (places, 2): cells classified, and found free; the first is of all cells
-    weights: NDArray[np.float64]  # (EXPERTS,): of sum 1; 0 for an expert that never has a say
-    told: NDArray[np.float64]  # (EXPERTS,): how likely each held the last cell to be free
-    before: NDArray[np.uint64]  # a board: what was known before the last command
+    # (places, 2): number of classified cells, and of free cells among them; the first row is for all cells
+    tallies: NDArray[np.int64]
+    weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
+    told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last cell is free
+    before: NDArray[np.uint64]  # a board: the cells known before the last command
     layers: int
-    rows: int  # of a layer
-    width: int  # words of a row
+    rows: int  # rows per layer
+    width: int  # words per row
 
 
 def size_of(layers: int) -> int:
-    """Return the number of tallies that an prior needs."""
+    """Return the number of tallies that a prior needs."""
     axes = 2 if layers == 1 else 3
     return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
 @in_place_kernel
 def state_of(opened, known, cell):
-    """Return 0 for an unknown cell, 1 for a free one, 2 for an obstacle; a cell is given as 64 * word + bit."""
+    """Return 0 for an unknown cell, 1 for a free cell, 2 for an obstacle. A cell is given as 64 * word + bit."""
     word, bit = cell >> 6, np.uint64(cell & 63)
     certain = (known[word] >> bit) & ONE
     return np.int64(certain + certain - (certain & (opened[word] >> bit)))
@@ -63,7 +65,7 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return how far a command leads, and how far the cell to one side is, in cells as they are numbered."""
+    """Return the offsets of a command's next cell and of the cell to one side, in cell numbers."""
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -75,7 +77,7 @@ def steps_of(rows, width, command):
 
 @in_place_kernel
 def pair_at(opened, known, cell, side):
-    """Return a number 0 to 5 for the unordered states of the two cells to either side of one."""
+    """Return a number 0 to 5 for the unordered states of the two cells on both sides of a cell."""
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
     low, high = min(one, other), max(one, other)
     return high * (high + 1) // 2 + low
@@ -83,9 +85,9 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number of what is around a cell that is entered by a step from a free one.
+    """Return the number of the surroundings of a cell that is entered by a step from a free cell.
 
-    The free one is not on the rim of the board, so all that is looked at is on the board.
+    The free cell is not on the rim of the board, so all surrounding cells are on the board.
     """
     number = state_of(opened, known, cell - 2 * step)
     number = number * PAIRS + pair_at(opened, known, cell - step, side)
@@ -94,7 +96,7 @@ def around(opened, known, cell, step, side):
 
 @in_place_kernel
 def place(prior, model, cell):
-    """Return (number of the place of a cell modulo 2 to the ``model``, how many places there are)."""
+    """Return (number of a cell's position modulo 2 to the ``model``, number of such positions)."""
     mask = (np.int64(1) << model) - 1
     row = (cell >> 6) // prior.width
     if prior.layers == 1:
@@ -105,13 +107,13 @@ def place(prior, model, cell):
 
 @in_place_kernel
 def smoothed(tallies, entry, likely):
-    """Return the share of free cells in one tally, smoothed towards a coarser share."""
+    """Return the fraction of free cells in one tally, smoothed towards a coarser fraction."""
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
 @in_place_kernel
 def chance(prior, model, number, cell):
-    """Return how likely a cell is to be free, as one model tells; ``number`` tells what is around it."""
+    """Return one model's probability that a cell is free. ``number`` identifies its surroundings."""
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely = smoothed(tallies, 0, 0.5)
     for level in range(model):
@@ -125,7 +127,7 @@ def chance(prior, model, number, cell):
 
 @in_place_kernel
 def counted_chance(prior, number, cell):
-    """Return how likely a cell is to be free, as the models that count tell together."""
+    """Return the mixed probability of the counting models that a cell is free."""
     some, total = 0.0, 0.0
     for model in range(MODELS):
         if prior.weights[model] > LEAST:
@@ -136,7 +138,7 @@ def counted_chance(prior, number, cell):
 
 @in_place_kernel
 def learn(prior, number, cell, free):
-    """Ask every model about a cell, as `chance` does, and count it: what a model is asked for, the next one goes on from."""
+    """Evaluate every model for a cell, like `chance`, and count the cell. Each model builds on the result of the previous one."""
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)
     tallies[0, 0] += 1
@@ -154,7 +156,7 @@ def learn(prior, number, cell, free):
 
 @in_place_kernel
 def weigh(prior, free):
-    """Let each expert weigh more the likelier it had called what was found; then deal out a share."""
+    """Multiply each expert's weight by its probability of the result, and then redistribute a fraction of all weight."""
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):
         weights[expert] *= prior.told[expert] if free else 1.0 - prior.told[expert]
@@ -167,7 +169,7 @@ def weigh(prior, free):
 
 @in_place_kernel
 def learn_from_command(field, prior, learned, command):
-    """Learn from what the last command has classified."""
+    """Learn from the classifications of the last command."""
     before = prior.before
     step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):

@@ -1,1 +1,1 @@
-"""Shortest paths of particles: to the frontier, by tilts, and in the order of distance."""
+"""Shortest paths of particles: to the frontier, by tilts, and in order of distance."""

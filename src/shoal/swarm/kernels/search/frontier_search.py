@@ -1,8 +1,8 @@
 """Breadth-first search by dilation: the nearest frontier cell and the commands that reach it.
 
-A level of the search is a board; the next level is its dilation within the known-free cells, which costs about as much as a move.
-Since the whole path is played before the next search, planning never costs more than moving. To find the way back only the
-distance modulo 3 of each cell is kept (three boards), so memory does not grow with the length of the path.
+A level of the search is a board. The next level is its dilation within the known free cells, which costs about as much as a move.
+The whole path is sent before the next search, so planning never costs more than moving. For tracing the path back, only the
+distance modulo 3 of each cell is stored (three boards), so memory does not grow with the length of the path.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 ho
 
 
 class Search(NamedTuple):
-    """Work space and options of a search."""
+    """Working memory and options of a search."""
 
     planes: NDArray[np.uint64]  # (7, words of a board)
     plan: NDArray[np.int8]  # the commands found, first to last
-    neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are looked at
-    parents: NDArray[np.int8]  # the commands in the order in which their origin is expanded
+    neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are expanded
+    parents: NDArray[np.int8]  # the commands in the order in which their origins are expanded
     columns: NDArray[np.uint64]  # (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
@@ -34,9 +34,9 @@ class Search(NamedTuple):
 
 @in_place_kernel
 def dilate(words, within, out, first, last, field):
-    """Write into ``out`` the cells of ``within`` that have a neighbour in ``words``; words ``first`` to ``last - 1``.
+    """Write to ``out`` the cells of ``within`` that have a neighbour in ``words``, for words ``first`` to ``last - 1``.
 
-    Slices that start at 0 spare the loop every test for negative indices; only so does it become vector code.
+    Slices that start at 0 avoid tests for negative indices in the loop; only then can it be vectorized.
     """
     width = field.width
     here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
@@ -54,7 +54,7 @@ def dilate(words, within, out, first, last, field):
 
 @in_place_kernel
 def meets(one, other):
-    """Tell whether two boards have a cell in common."""
+    """Return whether two boards have a cell in common."""
     common = ZERO
     for i in range(one.shape[0]):
         common |= one[i] & other[i]
@@ -77,7 +77,7 @@ def start_planes(planes, sources):
 
 @in_place_kernel
 def expand(field, planes, first, last, level):
-    """Replace WAVE by the next level, words ``first`` to ``last - 1`` (it has no others); tell whether it is empty."""
+    """Replace WAVE by the next level in words ``first`` to ``last - 1`` (it has no others). Return whether it is empty."""
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
     seen, mark = planes[SEEN, first:last], planes[MOD + level % 3, first:last]
@@ -93,7 +93,7 @@ def expand(field, planes, first, last, level):
 
 @in_place_kernel
 def row_range(words, width, first, last):
-    """Return the first and last row of a board that is not empty, looking at rows ``first`` to ``last``."""
+    """Return the first and last nonempty row of a board among the rows ``first`` to ``last``."""
     while first < last:
         some = ZERO
         for k in range(width):
@@ -113,7 +113,7 @@ def row_range(words, width, first, last):
 
 @in_place_kernel
 def common_columns(one, other, columns):
-    """Add to ``columns``, one row of words, the columns in which two boards (or the same rows of them) have a common cell."""
+    """Add to ``columns``, one row of words, the columns in which two boards (or equal rows of them) have a common cell."""
     width = columns.shape[0]
     if width < 8:  # a row is too short for vectors: column by column
         for k in range(width):
@@ -130,7 +130,7 @@ def common_columns(one, other, columns):
 
 @in_place_kernel
 def first_cell(field, search, one, other):
-    """Return (row, column) of the first common cell of two boards in the order of expansion; there is one.
+    """Return (row, column) of the first common cell of two boards in the order of expansion. There must be one.
 
     Its columns are in ``search.columns``.
     """
@@ -180,7 +180,7 @@ def ahead(row, column, command, rows):
 
 @in_place_kernel
 def opposite(command):
-    """Return the command that undoes ``command``."""
+    """Return the command with the opposite direction of ``command``."""
     if command == IN:
         return OUT
     if command == OUT:
@@ -190,7 +190,7 @@ def opposite(command):
 
 @in_place_kernel
 def trace_back(field, search, row, column, level):
-    """Write the plan that leads from level 0 to the goal cell at ``level`` and on to the frontier; return its length."""
+    """Write the plan from level 0 to the goal cell at ``level`` and on to the frontier. Return its length."""
     plan, width = search.plan, field.width
     for command in search.neighbours:
         r, c = ahead(row, column, command, field.rows)
@@ -211,9 +211,11 @@ def trace_back(field, search, row, column, level):
 
 @in_place_kernel
 def find_goals(field, search, sources, first, last):
-    """Fill GOALS with the known-free cells beside the frontier, words ``first`` to ``last - 1``; tell whether one is a source.
+    """Fill GOALS with the known free cells beside the frontier in words ``first`` to ``last - 1``.
 
-    In blocks that fit the cache, so that what was just written is compared with the sources before it leaves.
+    Return whether a source is among them.
+
+    The loop uses blocks that fit the cache, so that new words are compared with the sources before they leave it.
     """
     goals, width = search.planes[GOALS], field.width
     found = False
@@ -229,9 +231,10 @@ def find_goals(field, search, sources, first, last):
 
 @in_place_kernel
 def nearest(field, search, sources):
-    """Search from the board ``sources`` to the nearest frontier cell; write the plan and return its length, 0 if none.
+    """Search from the board ``sources`` to the nearest frontier cell. Write the plan and return its length, 0 if there is none.
 
-    Ties: at each distance cells are expanded in ``search.order``, their neighbours looked at in ``search.neighbours``.
+    Ties: cells of equal distance are expanded in the order ``search.order``, and their neighbours in the order
+    ``search.neighbours``.
     """
     planes, width = search.planes, field.width
     goals, wave = planes[GOALS], planes[WAVE]

@@ -1,4 +1,4 @@
-"""Search under rule tilt, where a command slides a particle to the end of its corridor: over stop cells, with a queue."""
+"""Search under the rule tilt, where a command slides a particle to the end of its corridor: over stop cells, with a queue."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from shoal.swarm.kernels.search.frontier_search import COLUMN_MAJOR, ahead
 
 
 class Slides(NamedTuple):
-    """Work space of the tilt search; one entry a cell of the window, row * columns + column."""
+    """Working memory of the tilt search, with one entry per cell of the window: row * columns + column."""
 
-    origin: NDArray[np.int64]  # the cell from which a stop cell was reached; -1 unseen, itself for a source
-    command: NDArray[np.int8]  # the command that led there
+    origin: NDArray[np.int64]  # the previous stop cell; -1 if not reached, the cell itself for a source
+    command: NDArray[np.int8]  # the command from the previous stop cell
     queue: NDArray[np.int64]  # keys in the order of expansion
 
 
@@ -31,7 +31,7 @@ def key_of(row, column, field, columns, order):
 
 @in_place_kernel
 def cell_of(key, field, columns, order):
-    """Return the cell (row, column) of a rank; the inverse of `key_of`."""
+    """Return the cell (row, column) of a rank. This is the inverse of `key_of`."""
     layer, rest = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
         return layer * field.rows + rest % field.rows, rest // field.rows
@@ -40,7 +40,7 @@ def cell_of(key, field, columns, order):
 
 @in_place_kernel
 def slide(field, row, column, command, mapping):
-    """Slide through known-free cells; return (row, column, goal): where it ends and whether it reaches the frontier."""
+    """Slide through known free cells; return (row, column, goal): the end, and whether it reaches the frontier."""
     goal = False
     while True:
         r, c = ahead(row, column, command, field.rows)
@@ -52,7 +52,7 @@ def slide(field, row, column, command, mapping):
 
 @in_place_kernel
 def enqueue_sources(field, search, slides, sources):
-    """Start the queue with the cells of a board; return how many they are."""
+    """Start the queue with the cells of a board. Return their number."""
     columns = field.width * 64
     for i in range(slides.origin.shape[0]):
         slides.origin[i] = -1
@@ -70,7 +70,7 @@ def enqueue_sources(field, search, slides, sources):
 
 @in_place_kernel
 def write_plan(search, slides, cell, command):
-    """Write the commands from the source to ``cell`` and then ``command``; return how many they are."""
+    """Write the commands from the source to ``cell`` and then ``command``. Return their number."""
     length, at = 1, cell
     while slides.origin[at] != at:
         length += 1
@@ -84,7 +84,7 @@ def write_plan(search, slides, cell, command):
 
 @in_place_kernel
 def sort(keys, first, last):
-    """Sort keys[first:last] in place (Shell's method: a library sort takes seconds to compile)."""
+    """Sort keys[first:last] in place (Shell's method, because a library sort takes seconds to compile)."""
     gap = (last - first) // 2
     while gap > 0:
         for i in range(first + gap, last):
@@ -99,7 +99,7 @@ def sort(keys, first, last):
 
 @in_place_kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):
-    """Search the fewest tilts from the board ``sources`` to a frontier cell; return the length of the plan, 0 if none."""
+    """Search the fewest tilts from the board ``sources`` to a frontier cell. Return the length of the plan, 0 if there is none."""
     columns = field.width * 64
     first, last = 0, enqueue_sources(field, search, slides, sources)
     while first < last:

@@ -1,1 +1,1 @@
-"""Samples of particles on a line, and the fewest commands of each direction."""
+"""Random samples of particles on a line, and minimum numbers of commands per direction."""

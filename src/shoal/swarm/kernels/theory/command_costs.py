@@ -1,7 +1,7 @@
-"""How many commands of each direction a particle needs to get somewhere: the parts of lower bounds.
+"""Minimum numbers of commands of each direction that a particle needs to reach cells: the parts of lower bounds.
 
-Plain arrays of cells, row by row with a rim: cell + offset is the next cell. A wall may be entered (that is how it is probed), but
-nobody goes on from there.
+Cells are plain arrays, row by row with a rim: cell + offset is the next cell. A wall may be entered, which probes it, but no path
+continues from there.
 """
 
 from __future__ import annotations
@@ -13,9 +13,9 @@ FAR = 1 << 30
 
 @in_place_kernel
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
-    """Return the least a + b such that a commands ``back`` and b commands ``forth`` (others at will) reach every wanted cell.
+    """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` (and any others) reach every wanted cell.
 
-    For each a in turn, b is what the dearest cell needs in commands ``forth`` with at most a of the others.
+    For each a in turn, b is the largest number of commands ``forth`` that any cell needs with at most a of the others.
     """
     best = FAR
     for cell in range(costs.shape[0]):
@@ -40,9 +40,9 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached, never by one ``barred``.
+    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached without the command ``barred``.
 
-    ``costs`` holds what each cell costs to begin with, FAR if one cannot begin there. Other commands cost nothing. A ``paid`` of -1
+    ``costs`` contains each cell's initial cost, FAR if a path cannot begin there. Other commands cost nothing. A ``paid`` of -1
     means all commands, a ``barred`` of -1 none.
     """
     level = 0

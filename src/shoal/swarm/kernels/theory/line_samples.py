@@ -1,4 +1,4 @@
-"""Random placements of particles on a line, and what each of them costs."""
+"""Random placements of particles on a line, and their numbers of moves."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ COLUMNS = 7
 
 @in_place_kernel
 def place(draws, cells, words, complement):
-    """Fill ``words`` with the subset of 0 .. cells-1 that Floyd's algorithm makes of ``draws``, or with all other cells.
+    """Fill ``words`` with the subset of 0 .. cells-1 that Floyd's algorithm makes from ``draws``, or with its complement.
 
-    ``draws[i]`` is uniform on 0 .. cells - draws.size + i; then each subset is equally likely.
+    ``draws[i]`` must be uniform on 0 .. cells - draws.size + i. Then all subsets are equally likely.
     """
     for i in range(words.shape[0]):
         words[i] = ZERO
@@ -46,7 +46,8 @@ def measure(words, cells, row):
             else:
                 gap = position - last - 1
                 widest = max(widest, gap)
-                # Going left, all that is to the right of the first gap comes one cell further, so that gap is one cell smaller.
+                # While moving left, all particles to the right of the first gap move one cell further, so that gap becomes one cell
+                # smaller.
                 if gap > 0 and not bent:
                     bent = True
                     gap -= 1
@@ -64,7 +65,7 @@ def measure(words, cells, row):
 
 @in_place_kernel
 def trials(draws, cells, words, complement, table):
-    """Place and measure once for each row of ``draws``; each is a row of ``table``."""
+    """Place and measure once for each row of ``draws``. Each result is a row of ``table``."""
     for trial in range(draws.shape[0]):
         place(draws[trial], cells, words, complement)
         measure(words, cells, table[trial])
