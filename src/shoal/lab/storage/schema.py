@@ -252,6 +252,7 @@ def _said(path: Path, error: Exception) -> Exception:
     code = getattr(error, "sqlite_errorcode", 0) & 0xFF
     if code == sqlite3.SQLITE_INTERRUPT:
         raise KeyboardInterrupt from error
+    what = " ".join(str(error).split())[:200]  # it may quote the schema, which has several lines
     kept = "every committed batch is kept, and the same command continues from there"
     too_large = getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_IOERR_WRITE
     if code == sqlite3.SQLITE_FULL or too_large or (code == sqlite3.SQLITE_IOERR and _is_full(path)):
@@ -263,12 +264,12 @@ def _said(path: Path, error: Exception) -> Exception:
     if code == sqlite3.SQLITE_BUSY:
         return OutputError(f"cannot write {path}: another process has been writing it for {_WAIT:g} seconds; {kept}")
     if code == sqlite3.SQLITE_IOERR:
-        return OutputError(f"cannot read or write {path}: {error}; {kept}")
+        return OutputError(f"cannot read or write {path}: {what}; {kept}")
     if code == sqlite3.SQLITE_NOTADB:
         return InvalidInputError(f"{path}: expected a store (an SQLite database), got another kind of file")
     if code == sqlite3.SQLITE_CORRUPT:
         return InvalidInputError(
-            f"{path}: expected a whole store, got a damaged or truncated one ({error}); it was not changed: restore a "
+            f"{path}: expected a whole store, got a damaged or truncated one ({what}); it was not changed: restore a "
             "copy, or keep it and start a new one"
         )
-    return InvalidInputError(f"{path}: expected a store, got a damaged one: {error}")
+    return InvalidInputError(f"{path}: expected a store, got a damaged one: {what}")
