@@ -257,7 +257,7 @@ class Vehicle(Problem):
 
     @property
     def row_spacing(self) -> float | None:
-        """The distance between neighbouring rows in metres, which is the width of the footprint; None without a camera or a detector.
+        """The distance between neighbouring rows in metres, which is the footprint's width; None without a camera or a detector.
 
         For a camera, it is the width of an image minus the overlap, but at most the image's length, because at the end of a row
         only half an image is seen.

@@ -216,8 +216,7 @@ class _Splitter:
         while high - low > 1:
             middle = (low + high) // 2
             low, high = (middle, high) if self._fits(begin, float(ahead[middle])) else (low, middle)
-        near, far = begin if low < 0 else float(ahead[low]), float(ahead[min(low + 1, len(ahead) - 1)])
-        until = near
+        until, far = begin if low < 0 else float(ahead[low]), float(ahead[min(low + 1, len(ahead) - 1)])
         while far - until > _FINE:  # inside a leg, only the battery is a finer limit than waypoints
             half = (until + far) / 2
             until, far = (half, far) if self._fits(begin, half) else (until, half)
