@@ -306,7 +306,7 @@ def loaded_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any
 
     Examples
     --------
-    >>> loaded_on_use("shoal", {"Status": "episode"})("Status").COMPLETE
+    >>> loaded_on_use("shoal", {"Status": "core.episode"})("Status").COMPLETE
     <Status.COMPLETE: 'complete'>
     """
 

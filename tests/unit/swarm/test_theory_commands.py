@@ -129,7 +129,7 @@ def test_map_counts_scans_and_cost(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "wanted"),
     [
-        ("line --cells 0 -n 1", "cells: expected a whole number, 1 or more, got 0"),
+        ("line --cells 0 -n 1", "cells: expected a whole number from 1 to 9007199254740992, got 0"),
         ("line --cells 4 -n 9", "particles: expected a whole number from 1 to 4"),
         ("line --cells 4 -n 2 --monte-carlo 0", "trials: expected a whole number from 1 to 100000000, got 0"),
         ("line --cells 4 -n 2 --monte-carlo 5 --seed -1", "seed: expected a whole number, 0 or more, got -1"),
