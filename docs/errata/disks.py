@@ -61,7 +61,7 @@ def _half_angle() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.E, eq. 4",
     "d⊥ = 2 ‖s1·p_ψ - s2·p_ψ‖",
-    "d⊥ = |(s1 - s2)·e(ψ)|; the printed factor 2 should be 1/r, so it is right only for r = ½",
+    "d⊥ = |(s1 - s2)·e(ψ)|. The printed p_ψ has length r, so its factor must be 1/r. The printed factor 2 is right only for r = ½",
     "the distance of particle 2 from the tangent at the contact of particle 1, for 1000 pairs on disks of r = 0.5 and r = 1",
 )
 def _depth() -> tuple[str, bool]:

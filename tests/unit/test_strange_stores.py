@@ -45,7 +45,9 @@ def changed_store(tmp_path, *statements):
     "damage",
     [
         "UPDATE sweeps SET spec = '{'", "UPDATE sweeps SET spec = '[1]'", "UPDATE sweeps SET spec = '{\"name\": 3}'",
-        f"UPDATE sweeps SET spec = '{'[' * 90000}'", "UPDATE sweeps SET inputs = '3'", "UPDATE sweeps SET measures = '7'",
+        f"UPDATE sweeps SET spec = '{'[' * 90000}'", "UPDATE sweeps SET inputs = '3'",
+        "UPDATE sweeps SET name = 'a' || char(0)", "UPDATE sweeps SET name = '../a'", "UPDATE sweeps SET name = x'61'",
+        "UPDATE sweeps SET measures = '7'",
         "UPDATE sweeps SET measures = '[]'", "UPDATE sweeps SET measures = x'ff'", "UPDATE sweeps SET trials = 'many'",
         "UPDATE batches SET version = x'00'",
         "UPDATE points SET axes = '[1, 2]'", "UPDATE points SET axes = '}'", "UPDATE trials SET result = '[1'",

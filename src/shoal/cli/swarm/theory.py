@@ -47,7 +47,7 @@ def line(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute one dimension exactly: mean moves until both ends are found and all cells are visited, and the largest gap."""
+    """Compute exact mean values on a line: the moves until both ends are found or all cells are visited, and the largest gap."""
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)

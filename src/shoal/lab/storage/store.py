@@ -19,7 +19,7 @@ from shoal.lab.storage.rows import StoredSweep, columns_of, stored_sweep
 from shoal.lab.storage.schema import connect, told, transaction
 from shoal.lab.sweeps.batches import Answer
 from shoal.lab.sweeps.progress import Gap, SweepStatus
-from shoal.lab.sweeps.sweep import Sweep, differences, digest_of, is_extended
+from shoal.lab.sweeps.sweep import Sweep, check_sweep_name, differences, digest_of, is_extended
 from shoal.lab.versions import written
 
 _RECENT = 60.0  # seconds over which the rate is measured
@@ -80,7 +80,8 @@ class Store:
     @property
     def names(self) -> list[str]:
         """The names of all sweeps, in the order in which they began."""
-        return [name for (name,) in self.ask("SELECT name FROM sweeps ORDER BY id")]
+        found = self.ask("SELECT name FROM sweeps ORDER BY id")
+        return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in found]
 
     def stored(self, name: str) -> StoredSweep:
         """Return a stored sweep. Its problem is not created, so no third-party code is imported.

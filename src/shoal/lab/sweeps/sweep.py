@@ -66,6 +66,14 @@ class Point:
     seeds: str
 
 
+def check_sweep_name(name: Any, *, what: str) -> str:
+    """Return a name that a sweep can have: files are named after it."""
+    usable = isinstance(name, str) and 0 < len(name) <= 80 and name[0] not in ".-"
+    if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in name):
+        raise InvalidInputError(f"{what}: expected letters, digits and ._- (at most 80), got {name!r:.100}")
+    return str(name)
+
+
 @dataclass(frozen=True)
 class Sweep:
     """Trials of one problem at every combination of values on several axes.
@@ -106,9 +114,7 @@ class Sweep:
     paired: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        usable = isinstance(self.name, str) and 0 < len(self.name) <= 80 and self.name[0] not in ".-"
-        if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in self.name):
-            raise InvalidInputError(f"name: expected letters, digits and ._- (at most 80), got {self.name!r:.100}")
+        check_sweep_name(self.name, what="name")
         for name, value, least, most in (("trials", self.trials, 1, MAX_TRIALS), ("seed", self.seed, 0, 2**63 - 1)):
             object.__setattr__(self, name, check_integer(value, what=name, least=least, most=most))
         for name, given in (("problem", self.problem), ("axes", self.axes)):

@@ -133,7 +133,7 @@ class CellGrid:
         return np.asarray(self.viewpoints[self.viewpoint_starts[index] : self.viewpoint_starts[index + 1]])
 
     def waypoint(self, cell: tuple[int, int]) -> Points:
-        """Return the first viewpoint of one cell. It is the cell's centre if that is inside the region; float64, shape (2,)."""
+        """Return the first viewpoint of a cell: its centre if the centre is inside the region; float64, shape (2,)."""
         return np.asarray(self.viewpoints_in(cell)[0])
 
     def point(self, cell: tuple[int, int]) -> Points:

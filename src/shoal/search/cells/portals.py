@@ -17,7 +17,9 @@ _ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding m
 
 @dataclass(frozen=True, eq=False)
 class Portals:
-    """Portals between border pieces, and between border pieces and whole cells.
+    """All portals that lead from a border piece to another border piece or to a whole cell.
+
+    A border piece is the part of a border cell that is inside the region.
 
     A piece is identified by its number in `Clipped`. A whole cell has the number n plus its flat index, where n is the number of
     pieces.

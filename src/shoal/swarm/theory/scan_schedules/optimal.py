@@ -74,8 +74,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
     Let c be the price of a scan, v the price of a move, and x_0 = 0. A schedule with positions x_1 < x_2 < ... keeps a ratio r if
     every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan never restricts the following ones.
-    Therefore, scanning as late as allowed decides whether r is possible. A bisection finds the smallest r, and final steps between
-    exact fractions make it exact.
+    Therefore, scanning as late as allowed decides whether r is possible. A bisection finds an interval that contains the smallest
+    r. Then schedules with a strictly smaller ratio are searched in exact fractions until there is none.
 
     Parameters
     ----------
