@@ -22,6 +22,14 @@ Workers = Annotated[
     int | None,
     typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor.", show_default=False),
 ]
+Processes = Annotated[
+    int | None,
+    typer.Option(
+        "--workers",
+        help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
+        show_default=False,
+    ),
+]
 Out = Annotated[
     Path | None,
     typer.Option(

@@ -41,14 +41,7 @@ def reproduce(
         ),
     ] = None,
     seed: options.Seed = 0,
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers",
-            help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
-            show_default=False,
-        ),
-    ] = None,
+    workers: options.Processes = None,
     out: Annotated[
         Path,
         typer.Option("--out", metavar="FOLDER", help="Folder for figures, data and results.sqlite. A later call continues there."),

@@ -18,6 +18,7 @@ from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions, parse_separation
 
 if TYPE_CHECKING:
+    from shoal.search.flight.staggering import Separation
     from shoal.search.missions import Diagnostic, MissionCheck
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
@@ -168,11 +169,12 @@ def check(
     too near to each other or to the ground.
     """
     from shoal.search import open_region
+    from shoal.search.flight.terrain_files import open_terrain
     from shoal.search.missions import check_missions
-    from shoal.search.missions.rules import ROUNDING
     from shoal.search.regions.margin import with_margin
 
     check_number(least, what="--least", least=0, most=1)
+    check_number(terrain_error, what="--terrain-error", least=0.01)
     if out is not None:
         check_folder(out)
     sides = None if footprint is None else parsed(_FIELDS["footprint"], footprint)
@@ -181,26 +183,13 @@ def check(
     flown = None if vehicle is None else vehicle_of(vehicle)
     if sides is None and flown is not None:
         sides = flown.row_spacing
-    ground = None
-    if terrain is not None:
-        from shoal.search.flight.terrain_files import open_terrain
-
-        ground = open_terrain(terrain)
     searched = with_margin(searched, check_number(margin, what="--margin", least=0))
     result = check_missions(
-        folder,
-        searched,
-        sides,
-        angle=angle,
-        format=format_,
-        cap=cap,
-        autopilot=autopilot,
-        separation=kept,
-        vehicle=flown,
+        folder, searched, sides, angle=angle, format=format_, cap=cap, autopilot=autopilot, separation=kept, vehicle=flown,
         bands=None if bands is None else parsed(_FIELDS["bands"], bands),
         airspace=None if airspace is None else check_number(airspace, what="--airspace", least=0),
-        terrain=ground,
-    )
+        terrain=None if terrain is None else open_terrain(terrain),
+    )  # fmt: skip
     written = []
     if out is not None:
         from shoal.views.search.mission_folder import write_check
@@ -210,20 +199,27 @@ def check(
         print_json(result.report())
     else:
         _print(result, written, timed=flown is not None)
-    near = result.approach
+    faults = _faults(result, kept, least=least, terrain_error=terrain_error)
+    if faults:
+        say(f"shoal: {' and '.join(faults)}")
+        raise typer.Exit(1)
+
+
+def _faults(result: MissionCheck, kept: Separation | None, *, least: float, terrain_error: float) -> list[str]:
+    """Return why missions do not pass, one clause for each reason."""
+    from shoal.search.missions.rules import ROUNDING
+
+    near, low = result.approach, result.clearance
     faults = [f"{len(distinct(result.errors))} mistakes in the mission files"] if result.errors else []
     if result.coverage is not None and result.coverage.covered_fraction < least:
         faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
     if kept is not None and near is not None and near.horizontal < kept.horizontal - ROUNDING:
         faults.append(f"robots {near.robots[0]} and {near.robots[1]} come within {near.horizontal:.3g} m")
-    low = result.clearance
     if low is not None and low.lowest <= 0:
         faults.append(f"{low.missions[0]} meets the ground")
-    if low is not None and low.error > check_number(terrain_error, what="--terrain-error", least=0.01):
+    if low is not None and low.error > terrain_error:
         faults.append(f"heights above ground differ from the altitudes asked for by up to {low.error:.3g} m")
-    if faults:
-        say(f"shoal: {' and '.join(faults)}")
-        raise typer.Exit(1)
+    return faults
 
 
 def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:

@@ -25,6 +25,26 @@ if TYPE_CHECKING:
 EXAMPLE = "Example: shoal drive maze:9x7 --rig simulated --particles 4 --log drive.jsonl"
 
 
+RigName = Annotated[
+    str,
+    typer.Option(
+        "--rig",
+        metavar="RIG",
+        help="Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that uses the protocol on its "
+        "standard input and output).",
+    ),
+]
+Size = Annotated[
+    str | None,
+    typer.Option(
+        "--size",
+        metavar="SIZE",
+        help="Size of the rig's field of view in cells, such as 40x60. Any other rig is refused.",
+        show_default=False,
+    ),
+]
+
+
 @takes_problem(SwarmProblem, only=("particles", "placement", "start", "rule", *DRIVEN), map="rig")
 def drive(
     problem: SwarmProblem,
@@ -36,24 +56,8 @@ def drive(
             show_default=False,
         ),
     ] = None,
-    rig: Annotated[
-        str,
-        typer.Option(
-            "--rig",
-            metavar="RIG",
-            help="Rig: simulated, serial:DEVICE[@BAUD], tcp:HOST:PORT, or exec:COMMAND (a program that uses the protocol on its "
-            "standard input and output).",
-        ),
-    ] = "simulated",
-    size: Annotated[
-        str | None,
-        typer.Option(
-            "--size",
-            metavar="SIZE",
-            help="Size of the rig's field of view in cells, such as 40x60. Any other rig is refused.",
-            show_default=False,
-        ),
-    ] = None,
+    rig: RigName = "simulated",
+    size: Size = None,
     seed: options.Seed = 0,
     timeout: Annotated[
         float, typer.Option("--timeout", help="Time to wait for an answer before a request is repeated, in seconds.")

@@ -42,6 +42,16 @@ def check_table(out: Path) -> None:
     check_folder(out.parent)
 
 
+Method = Annotated[
+    str,
+    typer.Option(
+        "--method",
+        help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto means "
+        "log for counts.",
+    ),
+]
+
+
 def summary(
     store: StoreFile,
     name: SweepName = None,
@@ -55,14 +65,7 @@ def summary(
         ),
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
-    method: Annotated[
-        str,
-        typer.Option(
-            "--method",
-            help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto means "
-            "log for counts.",
-        ),
-    ] = "auto",
+    method: Method = "auto",
     seed: Annotated[int, typer.Option("--seed", help="Not used, because the bootstrap draws the same numbers each time.")] = 0,
     out: Annotated[
         Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)

@@ -37,14 +37,7 @@ def run(
             "--store", metavar="FILE", help="Store for the results. It is created if it does not exist.", show_default=False
         ),
     ],
-    workers: Annotated[
-        int | None,
-        typer.Option(
-            "--workers",
-            help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
-            show_default=False,
-        ),
-    ] = None,
+    workers: options.Processes = None,
     dask: Annotated[
         str | None,
         typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False),
