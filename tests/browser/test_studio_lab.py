@@ -79,7 +79,7 @@ def test_a_sweep_from_the_form_answers_which_policy_is_better(page: Page, studio
     assert [cells[1] for cells in shown_table(page, "Means")] == [f"{row.estimate.mean:.4g}" for row in rows if row.estimate]
     assert found is not None
     assert shown_table(page, "Comparisons")[0][2] == f"{found.difference.mean:.4g}"
-    told = "do not tell" if found.difference.low <= 0 <= found.difference.high else "moves than"
+    told = "do not differ clearly" if found.difference.low <= 0 <= found.difference.high else "than for"
     assert told in page.locator(".verdict").inner_text()
     assert Sweep.load(studio.folder / "better.toml").problem["map"] == "maze:9x7"
     episodes = [shoal.run(SwarmProblem("maze:9x7", particles=20, policy=name), seed=0) for name in POLICIES]

@@ -120,16 +120,16 @@ export function results({ shown, change }) {
     if (!told_.length) return "Two trials of each are needed for an interval.";
     const what = measure.replaceAll("_", " ");
     const sentence = ({ axes, first, second, comparison: { difference: d } }) => {
-      const where = Object.keys(axes).length ? `At ${words(axes)}, ` : "";
-      if (d.low <= 0 && d.high >= 0) return `${where}${d.count} pairs do not tell ${second} from ${first} in ${what} (95 %: ${interval(d.low, d.high)}).`;
+      const where = Object.keys(axes).length ? `For ${words(axes)}: ` : "";
+      if (d.low <= 0 && d.high >= 0) return `${where}${second} and ${first} do not differ clearly in ${what} (95 % interval of the difference ${interval(d.low, d.high)}, ${d.count} pairs).`;
       const low = Math.min(Math.abs(d.low), Math.abs(d.high)), high = Math.max(Math.abs(d.low), Math.abs(d.high));
-      return `${where}${second} has ${number(Math.abs(d.mean))} ${d.mean < 0 ? "less" : "more"} ${what} than ${first} (95 %: ${interval(low, high)}), on ${d.count} pairs.`;
+      return `${where}mean ${what} are ${number(Math.abs(d.mean))} ${d.mean < 0 ? "lower" : "higher"} for ${second} than for ${first} (95 % interval ${interval(low, high)}, ${d.count} pairs).`;
     };
     if (told_.length <= 3) return told_.map(sentence).join(" ");
     const pairs = Map.groupBy(told_, (one) => `${one.second} ${one.first}`);
     return [...pairs.values()].slice(0, 4).map((group) => {
       const less = group.filter((one) => one.comparison.difference.high < 0).length, more = group.filter((one) => one.comparison.difference.low > 0).length;
-      return `${group[0].second} has less ${what} than ${group[0].first} at ${less} of ${group.length} points, more at ${more}, with 95 % confidence.`;
+      return `With 95 % confidence, mean ${what} are lower for ${group[0].second} than for ${group[0].first} at ${less} of ${group.length} points, and higher at ${more}.`;
     }).join(" ");
   }
 

@@ -60,7 +60,7 @@ export function comparison({ names, problem, seed }) {
     const name = policies[best].policy;
     verdict.textContent = sure.length === others.length
       ? `${name} needs the fewest moves: ${others.map((one) => `${one.policy} needs ${number(one.more)} more (95 %: ${number(one.moreLow)} to ${number(one.moreHigh)})`).join(", ")}, on ${count} starts.`
-      : `${name} needs the fewest moves on average, but ${count} starts do not tell it from ${others.filter((one) => !(one.moreLow > 0)).map((one) => one.policy).join(", ")}.`;
+      : `${name} needs the fewest moves on average, but after ${count} starts the difference is not clear from ${others.filter((one) => !(one.moreLow > 0)).map((one) => one.policy).join(", ")}.`;
   }
 
   function draw({ policies, best }) {
