@@ -41,8 +41,7 @@ def test_no_option_takes_such_a_number(name, capsys, monkeypatch, tmp_path):
             names = (spelled.lstrip("-"), option.name.rstrip("_"), OTHERWISE_CALLED.get(spelled, spelled))
             absent = ("none: expected", "none.npz: expected", "none.toml: expected", "a: expected")
             assert any(one in said for one in (*names, *absent)), said
-    if name != "reproduce":  # it makes its store before it reads its numbers
-        assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_more_cells_than_can_be_counted(capsys):

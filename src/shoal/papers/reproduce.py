@@ -82,11 +82,13 @@ def reproduce(
         raise InvalidInputError(f"map: expected it with a figure on the complex map, got {name}, which is none")
     if trials is not None:
         trials = check_integer(trials, what="trials", least=1)
-    settings = Settings(quick, trials, on_map, seed)
-    began = time.perf_counter()
-    folder.mkdir(parents=True, exist_ok=True)
-    sweeps = []
-    for sweep in recipe.sweeps(settings):
+    if workers is not None:
+        check_integer(workers, what="workers", least=0)
+    settings = Settings(quick, trials, on_map, check_integer(seed, what="seed", least=0, most=2**63 - 1))
+    began, sweeps = time.perf_counter(), []
+    planned = list(recipe.sweeps(settings))
+    folder.mkdir(parents=True, exist_ok=True)  # once nothing can be refused
+    for sweep in planned:
         kept = _no_fewer(folder / STORE, sweep)
         status = run_sweep(kept, folder / STORE, workers=workers, extend=True, on_progress=on_progress)
         if status.failures:
