@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.steering import steer
 
@@ -67,6 +67,7 @@ def test_plans_end_where_they_say(space, places, planner):
         assert again.place.size == space.size
 
 
+@settings(max_examples=15)
 @given(st.integers(0, 30), UNIT, UNIT)
 def test_noise_depends_on_the_seed_alone(seed, execution, gain):
     problem = SteeringProblem(regular_polygon(6), [(-0.1, 0), (0.1, 0.1)], [(0.3, 0.1), (-0.2, -0.3)], 0.01)

@@ -30,10 +30,10 @@ for width in (1, 5, 62, 63, 64, 65, 126, 128):
                 for task in ("mapping", "subset-coverage:fraction=1"):
                     if task != "mapping" and len(start) < len(cells) and GridWorkspace(free).components.max() > 1:
                         continue
-                    e = run(GridWorkspace(free), task=task, policy=policy, start=start, rule=rule, max_moves=25)
+                    e = run(GridWorkspace(free), task=task, policy=policy, start=start, rule=rule, max_moves=15)
                     if policy == "closest-frontier" and rule != "tilt":
                         for every in ("3", "doubling", "hyper", "adaptive"):
-                            scans = run(GridWorkspace(free), task=task, start=start, rule=rule, max_moves=20, scan_every=every)
+                            scans = run(GridWorkspace(free), task=task, start=start, rule=rule, max_moves=12, scan_every=every)
                             print(every, scans.commands, scans.status, scans.trace.scanned.tolist())
                     print(width, rule, policy, task, e.commands, e.status, e.trace.classified.tolist(), e.trace.travelled.tolist())
 """
@@ -61,7 +61,7 @@ for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
     for rule in ("block", "merge"):
         for policy in (Quick(), First(), "greedy-classify"):
             for task in ("mapping", "coverage"):
-                e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=3 if space.n_free < 50 else 1)
+                e = run(space, task=task, policy=policy, start=start, rule=rule, max_moves=2 if space.n_free < 50 else 1)
                 print(shape, rule, task, e.commands, e.status, e.trace.classified.tolist())
         if space.n_free < 20:
             print(shape, rule, plan_coverage(space, start, rule=rule, budget=4))
