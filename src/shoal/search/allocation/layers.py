@@ -127,7 +127,7 @@ def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
 
 
 def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
-    """Return points of the plane at an altitude; float64, shape (n, 3)."""
+    """Return two-dimensional points with an altitude added; float64, shape (n, 3)."""
     return np.column_stack([points, np.broadcast_to(up, len(points))])
 
 

@@ -26,7 +26,7 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Sender and receiver of a message, the time, and their distance in cells."""
+    """The sender and the receiver of a message, the time at which it is sent, and the distance between both robots in cells."""
 
     sender: int
     receiver: int

@@ -33,7 +33,7 @@ class Planner(Protocol):
     def plan(self, task: SteeringTask) -> Points | None:
         """Return moves, float64, shape (moves, d), that bring the particles to the goal or near it.
 
-        None if the planner finds none.
+        Or None, if the planner finds no plan.
         """
         ...
 

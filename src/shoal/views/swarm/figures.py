@@ -72,7 +72,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
 def map_panels(
     shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None, wide: float = 9.0
 ) -> Figure:
-    """Return a figure of plane maps side by side, each an episode after a number of moves, as in paper M, Fig. 1.
+    """Return a figure with plane maps side by side, as in paper M, Fig. 1. Each map shows an episode after some moves.
 
     Parameters
     ----------

@@ -147,7 +147,7 @@ def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candi
 
 
 def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
-    """Return chains that may be shorter than ``chain``, sorted by the shortest path of a particle to its new wall."""
+    """Return chains that may be shorter than ``chain``, sorted by the length of the path from a particle to another wall."""
     d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
     deltas = list(chain.differences(query.before, query.after))
