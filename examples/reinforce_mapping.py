@@ -151,7 +151,7 @@ def learn(network: Network, given: argparse.Namespace, rng: np.random.Generator)
         improve(network, inputs, masks, actions, chance, gains, gains + values[:-1], rng, rate=rate)
         curve.append((played_before + STEPS * ENVIRONMENTS, float(np.mean(lengths or [np.nan]))))
         if len(curve) % 20 == 1:
-            print(f"{curve[-1][0]:>9} commands, {time.perf_counter() - begun:4.0f} s: {curve[-1][1]:.0f} moves a map", flush=True)
+            print(f"{curve[-1][0]:>9} commands, {time.perf_counter() - begun:4.0f} s: {curve[-1][1]:.0f} moves per map", flush=True)
     print(f"trained with {curve[-1][0]} commands in {time.perf_counter() - begun:.0f} s")
     return curve
 
@@ -202,7 +202,7 @@ def compare(network: Network, given: argparse.Namespace, rng: np.random.Generato
 
 
 def draw(curve: list[tuple[int, float]], moves: dict[str, list[int]], path: str) -> None:
-    """Draw the moves a map while it learned, and those of all policies but random moves on the maps of the table."""
+    """Draw the moves per map during learning, and the means of all policies except random-moves."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.5), layout="constrained")
@@ -216,7 +216,7 @@ def draw(curve: list[tuple[int, float]], moves: dict[str, list[int]], path: str)
         place = max(mean, place * 1.07)  # of the name, which stays clear of the one below
         axes.axhline(mean, color=colour, linestyle="--", linewidth=1)
         axes.annotate(f"{policy.split()[0]} {mean:.0f}", (1.02, place), color=colour, **named)
-    axes.set(xlabel="commands, millions", ylabel="moves a map", yscale="log", ylim=(100, 700), xlim=(0, None))
+    axes.set(xlabel="commands, millions", ylabel="moves per map", yscale="log", ylim=(100, 700), xlim=(0, None))
     axes.yaxis.set_major_formatter("{x:.0f}")
     axes.set_yticks([100, 200, 300, 400, 600])
     axes.yaxis.set_minor_formatter("")

@@ -1,1 +1,1 @@
-"""Modules that all parts of Shoal use: problems, episodes, input checks, errors, files, registries and interruption."""
+"""Code that all parts use: problems, episodes, checks of input, errors, files, registries, interruption."""
