@@ -1,6 +1,6 @@
 """Shoal simulates and plans for groups of simple robots: mapping with swarms, steering with one shared input, multi-robot search.
 
-The function `run` runs a problem of any part and returns an episode:
+The function `run` runs a problem of any part (swarm, steering or search) and returns an episode, the record of the run:
 
 >>> import shoal
 >>> episode = shoal.run("line:9", particles=3)

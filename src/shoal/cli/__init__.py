@@ -1,4 +1,4 @@
-"""The command line interface, a thin layer over the public functions."""
+"""The command line interface: a thin layer over the public functions."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code: 0 success, 1 failed check, 2 bad input or output, 130 interrupted."""
+    """Run one command and return its exit code.
+
+    The code is 0 for success, 1 for a failed check, 2 for bad input or output, and 130 after an interruption.
+    """
     command = typer.main.get_command(app)
     if say not in listeners:
         listeners.append(say)

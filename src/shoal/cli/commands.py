@@ -1,4 +1,4 @@
-"""The commands by name. Each command is imported when it is used, so no command waits for the libraries of another."""
+"""The commands by name. Each command is imported when it is used, so no command waits for the libraries of another command."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class _Commands(TyperGroup):
         return list(dict.fromkeys(name.split()[0] for name in names))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command. While help is printed, the command contains only its name and its summary."""
+        """Return a command. While the list of commands is printed, the command holds only its name and its summary."""
         whole = self.prefix + cmd_name
         if whole in GROUPS:
             group = _Commands(

@@ -1,4 +1,4 @@
-"""The options of commands: common options, and options made from the fields of a problem."""
+"""The options of commands: common options, and the options that the fields of a problem declare."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def takes_problem(
     options: type[Problem] | None = None,
     **fixed: Any,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator for a command: its first parameter, a problem, becomes an option for each field of ``kind``.
+    """Return a decorator that replaces a command's first parameter, a problem of type ``kind``, by one option for each field.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value of a command line text."""
+    """Return the value of a field from its text on the command line."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
     if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):

@@ -98,7 +98,7 @@ def print_drawn(drawn: Any) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress output of C libraries on stderr inside the block. libtiff prints a line per fault, which our error reports once."""
+    """Suppress output of C libraries on stderr inside the block. libtiff, for example, prints a line per fault."""
     try:
         kept = os.dup(2)
     except OSError:  # closed: there is nothing to protect
@@ -115,9 +115,11 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
-    """Show a progress bar on stderr during the block. Yields a function that takes the amount done.
+    """Show a progress bar on stderr while the block runs.
 
-    Without a terminal, a line is printed after every tenth of the progress instead.
+    The block gets a function, and calls it with the amount of work done so far.
+
+    If stderr is not a terminal, a line of text is printed after every tenth of the work.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None
@@ -154,7 +156,7 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
 
 @contextmanager
 def warnings_said(category: type[Warning]) -> Iterator[None]:
-    """Print warnings of a category on stderr as sentences during the block."""
+    """Print the warnings of one category that the block raises on stderr, as plain sentences."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
@@ -162,7 +164,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
 
 
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
-    """Return a function that takes (moves, frontier cells left) and prints them on stderr at intervals, for long episodes."""
+    """Return a function that prints the progress of a long episode on stderr: its moves and its frontier cells left."""
     last = [time.monotonic()]
 
     def tell(moves: int, frontier: int) -> None:
@@ -174,7 +176,7 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check that an output folder is writable, or can be created, before any work is done. Nothing is created yet.
+    """Check that an output folder is writable, or can be created. The check runs before any work. Nothing is created yet.
 
     Raises
     ------
@@ -192,7 +194,7 @@ def check_folder(folder: Path) -> Path:
 
 
 def check_outputs(out: Path | None, film: list[Path] | None) -> None:
-    """Refuse outputs that cannot be written, before the work is done.
+    """Refuse outputs that cannot be written. The check runs before any work.
 
     Raises
     ------
@@ -228,7 +230,7 @@ def _write_film(episode: Any, path: Path) -> None:
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
-    """Refuse an episode with another seed than the requested one.
+    """Refuse an episode whose seed is not the requested seed.
 
     Raises
     ------

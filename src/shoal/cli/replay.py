@@ -39,7 +39,7 @@ def replay(
     trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
-    """Replay an episode file, verify it, and draw or film it. The exit code is 1 if the replay differs."""
+    """Replay an episode file, verify it, and draw or film it. The exit code is 1 if the replay differs from the stored episode."""
     check_outputs(out, film)
     if is_search(episode_file):
         from shoal.cli.search.searching import replay_search

@@ -48,7 +48,9 @@ def reproduce(
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
-    """Reproduce figures of the papers and compare the printed numbers with ours: they agree, differ, or are not comparable.
+    """Reproduce figures of the papers and compare the printed numbers with Shoal's.
+
+    The verdict is that they agree, differ, or are not comparable.
 
     The exit code is 1 if a figure could not be made. A difference from a paper is a result, not an error.
     """

@@ -1,4 +1,4 @@
-"""shoal steer, shoal reach: steer particles by one shared input and walls."""
+"""shoal steer, shoal reach: steer particles with one shared input and with walls."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def reach(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute which differences of two particles 2, 4, ... moves can reach, as a fraction of all differences."""
+    """Compute the fraction of all differences of two particles' positions that 2, 4, ... moves can reach."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place

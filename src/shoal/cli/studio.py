@@ -25,7 +25,8 @@ def studio(
 ) -> None:
     """Open the studio in the browser: find vessels, place particles, watch and compare policies, steer by hand.
 
-    The server accepts connections from this machine only, at a secret address. All data stays in the folder.
+    The server accepts connections from this machine only. Its address contains a secret. All data of the studio stays in one
+    folder.
     """
     if port is not None:
         check_integer(port, what="port", least=1, most=65535)

@@ -1,1 +1,1 @@
-"""Code that all parts use: problems, episodes, checks of input, errors, files, registries, interruption."""
+"""Code that all parts use: problems, episodes, checks of input, errors, files, registries, interruptions by the user."""

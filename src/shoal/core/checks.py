@@ -1,4 +1,4 @@
-"""Input checks at the public boundary. Each check returns the checked value or raises an error of one sentence."""
+"""Checks of arguments. Each check returns the checked value or raises an error whose message is one sentence."""
 
 from __future__ import annotations
 
@@ -59,7 +59,9 @@ def check_integer(value: Any, *, what: str, least: float = -inf, most: float = i
 def check_number(
     value: Any, *, what: str, least: float = -inf, most: float = inf, above: float = -inf, below: float = inf, finite: bool = True
 ) -> float:
-    """Return a number as a float after checking its range: ``least`` to ``most``, more than ``above``, less than ``below``.
+    """Return a number as a float after checking its range.
+
+    The number must be at least ``least``, at most ``most``, more than ``above``, and less than ``below``.
 
     Raises
     ------
@@ -127,7 +129,7 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
 
 
 def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
-    """Return points as a float64 array of shape (count, dimensions). Each coordinate is at most `FARTHEST` in size.
+    """Return points as a float64 array of shape (count, dimensions). The absolute value of each coordinate is at most `FARTHEST`.
 
     Raises
     ------
@@ -204,7 +206,7 @@ def decode_text(raw: bytes, *, where: str) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Parse a JSON text. Lists and objects may be nested at most `DEEPEST` levels deep.
+    """Parse a JSON text. Lists and objects may be nested to at most `DEEPEST` levels.
 
     Raises
     ------
@@ -302,7 +304,7 @@ def shortened(value: Any) -> str:
 
 
 def range_text(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return a number's range in words, such as "from 0 to 1", "1 or more" or "above 0 and below 1". No limits give an empty text.
+    """Return a number's range in words, such as "from 0 to 1" or "1 or more". Without limits, the text is empty.
 
     Examples
     --------
@@ -328,9 +330,9 @@ def _plain(number: float) -> str:
 
 
 def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
-    """Return for each chosen world of a batch its seed, if it is given one, and its generator: a new one, or its own one.
+    """Return the seed and the random generator of each chosen world of a batch. A world without a seed (None) keeps its generator.
 
-    ``seed`` is a number, to which the number of the world is added, or a sequence of numbers or None, one a world, or None.
+    ``seed`` is None, a number, or a sequence with a number or None for each world. A world adds its own number to a single number.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:

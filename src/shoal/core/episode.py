@@ -13,7 +13,7 @@ from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
-    """How an episode ended. A status is true as a bool only if the task was done (``complete`` or ``solved``)."""
+    """How an episode ended. ``bool(status)`` is true only if the task was done (``complete`` or ``solved``)."""
 
     COMPLETE = "complete"
     """All cells that robots or particles can reach were mapped, covered or searched."""
@@ -40,7 +40,7 @@ class Status(StrEnum):
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of `Episode.verify`. It is true as a bool if the replay gave the same episode.
+    """The result of `Episode.verify`. ``bool(verification)`` is true if the replay gave the same episode.
 
     Parameters
     ----------
@@ -57,14 +57,14 @@ class Verification:
 
 
 class Episode(ABC):
-    """One run of a problem. An episode is true as a bool if its task was done.
+    """One run of a problem. ``bool(episode)`` is true if its task was done.
 
-    Every episode has these attributes. Each part (swarm, steering, search) adds its own:
+    Each part (swarm, steering, search) adds attributes of its own. Every episode has these attributes:
 
     - ``problem``: the `Problem` that was run, as the user declared it.
     - ``status``: a `Status`.
     - ``seed``: int; the same problem and seed give the same episode.
-    - ``seconds``: float; computing time in seconds without the compilation of kernels.
+    - ``seconds``: float; computing time in seconds, without the time for compiling kernels.
     - ``versions``: the versions of Shoal and its libraries, see `shoal.core.version.versions`.
     """
 
@@ -88,7 +88,10 @@ class Episode(ABC):
     @property
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name: all measures that sweeps store, and further ones. Values are numbers, texts or None."""
+        """Return the metrics by name: all measures that sweeps store, and further numbers about the result.
+
+        Values are numbers, texts or None.
+        """
 
     @abstractmethod
     def report(self) -> dict[str, Any]:
@@ -100,7 +103,7 @@ class Episode(ABC):
 
     @abstractmethod
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode to a file. A failed write leaves no partial file."""
+        """Write the episode to a file, from which `load` reads it again. A failed write leaves no partial file."""
 
     @classmethod
     @abstractmethod
@@ -117,5 +120,5 @@ class Episode(ABC):
 
     @property
     def sentence(self) -> str:
-        """Return the status and the reason as one sentence."""
+        """Return one sentence that contains the status and the reason."""
         return f"{self.status}: {self.reason}"

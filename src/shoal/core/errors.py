@@ -2,7 +2,7 @@
 
 Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message is
 one sentence with the expected value, the given value and its location. A planner that finds no plan does not raise an exception;
-its result says so.
+the status of its episode states this.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 
 
 class ShoalError(Exception):
-    """Base class of all exceptions that Shoal raises on purpose. Its message shortens words longer than `LONGEST_ECHO`."""
+    """Base class of all exceptions that Shoal raises on purpose.
+
+    In its message, words longer than `LONGEST_ECHO` characters are shortened.
+    """
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*(_LONG.sub(_ends, one) if isinstance(one, str) else one for one in arguments))
@@ -28,20 +31,20 @@ def _ends(found: re.Match[str]) -> str:
 
 
 class InvalidInputError(ShoalError, ValueError):
-    """A value, map or file is not valid."""
+    """Raised for a value, a map or a file that is not valid."""
 
 
 class UnknownNameError(ShoalError, LookupError):
-    """No object is registered under the given name."""
+    """Raised if no object is registered under a given name."""
 
 
 class OutputError(ShoalError, OSError):
-    """A result could not be written."""
+    """Raised if a result cannot be written."""
 
 
 class MissingExtraError(ShoalError, ImportError):
-    """An optional dependency (an extra) is needed but not installed."""
+    """Raised if an optional dependency (an extra) is needed but not installed."""
 
 
 class RigError(ShoalError, ConnectionError):
-    """A rig does not answer, has stopped, or violates its protocol."""
+    """Raised if a rig does not answer, has stopped, or violates its protocol."""

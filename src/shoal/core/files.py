@@ -17,7 +17,9 @@ from shoal.core.interruption import half_written
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` with the same suffix. Rename the file to ``path`` on success; otherwise remove it.
+    """Yield a temporary path beside ``path`` with the same suffix.
+
+    If the block succeeds, the temporary file is renamed to ``path``. Otherwise it is removed.
 
     Raises
     ------

@@ -1,8 +1,8 @@
-"""Ending a command on Ctrl-C, on SIGTERM, or when its terminal is closed.
+"""How a command ends after Ctrl-C, after SIGTERM, or after its terminal is closed.
 
-A signal ends the command at once while its modules are loading. A running command gets a KeyboardInterrupt so that it can clean up.
-Compiled code can delay that interrupt for minutes, because Python handles signals only between its own instructions. Therefore a
-thread also waits for signals and ends the command shortly after a signal.
+A signal ends the command at once while its modules are loading. In a command that already works, the signal raises
+KeyboardInterrupt, so that the command can clean up. Compiled code can delay this exception for minutes, because Python handles
+signals only between its own instructions. Therefore a thread also waits for signals and ends the command shortly after a signal.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Prevent a forced end of the process inside the block, because the block must first stop other processes or hardware."""
+    """Prevent a forced end of the process inside the block, which must first stop other processes or hardware."""
     _running.append("patient")
     try:
         yield

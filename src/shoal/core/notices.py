@@ -1,4 +1,7 @@
-"""Notices to the user while the library works. Commands subscribe to notices and print them on stderr."""
+"""Notices to the user from a running function of the library.
+
+The command line interface prints these notices on stderr.
+"""
 
 from __future__ import annotations
 

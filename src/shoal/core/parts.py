@@ -20,7 +20,10 @@ _LARGEST_EPISODE = 2**31
 
 
 def problem_type(part: str) -> type[Problem]:
-    """Return the problem class of a part. The part is imported here because each part imports heavy libraries."""
+    """Return the problem class of a part.
+
+    The part is imported only inside this function, because each part imports heavy libraries.
+    """
     found: type[Problem] = getattr(importlib.import_module(f"shoal.{part}.problem"), f"{part.capitalize()}Problem")
     return found
 
@@ -64,7 +67,9 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
-    """Return the problem of the first part that has all given fields. ``place`` is the map, region or workspace.
+    """Return the problem of the first part (swarm, steering or search) whose problem class has all given fields.
+
+    ``place`` is the map, the region or the workspace of the problem.
 
     Raises
     ------

@@ -1,4 +1,7 @@
-"""Registries map names to objects: built-in names, and ``module:attribute`` for third-party objects, both with options."""
+"""Registries map names to objects: built-in names, or ``module:attribute`` for third-party objects.
+
+Both kinds of names may be followed by options.
+"""
 
 from __future__ import annotations
 
@@ -41,12 +44,15 @@ def look_in(folder: str) -> None:
 
 
 def users_modules() -> tuple[list[str], list[str]]:
-    """Return the added folders and the modules found there. A worker process passes both to `load_users_modules`."""
+    """Return the folders that `look_in` added, and the modules found there.
+
+    In a worker process, `load_users_modules` takes both as arguments.
+    """
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
 def named_modules() -> dict[str, str]:
-    """Return the files of all modules named so far by ``module:attribute``, except Python's own and installed packages."""
+    """Return the files of all modules that were named as ``module:attribute`` so far, without installed packages."""
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
 
@@ -61,7 +67,7 @@ def digest_of_module(name: str) -> str:
 
 
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
-    """Import the modules that the user named in another process. An import error is reported only when the module is used.
+    """Import the modules that the user named in the main process. An import error is reported only when the module is used.
 
     Parameters
     ----------
@@ -174,7 +180,7 @@ class Registry(Generic[T]):
 def name_of(thing: Any, registry: Registry[Any]) -> str:
     """Return the name that recreates an object: its registered name with options, or ``module:attribute``.
 
-    For an object without such a name, return a description. The description cannot recreate the object.
+    For an object without such a name, return a description. Such a description cannot recreate the object.
 
     Examples
     --------
@@ -211,8 +217,8 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 def configured(registry: Registry[Any], text: str) -> Any:
     """Return the object for ``NAME`` or ``module:attribute``. Options follow as ``NAME:option=value,option=value``.
 
-    A value without ``option=`` sets the first option. Each value is converted to the parameter's annotated type, or to the type of
-    its default. Without either, a value that reads as a number or a boolean becomes one.
+    In the options, a value without ``option=`` sets the first option. Each value is converted to the parameter's annotated type, or
+    to the type of its default. If a parameter has neither, texts such as ``2.5`` and ``true`` become numbers and booleans.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The versions of Shoal and of the libraries that results depend on."""
+"""The versions of Shoal and of the libraries on which results depend."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of all code that results depend on. Processes with equal digests compute equal results."""
+    """Return a digest of all code on which results depend. Processes with equal digests compute equal results."""
     import hashlib  # both imports are slow
     from pathlib import Path
 

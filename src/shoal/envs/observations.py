@@ -1,4 +1,4 @@
-"""Observations and rewards of swarms for any number of worlds, used by the single and the vector environment."""
+"""Observations and rewards of swarm environments. The single environment and the vector environment both use this code."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
 
 
 def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str) -> gymnasium.spaces.Box:
-    """Return the observation space of one world. ``window`` is the shape of its planes, including the rim."""
+    """Return the observation space of one world.
+
+    ``window`` is the shape of the observation's planes, including the rim of one cell.
+    """
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)
         return gymnasium.spaces.Box(-1.0, 1.0, (count,), np.float32)
@@ -29,7 +32,10 @@ def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule
 
 
 def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-    """Return the observations of worlds according to the options. If ``out`` is given, it receives the planes."""
+    """Return the observation of each world, in the form that the options choose.
+
+    If the array ``out`` is given, the planes are written into it.
+    """
     if options.observation == "planes":
         return batch.planes(PLANES, where=where, out=out)
     if options.observation == "compact":
@@ -42,7 +48,7 @@ def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool
 
 
 def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-    """Return the compact observation of each world, a few numbers from -1 to 1.
+    """Return the compact observation of each world: a few numbers from -1 to 1.
 
     Returns
     -------
@@ -70,5 +76,8 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
 def rewards_of(
     classified: NDArray[Any], moves: NDArray[Any], done: NDArray[np.bool_], options: SwarmEnvOptions
 ) -> NDArray[np.float64]:
-    """Return the rewards of a step: a reward per classified cell, minus the price of the commands, plus a bonus at the end."""
+    """Return the reward of each world for one step.
+
+    It is a reward per newly classified cell, minus the price of the commands, plus a bonus at the end.
+    """
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

@@ -24,7 +24,10 @@ CENTERS = ("particles", "frontier")
 
 
 class OptionError(InvalidInputError, gymnasium.error.Error):
-    """An option of an environment, or of its reset, is invalid. It is a ValueError and also an error of Gymnasium."""
+    """Raised for an invalid option of an environment or of its ``reset``.
+
+    This class is a ValueError and also an error class of Gymnasium.
+    """
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,7 +116,7 @@ ENVIRONMENTS: tuple[type[EnvOptions], ...] = (SwarmEnvOptions, SteeringEnvOption
 
 
 def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) -> tuple[P, O]:
-    """Return the problem and the options for keyword arguments.
+    """Return the problem and the options that keyword arguments describe.
 
     Raises
     ------
@@ -142,7 +145,7 @@ def option_errors() -> Iterator[None]:
 
 
 def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] = ()) -> None:
-    """Refuse unknown options of a reset."""
+    """Refuse unknown options of an environment's ``reset``."""
     for name in options or {}:
         if name not in known:
             offered = f"one of {', '.join(known)}" if known else "none"

@@ -1,4 +1,4 @@
-"""Rendering of environments: pictures, texts, and a window that follows the episode."""
+"""Rendering of environments: pictures, texts, and a window that shows the episode while it runs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,9 @@ SIDE = 480
 
 
 def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) -> Any:
-    """Return the result of ``env.render()`` in the environment's mode. In mode human, show the picture in the window.
+    """Return the result of ``env.render()`` in the environment's render mode.
+
+    In the mode "human", the function shows the picture in a window.
 
     Raises
     ------
@@ -48,6 +50,6 @@ def close_window(env: Any) -> None:
 
 
 def enlarged(raster: Picture) -> Picture:
-    """Return a picture of one pixel per cell, enlarged by whole pixels to about `SIDE`."""
+    """Return a picture of one pixel per cell, enlarged by whole pixels until its longer side has about `SIDE` pixels."""
     times = max(1, SIDE // max(raster.shape[:2]))
     return raster.repeat(times, axis=0).repeat(times, axis=1)

@@ -1,4 +1,4 @@
-"""A search as a parallel PettingZoo environment. Each robot is an agent that receives lossy messages and may die.
+"""A search as a parallel PettingZoo environment. Each robot is an agent that receives lossy messages and may fail.
 
 ``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` its turn-based form.
 """
@@ -43,16 +43,18 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     """Robots without a coordinator search a region. Each robot is an agent ``robot_1``, ``robot_2``, ....
 
     A step takes the time that the fastest robot needs for a cell. Action 0 means wait, or continue. With ``action="direction"``,
-    the other actions select the own cell or a neighbour to move to and search (see `DIRECTIONS`). With ``action="cell"``, they
-    select any cell: 1 plus its tour index. An action that ``infos[agent]["action_mask"]`` excludes counts as 0: an agent that is
-    moving or searching continues. Occupied cells, obstacles, energy, faults and messages are simulated as in `shoal.search`. After
-    ``reset(seed=s)``, starts and faults are those of ``shoal.run(problem, seed=s)``.
+    each other action selects the cell that the robot moves to and searches: its own cell or a neighbour (see `DIRECTIONS`). With
+    ``action="cell"``, action 1 + i selects the cell with tour index i. An action that ``infos[agent]["action_mask"]`` excludes
+    counts as 0: an agent that is moving or searching continues. Collisions over cells, obstacles, energy, faults and messages are
+    simulated as in `shoal.search`. After ``reset(seed=s)``, the start cells and the faults equal those of ``shoal.run(problem,
+    seed=s)``.
 
-    An agent observes the knowledge of its robot. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes `PLANES`.
-    ``position``: row and column, preceded by the layer if there are several. ``heard``: number of steps since the last direct or
-    indirect news of each robot, -1 if never. ``told``: number of cells that each robot reports as searched. ``energy``: remaining
-    fraction. ``time``: in steps. A robot that dies is terminated and leaves ``agents``. All agents are terminated when all
-    reachable cells are searched, and truncated after ``max_steps``.
+    An agent's observation contains only what its robot knows. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes
+    `PLANES`. ``position``: row and column of the robot's cell, preceded by the layer if the grid has several layers. ``heard``:
+    number of steps since the last direct or indirect news of each robot, -1 without any news. ``told``: for each robot, the number
+    of cells that it has reported as searched. ``energy``: remaining fraction. ``time``: in steps. If a robot fails, its agent is
+    terminated and leaves ``agents``. All agents are terminated when all reachable cells are searched, and truncated after
+    ``max_steps``.
 
     Parameters
     ----------
@@ -261,7 +263,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             self.render()
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
+        """Return a picture (rgb_array), a text (ansi) or None (human: the picture is shown in a window).
 
         Raises
         ------

@@ -16,13 +16,14 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 
 class SteeringEnv(gymnasium.Env[Observation, Any]):
-    """Particles in a workspace that one shared input brings to their goals.
+    """The task: bring the particles in a workspace to their goals with one shared input.
 
     An action is a move, with one number from -1 to 1 per axis, where 1 means ``longest_move`` times the size of the workspace.
-    After ``reset(seed=s)``, start, goal and noise are those of ``shoal.run(problem, seed=s)``. Later resets draw their seeds, which
-    are in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays. ``particles`` and ``goals`` have shape
-    (particles, dimensions). ``delta`` and ``goal_delta``, shape (particles - 1, dimensions), are the differences of all other
-    particles from the first one, now and at the goals. Only walls can change these differences.
+    After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset without a
+    seed draws one, and returns it in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays.
+    ``particles`` and ``goals`` have shape (particles, dimensions). ``delta`` and ``goal_delta``, shape (particles - 1, dimensions),
+    are the positions of all other particles relative to the first particle, now and at the goals. Only walls can change these
+    differences.
 
     Parameters
     ----------
@@ -105,7 +106,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         return observation, {name: values[0].item() for name, values in self._worlds.info().items()}
 
     def expert_actions(self, planner: Any) -> list[Points]:
-        """Return the actions of a planner's plan for the episode that has just begun.
+        """Return the actions with which a planner solves the episode that has just begun.
 
         Raises
         ------
@@ -125,7 +126,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         return list(episode.inputs / longest)
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
+        """Return a picture (rgb_array), a text (ansi) or None (human: the picture is shown in a window).
 
         Raises
         ------

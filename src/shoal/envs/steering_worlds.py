@@ -1,4 +1,7 @@
-"""SteeringWorlds: the common basis of the single and the vector environment, a batch with observations, rewards and infos."""
+"""SteeringWorlds: a batch of steering worlds with observations, rewards and infos.
+
+The single and the vector environment use this class.
+"""
 
 from __future__ import annotations
 
@@ -91,7 +94,7 @@ class SteeringWorlds:
         return shown
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], None]:
-        """Send an action to each world; return the rewards, and None."""
+        """Send an action to each world; return the rewards, and None because commands have no further effects here."""
         batch, options, size = self.batch, self.options, float(self.problem.place.size)
         given = self._checked(actions, where)
         before, moved = batch.errors.copy(), slice(None) if where is None else where
@@ -123,18 +126,18 @@ class SteeringWorlds:
         return given
 
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
-        """Return the observations of worlds, each name with one row a world, in new arrays; ``out`` is for other worlds."""
+        """Return the observations by name, each with one row per world, in new arrays. The argument ``out`` has no effect."""
         chosen = slice(None) if where is None else where
         seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
         return {"particles": seen, "delta": seen[:, 1:] - seen[:, :1], "goals": goals, "goal_delta": goals[:, 1:] - goals[:, :1]}
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return what else is known of worlds: the error, moves so far, and the seed."""
+        """Return the info of worlds: the error, the number of moves so far, and the seed."""
         batch, chosen = self.batch, slice(None) if where is None else where
         return {"error": batch.errors[chosen].copy(), "moves": batch.moves[chosen].copy(), "seed": batch.seeds[chosen].copy()}
 
     def characters(self, world: int) -> str:
-        """Return where the particles of a world are and their goals, as text."""
+        """Return the positions and the goals of a world's particles as text."""
         batch = self.batch
         pairs = zip(batch.states[world], batch.goals[world, 0], strict=True)
         rows = [

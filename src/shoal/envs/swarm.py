@@ -19,10 +19,13 @@ from shoal.swarm.run import run
 
 
 class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
-    """A swarm that explores a map. An action is one command to all particles: its index in ``lurd`` (in 3-D ``lurdio``), from 0.
+    """The task: explore a map with a swarm.
 
-    After ``reset(seed=s)``, particles, targets and noise are those of ``shoal.run(problem, seed=s)``. Later resets draw their
-    seeds, which are in ``info["seed"]``. With ``scan_every``, an action is a run of equal commands followed by a scan.
+    An action is one command to all particles: its index in ``lurd`` (in 3-D ``lurdio``), from 0.
+
+    After ``reset(seed=s)``, the particles, targets and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset
+    without a seed draws one, and returns it in ``info["seed"]``. With ``scan_every``, an action is a run of equal commands followed
+    by a scan.
 
     Parameters
     ----------
@@ -107,18 +110,18 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
 
     @property
     def planes(self) -> NDArray[np.uint8]:
-        """The belief about all cells; uint8, shape (4, ...), with the planes `shoal.envs.observations.PLANES`."""
+        """The belief about all cells, as uint8 planes of shape (4, ...) in the order of `shoal.envs.observations.PLANES`."""
         return np.asarray(self._worlds.batch.planes()[0])
 
     @property
     def view(self) -> View:
-        """The current view of a policy of `shoal.swarm`."""
+        """The current view of the swarm, as a policy of `shoal.swarm` gets it."""
         batch, rule = self._worlds.batch, self.problem.rule
         mapping = bool(getattr(self.problem.chosen_task, "mapping", True))
         return View(batch.belief(0), batch.state(0).occupied, rule, mapping, int(batch.moves[0]), *self._last_row)
 
     def expert_actions(self, policy: Any) -> list[int]:
-        """Return the actions of a policy's whole episode, for the episode that has just begun.
+        """Return the actions with which a policy solves the episode that has just begun.
 
         Parameters
         ----------
@@ -138,7 +141,7 @@ class SwarmEnv(gymnasium.Env[NDArray[Any], Any]):
             return [LETTERS.index(letter) for letter in run(problem, seed=int(batch.seeds[0])).commands]
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human, which shows a window).
+        """Return a picture (rgb_array), a text (ansi) or None (human: the picture is shown in a window).
 
         Raises
         ------

@@ -1,4 +1,7 @@
-"""SwarmWorlds: the common basis of the single and the vector environment, a batch with observations, rewards and infos."""
+"""SwarmWorlds: a batch of swarm worlds with observations, rewards and infos.
+
+The single and the vector environment use this class.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +53,10 @@ class SwarmWorlds:
         self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
-        """Start episodes; see `WorldBatch.reset`. The option map selects the map, one index for all worlds or one per world."""
+        """Start episodes; see `WorldBatch.reset`.
+
+        The option ``map`` selects the maps: one index for all worlds, or one index per world.
+        """
         check_no_options(options or {}, ("map",))
         maps = (options or {}).get("map")
         try:
@@ -64,7 +70,7 @@ class SwarmWorlds:
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
         """Send an action (a command, or a run of equal commands) to each world.
 
-        Return the rewards and the effects of the commands.
+        Return the rewards and the effects of the commands on the cells.
         """
         batch, given = self.batch, np.asarray(actions)
         chosen: Any = slice(None) if where is None else where
@@ -106,7 +112,10 @@ class SwarmWorlds:
         return {"action_mask": batch.action_masks(where=where), **told}
 
     def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of a world, in three dimensions with three slices beside it; uint8, shape (height, width, 3)."""
+        """Return a picture of a world as a uint8 array of shape (height, width, 3).
+
+        In three dimensions, it shows three slices too.
+        """
         from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
 
         codes = self._codes(world)
@@ -116,7 +125,7 @@ class SwarmWorlds:
         return sheet(codes, Slices.of(place), azimuth=CORNER, side=SIDE, spacing=place.spacing, fit=Fit.of(place))
 
     def characters(self, world: int) -> str:
-        """Return the belief as text, one character per cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
+        """Return the belief as text with one character per cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
         codes = self._codes(world)
         layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
         return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)

@@ -1,4 +1,4 @@
-"""Vector environments: many worlds behind Gymnasium's vector interface, stepped together in compiled code."""
+"""Vector environments: many worlds with Gymnasium's vector interface, whose steps run together in compiled code."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], 
 
 
 class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
-    """What vector environments have in common: `SwarmVectorEnv`, `SteeringVectorEnv`.
+    """The common base class of vector environments: `SwarmVectorEnv`, `SteeringVectorEnv`.
 
     Their parameters are those of `SwarmVectorEnv`.
     """
@@ -142,7 +142,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": self._infos(ended), "_final_info": ended.copy()}
 
     def render(self) -> tuple[Any, ...]:
-        """Return the picture (rgb_array) or text (ansi) of each environment."""
+        """Return one picture (rgb_array) or one text (ansi) for each environment."""
         check_running(self._begun)
         worlds = self._worlds
         return tuple(rendered(self, partial(worlds.picture, i), partial(worlds.characters, i)) for i in range(self.num_envs))

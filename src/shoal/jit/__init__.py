@@ -1,4 +1,7 @@
-"""Compilation of kernels: lazy, cached on disk, without the global interpreter lock, with NumPy's division rules."""
+"""Compilation of kernels at their first call, with a cache on disk.
+
+Kernels release the global interpreter lock and divide as NumPy does.
+"""
 
 from shoal.jit.compiler import in_place_kernel, kernel
 from shoal.jit.watch import COMPILING, Stopwatch, seconds_compiling

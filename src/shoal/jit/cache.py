@@ -1,8 +1,11 @@
-"""Cache of compiled kernels: beside the sources, in the user's cache folder, in the folder SHOAL_CACHE, or in a private folder.
+"""The cache of compiled kernels.
 
-The cache has one file for each kernel that Python calls, for each signature and processor. A kernel contains the code of the
-kernels that it calls. Therefore a kernel is compiled again if any kernel of its part has changed. A damaged file is compiled again
-and replaced. A read-only folder or a full disk costs compilation time but does not stop the run.
+The cache folder is beside the sources, in the user's cache folder, in the folder SHOAL_CACHE, or in a private folder.
+
+The cache holds one file for each combination of a kernel that Python calls, a signature and a processor. The machine code of a
+kernel contains the code of the kernels that it calls. Therefore a kernel is compiled again if any kernel of its part has changed.
+If a file is damaged, its kernel is compiled again and the file is replaced. A read-only folder or a full disk costs compilation
+time but does not stop the run.
 """
 
 from __future__ import annotations

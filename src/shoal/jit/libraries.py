@@ -1,4 +1,4 @@
-"""Two forms of kernel code: a part is only linked into other code, an entry is optimized together with all its parts."""
+"""Two forms of kernel code. A part is only linked into other code. An entry is optimized together with all its parts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class LinkedPart(JITCodeLibrary):
 
 
 class Entry(JITCodeLibrary):
-    """Code that Python calls. No other code links to it, so only its machine code is kept."""
+    """Code that Python calls. No other code links to an entry, so only the machine code of an entry is kept."""
 
     lowered = b""
     """LLVM code of the entry and all its parts before optimization. It is independent of the processor's features."""

@@ -1,9 +1,11 @@
-"""Archives of kernels that were typed and lowered ahead of time. Each part has one archive beside its kernels.
+"""Archives of lowered kernels: their types are inferred, and they are translated to LLVM code, before Shoal is installed.
 
-Typing and lowering take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes the lowered
-code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise a kernel is
-compiled from its source on its first call. ``make kernels`` writes the archives; docs/adr/0013-kernels-lowered-ahead.md has the
-measurements.
+Each part has one archive beside its kernels.
+
+Type inference and translation take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes
+the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise a
+kernel is compiled from its source on its first call. ``make kernels`` writes the archives; docs/adr/0013-kernels-lowered-ahead.md
+has the measurements.
 """
 
 from __future__ import annotations
@@ -42,7 +44,7 @@ def _opened(part: Path) -> zipfile.ZipFile | None:
 
 
 def fits(part: Path) -> bool:
-    """Return whether an archive matches these sources, this version of Numba and this platform."""
+    """Return whether an archive matches the given sources, this version of Numba and this platform."""
     archive = _opened(part)
     return archive is not None and archive.comment == _fitting(part)
 
@@ -62,13 +64,13 @@ def find(part: Path, kernel: str) -> bytes:
 
 
 def note(part: Path, kernel: str, content: bytes) -> None:
-    """Record a compiled kernel while archives are being written."""
+    """Record a compiled kernel while ``make kernels`` runs."""
     if noted is not None:
         noted.setdefault(part, {})[kernel] = content
 
 
 def write(part: Path) -> Path:
-    """Write the archive of a part from the recorded kernels. Return its path."""
+    """Write the archive of a part (swarm, steering or search) from the recorded kernels. Return its path."""
     with zipfile.ZipFile(part / NAME, "w", zipfile.ZIP_LZMA) as archive:
         for kernel, content in sorted((noted or {}).get(part, {}).items()):
             archive.writestr(zipfile.ZipInfo(kernel), content, zipfile.ZIP_LZMA)

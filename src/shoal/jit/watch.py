@@ -1,4 +1,4 @@
-"""A notice when kernels are compiled, and a stopwatch that excludes the time for compiling and loading kernels."""
+"""A notice to the user that kernels are being compiled, and a stopwatch without the time for compilation."""
 
 from __future__ import annotations
 
@@ -59,5 +59,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since this object was made, without compilation."""
+        """Return the seconds since the stopwatch was created, without the time for compiling and loading kernels."""
         return time.perf_counter() - seconds_compiling() - self._began

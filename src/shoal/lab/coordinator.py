@@ -128,7 +128,7 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """Check that every point can run, and return the digests of the files that it opens.
+    """Check that every point of a sweep can run. Return the digests of the files that the points open.
 
     Raises
     ------

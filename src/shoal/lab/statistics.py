@@ -155,7 +155,7 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
 
 
 def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare two rows of values. The k-th values of both rows must come from the same seed.
+    """Compare two rows of values. The k-th value of one setting and the k-th value of the other must come from the same seed.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Summaries of a sweep: means at its points with numbers of completed trials, and comparisons along paired axes."""
+"""Summaries of a sweep: means and numbers of completed trials at each point, and comparisons between the values of paired axes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _DONE = tuple(str(status) for status in Status if status.done)
 
 @dataclass(frozen=True)
 class Row:
-    """A point of a sweep and the statistics of one measure there.
+    """The statistics of one measure at one point of a sweep.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class Measured:
     def bound(self) -> float | None:
         """Return the smallest value at which an unfinished trial ended.
 
-        None without unfinished trials, or if that value is no bound.
+        The result is None without unfinished trials, or if that value is not a lower bound.
         """
         return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
 
@@ -126,7 +126,7 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
 
 
 def first_measure(measures: Sequence[str]) -> str:
-    """Return the measure that is shown by default."""
+    """Return the measure that a summary shows by default."""
     return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
 
 
@@ -134,7 +134,7 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
     """Return the mean of a measure with its interval at each point of a sweep.
 
     For a measure that grows until the task is done, unfinished trials give only lower bounds. The estimate is then a restricted
-    mean, as the row states.
+    mean. A field of the row states this.
 
     Raises
     ------

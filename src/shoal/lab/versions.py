@@ -1,4 +1,4 @@
-"""Versions that results may depend on: Shoal, its code, and the libraries for computation."""
+"""The versions on which results may depend: Shoal, its code, and the libraries for computation."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ class MixedVersionsWarning(UserWarning):
 
 
 def worker_versions() -> dict[str, str]:
-    """Return the versions that the rows of this process depend on, and a digest of Shoal's code."""
+    """Return the versions on which this process's results depend, and a digest of Shoal's code."""
     return versions() | {"code": code_digest()}
 
 
 def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
-    """Refuse a worker with other versions than this process.
+    """Refuse a worker whose versions differ from those of this process.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
 
 
 def written(found: Mapping[str, str]) -> str:
-    """Return versions in the form that a store contains.
+    """Return versions as the text that a store contains.
 
     Examples
     --------
@@ -54,7 +54,9 @@ def parsed(text: str) -> dict[str, str]:
 
 
 def told_apart(texts: Iterable[str]) -> dict[str, str]:
-    """Return a short name for each of several versions: Shoal's version, and the other differences between them.
+    """Return a short name for each of several sets of versions.
+
+    The name contains Shoal's version, and the versions of libraries that differ between the sets.
 
     Examples
     --------
@@ -68,7 +70,7 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return the number of rows per version if some version differs from this process's; otherwise nothing.
+    """Return the number of rows per set of versions, if any set differs from this process's. Otherwise return nothing.
 
     Examples
     --------

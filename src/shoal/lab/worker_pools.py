@@ -22,23 +22,23 @@ from shoal.lab.versions import check_versions, worker_versions
 
 
 class WorkerPool(Protocol):
-    """Workers of a sweep: an executor that is replaced when a worker's death has broken it."""
+    """Workers of a sweep: an executor, which is replaced if the death of a worker has broken it."""
 
     @property
     def workers(self) -> int:
         """Current number of workers."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker, if possible another worker than ``apart_from``."""
+        """Call a function in a worker, if possible not in the worker ``apart_from``."""
 
     def has_others(self, worker: str) -> bool:
-        """Return whether other workers may succeed where the given worker fails."""
+        """Return whether other workers may be able to run a trial that fails in the given worker."""
 
     def set_aside(self, worker: str) -> None:
-        """Give a worker no more work."""
+        """Send no more batches to a worker."""
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether an error means that a worker died. Replace the executor if it is broken."""
+        """Return whether an error shows that a worker died. Replace the executor if it is broken."""
 
     def close(self, *, at_once: bool) -> None:
         """Release the workers."""
@@ -79,7 +79,7 @@ class InProcess(_OneMachine):
 
 @dataclass
 class Processes(_OneMachine):
-    """Worker processes on this machine. They end with the coordinator, however it ends.
+    """Worker processes on this machine. These worker processes end when the coordinator ends, even after a crash.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Processes(_OneMachine):
             return future
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether a worker died. The pool is then broken, and the next call creates another."""
+        """Return whether a worker died. After a death, the executor is broken, and the next call creates a new one."""
         if not isinstance(error, BrokenExecutor):
             return False
         self.close(at_once=True)
@@ -222,7 +222,7 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """Current number of threads of all workers."""
+        """The number of threads that all workers have at present."""
         return sum(self._client.nthreads().values())
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
@@ -239,7 +239,7 @@ class Cluster:
         return bool(self._addresses(worker, same=False))
 
     def set_aside(self, worker: str) -> None:
-        """Retire a worker. Its pending work goes to other workers."""
+        """Retire a worker. The pending batches of this worker go to other workers."""
         if addresses := self._addresses(worker, same=True):
             self._client.retire_workers(addresses, close_workers=True)
 
@@ -249,11 +249,11 @@ class Cluster:
         return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether Dask has given up a batch because its workers died. Dask retries by itself before that."""
+        """Return whether Dask has given up a batch because its workers died. Before Dask gives up, it retries by itself."""
         return isinstance(error, self._killed)
 
     def close(self, *, at_once: bool) -> None:
-        """Disconnect from the cluster, which keeps running."""
+        """Disconnect from the cluster. The cluster keeps running."""
         self._executor.shutdown(wait=not at_once)
         self._client.close()
 

@@ -1,8 +1,8 @@
 """Reproduction of the papers' figures and theorems.
 
-Each is a recipe: sweeps, a view, and claims that compare the paper with our results.
+A recipe describes each figure and theorem: its sweeps, its drawing, and claims that compare the paper with Shoal's results.
 
-Papers: M, Mapping and coverage with a particle swarm controlled by uniform inputs (2017); D, its draft; W, two particles with
+Papers: M, Mapping and coverage with a particle swarm controlled by uniform inputs (2017); D, the draft of M; W, two particles with
 non-slip wall contacts; H, exhaustive search along a space-filling curve (1998).
 """
 

@@ -1,8 +1,9 @@
-"""Claims: a paper's statement, our result, and a verdict: agree, differ or not comparable.
+"""Claims: a paper's statement, Shoal's result, and a verdict (agrees, differs or not comparable).
 
-One rule decides all claims. The printed value stands for a range, and our result for an interval. The claim agrees if the interval
-lies in the range. It differs if interval and range are disjoint. A partial overlap is not comparable, because more trials are
-needed. A claim is also not comparable if its printed value belongs to unpublished data.
+One rule decides all claims. The rounding of the printed value gives a range. The statistical error of Shoal's result gives an
+interval. The claim agrees if the interval lies in the range. The claim differs if the interval and the range are disjoint. A
+partial overlap is not comparable, because more trials are needed. A claim is also not comparable if its printed value belongs to
+unpublished data.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of a paper, and our result.
+    """A statement of a paper, and Shoal's result.
 
     Parameters
     ----------
@@ -110,11 +111,11 @@ def _range_words(least: float, most: float) -> str:
 
 
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
-    """Return the claim that two curves of means agree within a margin relative to the published curve.
+    """Return the claim that a curve of means agrees with the published curve within a relative margin.
 
     The means are compared by the logarithms of their ratios, with the errors of both curves. The curves agree under two conditions.
-    The 95 % interval of the mean ratio over all n must lie within the margin, and no single n may have an interval outside it. The
-    intervals of single n are wide enough that chance refutes only one in twenty correct curves.
+    The 95 % interval of the mean ratio over all n (numbers of particles) must lie within the margin, and no single n may have an
+    interval outside it. The intervals of single n are wide enough that chance refutes only one in twenty correct curves.
 
     Parameters
     ----------
@@ -160,14 +161,17 @@ def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:
 
 
 def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], counts: list[int]) -> tuple[float, float, float]:
-    """Return the mean over numbers of particles of the ratios of two means, with the ends of its interval."""
+    """Return the ratio of two means, averaged over the numbers of particles, with the ends of its interval."""
     ratios = np.array([ratio(above[n], below[n]) for n in counts])
     mean, half = float(ratios[:, 0].mean()), float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios)
     return mean, mean - half, mean + half
 
 
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that one mean is below another: on average over n, with exceptions only as often as by chance."""
+    """Return the claim that one mean is below another, on average over n (numbers of particles).
+
+    The claim allows only as many exceptions as chance explains.
+    """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)
     found = claim(
@@ -190,6 +194,6 @@ def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
 
 
 def verdict_of(claims: Iterable[Claim]) -> Verdict:
-    """Return the common verdict on all claims: differ if one differs; otherwise agree if one agrees."""
+    """Return the common verdict on all claims: "differs" if any claim differs, otherwise "agrees" if any claim agrees."""
     answers = [claim.verdict for claim in claims]
     return next((one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE)

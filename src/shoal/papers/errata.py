@@ -46,7 +46,7 @@ class Erratum:
 
 
 def check_errata() -> list[Erratum]:
-    """Run the checks of all errata in the order of the papers. Without the repository, return the recorded results."""
+    """Run the checks of all errata, in the order of their papers. If the repository is missing, return the recorded results."""
     if not CHECKS.exists():
         return recorded()
     name = "docs.errata"

@@ -1,4 +1,4 @@
-"""The page of results: every figure with its numbers, and the errata with their checks, in one file that loads nothing."""
+"""The page of results: one self-contained HTML file with every figure, its numbers, and the errata with their checks."""
 
 from __future__ import annotations
 

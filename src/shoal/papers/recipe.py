@@ -52,12 +52,12 @@ class Settings:
     seed: int = 0
 
     def of(self, whole: int, quick: int) -> int:
-        """Return the number of trials: the user's number, or the recipe's."""
+        """Return the number of trials: the user's number if given, otherwise the recipe's number."""
         return self.trials if self.trials is not None else quick if self.quick else whole
 
     @property
     def complex(self) -> str:
-        """The map of the "complex" figures."""
+        """The map of the figures that paper M calls "complex"."""
         return self.map or COMPLEX
 
 
@@ -157,7 +157,7 @@ class Result:
 
 
 def measuring(*names: str) -> Callable[[Function], Function]:
-    """Return a decorator for a function that runs one trial of a sweep and returns a dict with these keys."""
+    """Return a decorator for a function that runs one trial of a sweep and returns a dict with the given keys."""
 
     def marked(function: Function) -> Function:
         vars(function)["measures"] = names
@@ -173,7 +173,7 @@ def function_sweep(name: str, function: Callable[..., Any], axes: dict[str, Any]
 
 
 def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
-    """Return the trials of a sweep, each with its axes and measures by name."""
+    """Return the trials of a sweep. Each trial is a mapping from the names of axes and measures to values."""
     columns = store.columns(sweep.name)
     return [dict(zip(columns, row, strict=True)) for row in store.rows(sweep.name)]
 
@@ -193,7 +193,7 @@ def published_curve(name: str, *, points: bool = False, **only: str) -> Publishe
 
 
 def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any) -> Curve:
-    """Return the curve of the rows with the given values on other axes."""
+    """Return the curve from the rows that have the given values on the other axes."""
     kept = [(row.values[axis], row.estimate) for row in rows if all(row.values[key] == value for key, value in others.items())]
     found = [(float(x), e.mean, *ends(e)) for x, e in kept if e is not None]
     x, mean, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
@@ -201,7 +201,7 @@ def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published
 
 
 def ends(found: Estimate) -> tuple[float, float]:
-    """Return the ends of an interval, or the mean for an exact number."""
+    """Return the two ends of an interval. Both ends of an exact number equal the number."""
     return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
 
 
@@ -220,7 +220,7 @@ def _line(found: Estimate) -> tuple[Any, ...]:
 
 
 def compared(curves: Sequence[Curve]) -> Table:
-    """Return our means at the published points, beside the published values."""
+    """Return Shoal's means beside the published values, at the published points."""
     rows = []
     for curve in curves:
         known = curve.published

@@ -34,10 +34,11 @@ def demo(
 ) -> None:
     """Map the vessels of a real eye from a photograph with 300 particles that obey one shared command.
 
-    It writes the photograph, beside its vessels and with their outline, the vessel map, the final picture, the frontier by move, a
-    film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles to two goals in a square, a hexagon, a
-    disk, a prism and a noisy field instead, and writes figures, episodes and two players. 'shoal demo search' sends 12 robots
-    through a marsh around a lake; three of them die. It writes figures, the player, the episode and missions.
+    The demo writes the photograph beside its vessels, the photograph with the outline of the vessels, the vessel map, the final
+    picture, the frontier by move, a film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles to two
+    goals in a square, a hexagon, a disk, a prism and a noisy field. It writes figures, episodes and two players. 'shoal demo
+    search' sends 12 robots through a marsh around a lake; three of the robots fail. This demo writes figures, the player, the
+    episode and missions.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer
@@ -94,7 +95,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
 
 
 def retina() -> NDArray[np.uint8]:
-    """Return the fundus photograph that scikit-image contains; uint8, shape (1411, 1411, 3)."""
+    """Return the fundus photograph that scikit-image contains, as a uint8 array of shape (1411, 1411, 3)."""
     try:
         from skimage import data
     except ImportError:

@@ -163,10 +163,10 @@ def check(
     out: Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Check mission files: read them back, report mistakes, and measure how much of a region the vehicles see.
+    """Check mission files: report mistakes in them, and measure the share of a region that the vehicles see.
 
-    The check does not use the planner. The exit code is 1 if there are mistakes, if less than --least is seen, or if vehicles come
-    too near to each other or to the ground.
+    The check uses no code of the mission planner. The exit code is 1 if there are mistakes, if the vehicles see less than --least
+    of the region, or if vehicles come too near to each other or to the ground.
     """
     from shoal.search import open_region
     from shoal.search.flight.terrain_files import open_terrain
@@ -256,7 +256,7 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
 
 
 def area_text(area: float) -> str:
-    """Return an area as text. Less than a square millimetre counts as zero."""
+    """Return an area as text. An area below one square millimetre counts as zero."""
     return f"{area:.3g} m²" if area >= 1e-6 else "0 m²"
 
 
@@ -311,7 +311,10 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 
 
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
-    """Return diagnostics without duplicates from several files of one mission. The k-th of a kind in each file belong together."""
+    """Return the diagnostics of several files of one mission, each only once.
+
+    The k-th diagnostic of one kind is the same mistake in every file.
+    """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()
     for one in diagnostics:

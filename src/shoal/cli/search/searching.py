@@ -1,4 +1,4 @@
-"""shoal search: search a region with robots without a coordinator."""
+"""shoal search: search a region with robots that have no coordinator."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def search(
 ) -> None:
     """Search a region with robots that have no coordinator.
 
-    They share a closed tour, and live robots take over the parts of dead robots.
+    The robots divide a closed tour through all cells among themselves. Live robots take over the parts of dead robots.
 
     The exit code is 1 if the search was not completed.
     """
@@ -80,7 +80,7 @@ def finish(
     json_: bool,
     writer: MissionFolder | None = None,
 ) -> None:
-    """Write and print the result of a search. The exit code is 1 if it was not completed."""
+    """Write and print the result of a search. The exit code is 1 if the search was not completed."""
     result = episode.report() | ({} if writer is None else {"missions": writer.report(episode.plan)})
     written = written + write_outputs(episode, result, out, film)
     if json_:
@@ -134,7 +134,7 @@ def replay_search(
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
-    """Search a marsh around a lake with 12 robots, three of which die: ``shoal demo search``."""
+    """Search a marsh around a lake with 12 robots, of which three fail: ``shoal demo search``."""
     check_folder(out)
     problem = SearchProblem(
         Path(__file__).parents[1] / "demo" / "marsh.geojson",

@@ -66,7 +66,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return a row of text for each layer if there are several."""
+    """Return a row of text for each altitude layer, if a search has several."""
     if len(layers) == 1:
         return []
     texts = [
@@ -79,7 +79,7 @@ def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
-    """Return texts about the compared tours and allocations with their times.
+    """Return lines of text that list the compared tours and allocations with their search times.
 
     Examples
     --------

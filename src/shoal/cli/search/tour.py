@@ -50,7 +50,7 @@ def tour(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute a closed tour through all cells of a region and measure it: length, closing edge, turns, locality."""
+    """Compute a closed tour through all cells of a region and print its length, closing edge, number of turns, and locality."""
     from shoal.search import make_tour
 
     region = parse_size(size)
@@ -68,7 +68,7 @@ def tour(
 
 
 def parse_size(text: str) -> Any:
-    """Return the shape (rows first) or the mask for SIZE.
+    """Return the shape (rows first), or the mask of cells, that the argument SIZE describes.
 
     Raises
     ------

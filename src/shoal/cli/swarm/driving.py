@@ -1,4 +1,4 @@
-"""shoal drive: map the workspace of a rig in a closed loop; and replay of its log."""
+"""shoal drive: map the workspace of a rig in a closed loop. The log of a drive can be replayed."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ def drive(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Drive a rig and map the space in which its particles move. The rig is stopped however the run ends, also by Ctrl-C.
+    """Drive a rig and map the space in which its particles move. The rig is stopped at the end and after Ctrl-C.
 
-    --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own. --slip, --misplace and --miss
-    describe a rig's errors, and a simulated rig makes these errors. docs/concepts/rigs.md describes the protocol.
+    --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own values. --slip, --misplace and
+    --miss describe a rig's errors, and a simulated rig makes these errors. docs/concepts/rigs.md describes the protocol.
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.rigs.driving import drive as drive_rig
@@ -135,7 +135,7 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
 
 
 def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
-    """Return the JSON object of drive."""
+    """Return the JSON object that ``shoal drive`` prints."""
     link = result.link
     return {
         "rig": rig.name,

@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: runs of a swarm, and the output of shoal replay for swarms."""
+"""shoal map, shoal cover: run a swarm. Also the output of shoal replay for swarms."""
 
 from __future__ import annotations
 
@@ -99,7 +99,10 @@ def _play(
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
-    """Return the JSON object of map and cover: the common values of all trials, and lists with one entry per trial."""
+    """Return the JSON object that ``shoal map`` and ``shoal cover`` print.
+
+    It contains the values that all trials share, and lists with one entry per trial.
+    """
     reports = [episode.report() for episode in episodes]
     each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)
     rates = ("false_free_rate", "false_obstacle_rate")
@@ -235,7 +238,7 @@ def vessels_of(problem: SwarmProblem) -> Vessels:
 
 
 def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
-    """Write the found vessels on the photograph, if the map is a photograph."""
+    """Write a picture of the photograph with the outline of its vessels, if the map is a photograph."""
     if not (problem.vessels and problem.place_is_file()):
         return []
     from shoal.swarm.maps.pictures import read_pixels

@@ -47,7 +47,7 @@ def line(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute exact mean values on a line: the moves until both ends are found or all cells are visited, and the largest gap."""
+    """Compute exact mean values for particles on a line: moves to find both ends, moves to visit all cells, and the largest gap."""
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
@@ -77,7 +77,7 @@ def line(
 
 
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
-    """Return the JSON object of ``shoal line``. Exact values for long lines are left out because they take too long."""
+    """Return the JSON object that ``shoal line`` prints. Exact values for long lines are left out because they take too long."""
     short = line.cells <= EXACT_CELLS
     means: dict[str, tuple[float | None, float | None]] = {
         "boundary": (line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles))
@@ -129,7 +129,10 @@ def schedule(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Find the best scan schedule for a wall at unknown distance at your prices, and compare it with the classic schedules."""
+    """Find the best scan schedule for a wall at unknown distance at your prices of moves and scans.
+
+    Compare this schedule with the classic schedules.
+    """
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 
     scan, move = check_prices(scan_cost, move_cost)

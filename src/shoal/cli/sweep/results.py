@@ -72,10 +72,11 @@ def summary(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show means with confidence intervals, and differences along a paired axis.
+    """Show means with confidence intervals, and differences between the values of a paired axis.
 
-    If some trials ended before their task was done, the summary gives their number. For measures that grow until the end of a
-    trial, the mean is then a restricted mean: larger values count as the smallest value at which a trial ended unfinished.
+    If some trials ended before their task was done, the summary states the number of these trials. For measures that grow until the
+    end of a trial, the mean is then a restricted mean: every value above the cutoff counts as the cutoff, the smallest value at
+    which a trial ended unfinished.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store
@@ -185,7 +186,7 @@ def merge(
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
-    """Merge stores of the same sweeps, run in several places, into a new store.
+    """Merge several stores of the same sweeps, for example from several machines, into a new store.
 
     A trial that several stores contain must have the same result in all of them.
     """

@@ -1,4 +1,4 @@
-"""shoal sweep run, status: run trials into a store, and show the progress."""
+"""shoal sweep run, status: run the trials of a sweep, store their results, and show the progress."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Run a sweep, or its missing trials. The same command continues a sweep that was stopped.
+    """Run a sweep, or only the trials that its store does not yet contain. The same command continues a sweep that was stopped.
 
     The exit code is 1 if trials failed.
     """
@@ -94,7 +94,10 @@ def run(
 
 @contextmanager
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
-    """Show one line on the terminal during the block: done, rate, time left, failures. Without a terminal, show nothing."""
+    """Show one line on the terminal while the block runs: trials done, rate, time left, failures.
+
+    Without a terminal, show nothing.
+    """
     if sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
@@ -170,7 +173,7 @@ def status(
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show the progress of the sweeps in a store, also while another process runs them."""
+    """Show the progress of the sweeps in a store. The command works also while another process runs the sweeps."""
     from shoal.lab import Store
 
     if watch and json_:

@@ -1,7 +1,7 @@
-"""Problem: all settings of a run, each declared once with its type, default, unit, range and help.
+"""The class Problem: all settings of a run. Each setting is declared once, with its type, default, unit, range and help.
 
-These declarations generate the options of commands, the fields of sweeps and problem files, and the tables of the documentation, so
-their defaults cannot differ.
+These declarations generate the options of commands, the fields of sweeps and problem files, and the tables of the documentation.
+Therefore all of them show the same defaults.
 """
 
 from __future__ import annotations
@@ -77,7 +77,9 @@ class Problem:
 
     @classmethod
     def load(cls, path: Any, *, trust: bool = False) -> Self:
-        """Read a problem file (JSON). Code that the file names as MODULE:ATTRIBUTE runs only if ``trust`` is true.
+        """Read a problem file (JSON). A problem file may name a user's code as MODULE:ATTRIBUTE.
+
+        Such code runs only if ``trust`` is true.
 
         Raises
         ------
@@ -91,9 +93,9 @@ class Problem:
 
     @classmethod
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
-        """Refuse fields of a file that name third-party code, which would be imported and run.
+        """Raise an error if fields of a file name third-party code, because opening the file would run this code.
 
-        ``data`` contains the fields of the file. ``names`` are the fields whose code would run; the default is all.
+        ``data`` contains the fields of the file. ``names`` lists the fields to check. By default, all fields are checked.
 
         Raises
         ------
@@ -159,11 +161,11 @@ class Problem:
         return None
 
     def place_is_file(self) -> bool:
-        """Return whether the place is a file, which workers on other machines may not have."""
+        """Return whether the place is a file. Workers on other machines may lack this file."""
         return False
 
     def place_digest(self) -> bytes:
-        """Return a fingerprint of the opened place, because the content of a file may change."""
+        """Return a digest of the opened place, which reveals if the content of a file has changed."""
         return b""
 
     def at_place(self, place: Any) -> Self:

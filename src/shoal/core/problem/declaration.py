@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True)
 class Option:
-    """The declaration of one field of a problem.
+    """The arguments that declare one field of a problem.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Option:
 
 @dataclass(frozen=True)
 class Declaration:
-    """A field of a problem, in the form that commands, files and tables use.
+    """The complete declaration of one field of a problem, as commands, files and tables use it.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class Declaration:
         return check_text(value, what=self.name)
 
     def text(self, value: Any) -> str:
-        """Return a value as command line text: numbers as '1,2', points and cells as '1,2 3,4', fields as 'a=1,b=2'."""
+        """Return a value as command line text: numbers '1,2', points and cells '1,2 3,4', named values 'a=1,b=2'."""
         if isinstance(value, Mapping):
             first, *others = value.items()
             return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])
@@ -136,7 +136,7 @@ class Declaration:
         return str(value)
 
     def value_of(self, text: Any) -> Any:
-        """Return the value of a command line text.
+        """Return the value that a text on the command line describes.
 
         Raises
         ------

@@ -1,7 +1,7 @@
-"""The problems of sweeps: the problems of the three parts, and three further kinds.
+"""The kinds of problems that a sweep can run: the problems of the three parts, and three further kinds.
 
 A sweep's problem contains only values that can be written as text. It therefore has one canonical form and can be sent to any
-worker. Each process opens the map, workspace or region only once.
+worker. Each worker process opens a map, workspace or region only once.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ KINDS = (*parts.PARTS, *_OWN)
 
 
 def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
-    """Return the problem for a mapping of fields, where ``kind`` is one of `KINDS`.
+    """Return the problem that a mapping of fields describes, where ``kind`` is one of `KINDS`.
 
     Raises
     ------
@@ -45,6 +45,6 @@ def trial_problem_type(kind: str) -> type[Problem]:
 
 
 def trial(problem: Problem, seed: int) -> list[Any]:
-    """Run one trial. Return the values named by ``problem.measures``: texts, numbers, booleans or None."""
+    """Run one trial. Run one trial and return its measures, named by ``problem.measures``, as texts, numbers, booleans or None."""
     measured = problem.trial(seed) if isinstance(problem, MeasuredProblem) else parts.run(problem, seed=seed).metrics
     return [measured[name] for name in problem.measures]

@@ -11,7 +11,7 @@ from shoal.core.problem import Problem
 
 @dataclass(frozen=True, eq=False)
 class MeasuredProblem(Problem, ABC):
-    """A problem whose trial returns measures instead of an episode."""
+    """A problem whose trials return measures instead of episodes."""
 
     @abstractmethod
     def trial(self, seed: int) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""Problems in one dimension: random placements, and walls at unknown distances."""
+"""Problems in one dimension: random placements of particles, and the search for a wall at an unknown distance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJu
 
 @dataclass(frozen=True, eq=False)
 class LineProblem(MeasuredProblem):
-    """Random placements on a line. A trial gives means over ``placements`` placements (paper M, section III.A)."""
+    """Random placements on a line. A trial gives means over ``placements`` random placements (paper M, section III.A)."""
 
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
@@ -36,14 +36,14 @@ class LineProblem(MeasuredProblem):
         _ = self.line
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw the placements. ``shoal line`` with the same seed draws the same placements."""
+        """Draw the placements. ``shoal line`` with the same seed draws the same placements as this trial."""
         drawn = sample(self.line, self.placements, seed=seed, workers=1)
         return {name: float(getattr(drawn, name).mean()) for name in self.measures}
 
 
 @dataclass(frozen=True, eq=False)
 class ScheduleProblem(MeasuredProblem):
-    """A scan schedule for a wall at an unknown distance on a line (paper M, section III.A.3)."""
+    """The search for a wall at an unknown distance on a line, with a scan schedule (paper M, section III.A.3)."""
 
     part = "schedule"
     measures = ("distance", "moves", "scans", "move_ratio", "scan_ratio", "weighted_ratio")
@@ -58,7 +58,7 @@ class ScheduleProblem(MeasuredProblem):
 
     @cached_property
     def scans(self) -> ScanSchedule:
-        """The scan schedule as an object."""
+        """The object that the name of the scan schedule stands for."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
             return made()
@@ -68,7 +68,7 @@ class ScheduleProblem(MeasuredProblem):
         raise InvalidInputError(f"schedule: expected every-step, i^i, powers:K or one-jump:M, got {self.schedule!r}")
 
     def check_at_place(self) -> None:
-        """Refuse prices that are both zero, and schedules that end before the maximum distance."""
+        """Refuse prices that are both zero, and schedules whose last scan lies before the maximum distance."""
         farthest = self.max_distance if self.distance is None else self.distance
         self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 

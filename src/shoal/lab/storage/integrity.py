@@ -1,4 +1,4 @@
-"""Integrity checks of a store: SQLite's structure, keys, seeds and rows."""
+"""Integrity checks of a store: the structure of the SQLite file, its keys, seeds and rows."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from shoal.lab.sweeps.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:
-    """Return the faults of a store, one sentence each. An intact store has none.
+    """Return the faults of a store as a list of sentences. An intact store has none.
 
-    The checks cover SQLite's own structure, the keys and seeds, which must be those of the sweep, and the number of values in each
-    row.
+    The checks cover the structure of the SQLite file and the number of values in each row. They also compare keys and seeds with
+    those of the sweep.
     """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]

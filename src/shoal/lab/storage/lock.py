@@ -1,4 +1,4 @@
-"""A lock that allows one coordinator per sweep. It ends with the process that holds it, however that process ends."""
+"""A lock that allows one coordinator per sweep. The lock is released when the process that holds it ends, even after a crash."""
 
 from __future__ import annotations
 

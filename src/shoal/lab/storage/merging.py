@@ -1,4 +1,4 @@
-"""Merging of stores: results of the same sweeps from several places."""
+"""Merging of stores: several stores with results of the same sweeps become one store."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Write = Callable[[str, Sequence[Any]], int]
 
 
 def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
-    """Merge stores into a new one. Return the names of its sweeps.
+    """Merge stores into a new one. Return the names of the sweeps in the new store.
 
     Sweeps with the same name must be equal. A trial that several stores contain must have the same result in all of them.
 
@@ -54,7 +54,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy a row of a store with changed first columns. Return its number."""
+            """Copy one row from a store to another, with new values for its first columns. Return its number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which others refer to, got none")

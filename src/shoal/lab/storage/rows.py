@@ -1,4 +1,4 @@
-"""Validated rows of a store: sweeps, and the columns of results."""
+"""Rows of a store, converted and validated: sweeps, and the columns of results."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """A sweep as it is stored. Its problem is created only when `sweep` is called.
+    """A sweep as it is stored. Its problem is created only when the method `sweep` is called.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ class StoredSweep:
 
     @cached_property
     def form(self) -> SweepForm:
-        """The fields of the sweep with their types."""
+        """The fields of the sweep, converted to their types."""
         return form_of(self.spec, where=self.where)
 
     @property
@@ -50,11 +50,11 @@ class StoredSweep:
         return tuple(self.form.axes)
 
     def sweep(self) -> Sweep:
-        """Return the sweep as it was run."""
+        """Return the sweep as it was declared when it was run."""
         return sweep_of(self.spec, where=self.where)
 
     def values(self, text: str) -> dict[str, Any]:
-        """Return the axis values in a point's row."""
+        """Return the axis values that the row of a point contains."""
         values = parse_json(text, where=f"{self.where}: point")
         if not isinstance(values, list) or len(values) != len(self.axes):
             raise InvalidInputError(f"{self.where}: expected {len(self.axes)} values of axes at a point, got {shortened(values)}")
@@ -62,7 +62,7 @@ class StoredSweep:
 
 
 def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
-    """Return the sweep of a row (id, spec, inputs, measures, trials, points).
+    """Return the sweep that a row (id, spec, inputs, measures, trials, points) describes.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
 
 
 def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
-    """Return the columns of a chunk. Axes are given as (values, number of rows).
+    """Return the columns of a chunk of result rows. Each entry of ``axes`` is (axis values, number of rows with these values).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The file format of a store: its tables, how it is opened, and the names of its errors."""
+"""The file format of a store: its tables, the functions that open a store, and the messages for SQLite's errors."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ CREATE INDEX batches_of_sweep ON batches (sweep, finished);
 
 
 def connect(path: Path, *, write: bool) -> sqlite3.Connection:
-    """Open a store. With ``write``, create it if it does not exist.
+    """Open a store. If ``write`` is true, the store is created if it does not exist.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def _create(path: Path) -> None:
 
 @contextmanager
 def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
-    """Yield a temporary name beside a store's, for a new store that is renamed when it is complete.
+    """Yield a temporary file name for a new store. When the store is complete, the file gets its final name.
 
     Otherwise the file is removed.
 
@@ -221,7 +221,7 @@ def _make_durable(connection: sqlite3.Connection) -> None:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Run the block as one transaction: all its changes are written, or none."""
+    """Run the block as one transaction: either all its changes are written or none."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -234,7 +234,7 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
 
 @contextmanager
 def told(path: Path) -> Iterator[None]:
-    """Convert SQLite's errors to one sentence each."""
+    """Convert each error of SQLite to an error whose message is one sentence."""
     try:
         yield
     except (sqlite3.Error, UnicodeError, OverflowError) as error:

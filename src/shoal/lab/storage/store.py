@@ -27,7 +27,7 @@ _AT_ONCE = 10_000  # rows read at once
 
 
 class Store:
-    """The store of sweeps. Each finished trial is committed as soon as its batch is done.
+    """The store of sweeps. A worker's batch of finished trials is committed as soon as the batch is done.
 
     Parameters
     ----------
@@ -60,7 +60,10 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file. The last writer moves all data from the log to the file, even while others read."""
+        """Close the file.
+
+        The last process that writes moves all data from SQLite's write-ahead log to the file, even while other processes read.
+        """
         if self.write:
             with suppress(sqlite3.Error):  # data that others still read stays in the log beside the file
                 self._connection.execute("PRAGMA wal_checkpoint(PASSIVE)")
@@ -73,7 +76,10 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
-        """Yield a function that runs a statement and returns the last row's number. The block is one transaction."""
+        """Yield a function that runs a database statement and returns the number of the last row that was written.
+
+        The block is one transaction.
+        """
         with told(self.path), transaction(self._connection):
             yield lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
 
@@ -84,7 +90,7 @@ class Store:
         return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in found]
 
     def stored(self, name: str) -> StoredSweep:
-        """Return a stored sweep. Its problem is not created, so no third-party code is imported.
+        """Return a stored sweep. This method does not create the problem of the sweep, so no third-party code is imported.
 
         Raises
         ------
@@ -98,7 +104,9 @@ class Store:
         return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
-        """Return the name of an existing sweep. Without a name, return the only sweep's name.
+        """Return a name after checking that the store has a sweep of this name.
+
+        Without a name, return the name of the store's only sweep.
 
         Raises
         ------
@@ -113,7 +121,7 @@ class Store:
         return names[0]
 
     def sweep(self, name: str) -> Sweep:
-        """Return a sweep as it was run."""
+        """Return a sweep as it was declared when it was run."""
         return self.stored(name).sweep()
 
     def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
@@ -124,7 +132,7 @@ class Store:
             yield number, stored.values(text)
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
-        """Enter a sweep, or check that it equals the stored sweep.
+        """Add a sweep to the store. If a sweep of this name is stored, check that both are equal.
 
         Parameters
         ----------
@@ -211,7 +219,7 @@ class Store:
         return gaps
 
     def commit(self, sweep: Sweep, answer: Answer) -> None:
-        """Write a worker's results in one transaction."""
+        """Write the results of one worker in one transaction."""
         with told(self.path), transaction(self._connection):
             batch = self._connection.execute(
                 "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures, seconds, finished) "
@@ -238,7 +246,7 @@ class Store:
         return found.fetchone() is not None
 
     def status(self, name: str) -> SweepStatus:
-        """Return the progress of a sweep, also while another process runs it."""
+        """Return the progress of a sweep. Another process may run the sweep at the same time."""
         stored = self.stored(name)
         number, total = stored.id, stored.trials * stored.n_points
         versions = self.versions(name)
@@ -249,7 +257,7 @@ class Store:
         return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
-        """Return the versions that wrote the rows of a sweep with their numbers of rows, oldest first."""
+        """Return the versions of Shoal and its libraries that wrote the rows of a sweep, oldest first, and numbers of rows."""
         number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)

@@ -1,4 +1,4 @@
-"""Batches of trials that workers process, and their answers."""
+"""Batches of trials that workers run, and the answers of the workers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 @dataclass(frozen=True)
 class Piece:
-    """Trials of one point, from ``first`` up to but not including ``stop``.
+    """A sequence of trials of one point, from ``first`` up to but not including ``stop``.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ _places: dict[tuple[str, str], Any] = {}
 
 
 def placed(problem: Problem) -> Problem:
-    """Return a problem with its place opened. Problems about the same place share it."""
+    """Return a problem with its place opened. Problems at the same place share one opened place."""
     name = problem.place_key()
     if name is None:
         return problem
@@ -102,7 +102,7 @@ def placed(problem: Problem) -> Problem:
 
 
 def play_batch(batch: Batch) -> Answer:
-    """Run a batch in a worker. An error in one trial becomes its failure, and the other trials continue."""
+    """Run a batch in a worker. If a trial raises an error, this trial is recorded as failed, and the other trials run."""
     began = time.perf_counter()
     rows, failures, paces = [], [], []
     for piece in batch.pieces:
@@ -123,7 +123,7 @@ def play_batch(batch: Batch) -> Answer:
 
 
 def worker_name() -> str:
-    """Return the name of this process among the workers: machine and process number."""
+    """Return the name of this process as a worker: the machine's name and the process number."""
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
@@ -144,7 +144,7 @@ def is_storable(value: Any) -> bool:
 
 
 def lost_batch(batch: Batch, why: str) -> Answer:
-    """Return an answer in which all trials of a batch failed, because no worker survived the batch."""
+    """Return the answer for a batch that no worker survived: all its trials are recorded as failed."""
     failures = [
         (piece.point, trial, trial_seed(batch.sweep_seed, piece.seeds, trial), why)
         for piece in batch.pieces

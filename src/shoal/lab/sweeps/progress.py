@@ -51,7 +51,7 @@ class SweepStatus:
 
 @dataclass(frozen=True)
 class Gap:
-    """Missing trials of a point, from ``first`` up to but not including ``stop``."""
+    """A sequence of missing trials of one point, from ``first`` up to but not including ``stop``."""
 
     point: Point
     id: int
@@ -86,5 +86,5 @@ class SweepProgress:
 
     @property
     def rate(self) -> float:
-        """Trials per second in this run."""
+        """Number of trials that this run finishes per second."""
         return self.fresh / self.seconds if self.seconds > 0 else 0.0

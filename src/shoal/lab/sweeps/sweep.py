@@ -67,7 +67,7 @@ class Point:
 
 
 def check_sweep_name(name: Any, *, what: str) -> str:
-    """Return a name that a sweep can have: files are named after it."""
+    """Return a sweep's name after checking that it can be part of file names."""
     usable = isinstance(name, str) and 0 < len(name) <= 80 and name[0] not in ".-"
     if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in name):
         raise InvalidInputError(f"{what}: expected letters, digits and ._- (at most 80), got {name!r:.100}")
@@ -142,7 +142,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """All points; the last axis varies fastest."""
+        """All points of the sweep. From one point to the next, the last axis changes first."""
         kind = self.problem.get("kind")
         made = tuple(
             self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")
@@ -226,7 +226,7 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
 
 
 def parse_toml(text: str, *, where: str) -> dict[str, Any]:
-    """Return the fields in the text of a sweep file.
+    """Return the fields that the text of a sweep file contains.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
 
 
 def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:
-    """Return the fields of a sweep with their types. No problem is created.
+    """Return the fields of a sweep, converted to their types. No problem is created.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any], *, path: str = "") -> Iterator[str]:
-    """Yield the differences between two descriptions, such as "trials: 10 -> 20".
+    """Yield the differences between the descriptions of two sweeps, such as "trials: 10 -> 20".
 
     Examples
     --------
@@ -321,7 +321,7 @@ def _shortened(text: str) -> str:
 
 
 def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
-    """Yield the first point of each map, workspace or region."""
+    """Yield, for each map, workspace or region of a sweep, the first point that uses it."""
     seen: set[tuple[str, str | None]] = set()
     for point in points:
         place = (point.problem.part, point.problem.place_key())
@@ -331,7 +331,7 @@ def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
 
 
 def is_extended(old: Sweep, new: Sweep) -> bool:
-    """Return whether all trials of one sweep are also trials of another."""
+    """Return whether a sweep contains all trials of another sweep."""
     seeds = {point.key: point.seeds for point in new.points}
     kept = all(seeds.get(point.key) == point.seeds for point in old.points)
     return kept and new.trials >= old.trials and new.seed == old.seed

@@ -9,7 +9,7 @@ _FIELD = re.compile(r"""(["']?)([\w.-]+)\1\s*=""")
 
 
 def line_of(text: str, message: str) -> int | None:
-    r"""Return the line of the field that a message names ("problem: mpa: expected ..."), or None if it is not in the file.
+    r"""Return the line of the field that a message names ("problem: mpa: expected ..."), or None if the field is not in the file.
 
     Examples
     --------

@@ -13,7 +13,7 @@ _TABLES = ("problem", "axes")
 
 
 def as_toml(sweep: Mapping[str, Any]) -> str:
-    """Return the text of a sweep file, without None and empty tables.
+    """Return the text of a sweep file, without empty tables and fields whose value is None.
 
     Parameters
     ----------

@@ -1,4 +1,7 @@
-"""Paper M: figure 1, the instances of figures 3 and 4, and theorem 3. The instances are maps built for closest-frontier."""
+"""Paper M: figure 1, the instances of figures 3 and 4, and theorem 3.
+
+The instances are maps on which the policy closest-frontier performs badly.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +66,10 @@ def square_moves(*, seed: int, n: int) -> dict[str, int]:
 
 @measuring("greedy", "depth_first", "greedy_mapping", "depth_first_mapping")
 def arm_moves(*, seed: int, k: int) -> dict[str, int]:
-    """Return the numbers of moves on Fig. 4 by closest-frontier, and by depth-first search with particle 2 alone."""
+    """Return the numbers of moves on the map of Fig. 4, of two policies.
+
+    The policies are closest-frontier and a depth-first search that moves only particle 2.
+    """
     ground, start = two_arms(k)
     return {
         f"{name}{suffix}": _moves(ground, cells, policy, task)
@@ -74,7 +80,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
 def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the name of a problem's field
-    """Return the number of searches of closest-frontier with one particle, and the number of cells taken from their queues."""
+    """Return the work of closest-frontier with one particle: breadth-first searches, and cells that they expand."""
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     known: dict[tuple[int, ...], bool] = {cell: True}

@@ -97,7 +97,10 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
-    """Return the larger of both ratios of i^i, the smallest of any schedule, and log D / log log D, for D = 10^k; shape (3, k)."""
+    """Return three ratios for D = 10^k, in an array of shape (3, k).
+
+    They are the larger of both ratios of i^i, the smallest such ratio of any schedule, and log D / log log D.
+    """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]
     best = [float(least_simultaneous_ratio(distance).ratio) for distance in powers]

@@ -1,4 +1,4 @@
-"""Paper H: its other search methods (strips, spirals, random walks), and the curve Hilbert II."""
+"""Paper H: the search methods with which it compares (strips, spirals, random walks), and the curve Hilbert II."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
 
 
 def curve_time(starts: NDArray[np.int64]) -> float:
-    """Return the time to search along a closed curve: the largest distance from a robot to the next one."""
+    """Return the time to search along a closed curve: the largest distance along the curve from a robot to the next robot."""
     at = np.sort(np.unique(make_tour("moore", (SIDE, SIDE)).position[tuple(starts.T)]))
     return float(np.max(np.diff(at, append=at[0] + SIDE**2)))
 
@@ -31,7 +31,8 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 def strip_time(starts: NDArray[np.int64]) -> float:
     """Return the time to move to the left ends of equal strips, in the order of the rows, and to search them (paper H, Fig. 1).
 
-    A strip of several rows is searched back and forth. If the rows do not divide evenly, some strips are one row wider.
+    A strip of several rows is searched back and forth. If the number of rows is not a multiple of the number of strips, some strips
+    are one row wider.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
@@ -42,7 +43,8 @@ def strip_time(starts: NDArray[np.int64]) -> float:
 def spiral_time(starts: NDArray[np.int64]) -> float:
     """Return the time until all cells are searched by robots that spiral outwards from their starts independently.
 
-    The spiral is square. Its cells outside the region are bypassed along the border, at their distance in cells.
+    The spiral is square. Where a spiral leaves the region, the robot moves along the border instead, and the distance in cells
+    counts.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
@@ -58,7 +60,8 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
 def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
     """Return the time until all cells are searched by random walks. A step out of the region leaves a robot in place.
 
-    A walk that stays at the border equals a folded unbounded walk: the cells i and 2 SIDE - 1 - i are identified.
+    A walk that stays at the border has the same distribution as an unbounded walk in which the cells i and 2 SIDE - 1 - i count as
+    one cell.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():
@@ -74,7 +77,7 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
 @measuring("time", "share")
 def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
-    """Return the time that robots at random cells need to search all cells, in cells and as a fraction of all cells."""
+    """Return the time that robots from random cells need to search all cells, in cells and as a fraction of all cells."""
     rng = np.random.default_rng(seed)
     starts = rng.integers(SIDE, size=(robots, 2))
     if way == "random walk":
@@ -124,7 +127,10 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
 
 
 def hilbert_ii(order: int) -> Tour:
-    """Return the curve Hilbert II (Peano's curve): S-shaped pieces of nine cells, 3^order cells per side, closed by an edge."""
+    """Return the curve Hilbert II (Peano's curve), closed by an edge.
+
+    It consists of S-shaped pieces of nine cells, with 3^order cells per side.
+    """
     cells = np.zeros((1, 2), dtype=np.int64)
     for k in range(order):
         side, parts = 3**k, []

@@ -1,4 +1,4 @@
-"""Approach to antipodal goals on a disk: the data behind figure 15 of paper W."""
+"""Approach to antipodal goals on a disk: the data for figure 15 of paper W."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ class AntipodeSwap:
     errors: NDArray[np.float64]
 
     def law(self, *, below: float = 0.25) -> tuple[float, float]:
-        """Return a and b of the law a / length^b, fitted to the errors below a bound as a straight line in logarithms.
+        """Return a and b of the law error = a / length^b.
+
+        The law is fitted as a straight line in logarithms, to errors below a bound.
 
         Raises
         ------
@@ -59,16 +61,17 @@ class AntipodeSwap:
         return float(np.exp(level)), -float(slope)
 
     def length_to(self, error: float) -> float:
-        """Return the length of the shortest of these plans with at most this error; NaN if there is none."""
+        """Return the length of the shortest plan whose error is at most the given error, or NaN if no plan is that exact."""
         near = self.lengths[self.errors <= error]
         return float(near.min()) if near.size else np.nan
 
 
 def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
-    """Steer two particles on a disk of diameter 1 towards antipodal goals by the paper's algorithm 1.
+    """Steer two particles on a disk of diameter 1 towards antipodal goals, with algorithm 1 of paper W.
 
-    Each cycle makes the difference nearest to that of the goals. From an opposite Δ of one diameter, this would be Δ = 0, which can
-    never be left. Therefore the particles start closer to each other.
+    Each cycle brings the particles' difference as near as possible to the goals' difference. From the exactly opposite difference Δ
+    of one diameter, the nearest one is Δ = 0, and no move changes Δ = 0 any more. Therefore the particles start with a distance
+    below one diameter.
 
     Parameters
     ----------

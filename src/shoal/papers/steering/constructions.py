@@ -1,4 +1,4 @@
-"""Paper W, figures 5 to 7: construction of the set of two moves on a square, on any polygon and on a disk."""
+"""Paper W, figures 5 to 7: construction of the set that two moves reach on a square, any polygon and a disk."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random point of the wall that a particle can touch first, and the state at this contact, shape (2, 2)."""
+    """Return a random point of the wall that a particle can touch first, and both positions at this contact, shape (2, 2)."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -47,7 +47,9 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Simulate random pairs of moves, one to a wall and one along it or away. Return how many end outside the set of two moves.
+    """Simulate random pairs of moves, the first one to a wall and the second one along the wall or away from it.
+
+    Return how many of them end outside the computed set of differences that two moves can produce.
 
     ``widest`` is the largest angle between a contact of particle 1 and the direction from particle 2 to it.
     """

@@ -1,4 +1,4 @@
-"""The figures of paper W from our computations: sets in the Δ configuration space (4, 8, 9), costs of plans (14 to 16)."""
+"""The figures of paper W as Shoal computes them: reachable sets (4, 8, 9) and costs of plans (14 to 16)."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 def fraction_curves(data: DiskFractions) -> Figure:
     """Return the fraction of all differences that moves reach on a disk against the initial distance (paper W, Fig. 8).
 
-    Circles are the paper's printed numbers. Vertical lines mark the starts of Fig. 9.
+    In the figure, circles mark the numbers that the paper prints. Vertical lines mark the initial distances of Fig. 9.
     """
     from matplotlib import colormaps
 
@@ -142,7 +142,7 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return maps of the costs of plans over the goal of one particle (paper W, Figs. 14 and 16).
+    """Return maps of the costs of plans against the goal of one particle (paper W, Figs. 14 and 16).
 
     Parameters
     ----------
@@ -210,11 +210,11 @@ class _Scale:
         self.image = ScalarMappable(self.norm, self.colours)
 
     def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
-        """Return the quantity of a sweep that is drawn."""
+        """Return the quantity of a sweep that the figure shows."""
         return sweep.moves if self.what == "moves" else sweep.lengths
 
     def draw(self, axes: Axes, sweep: GoalSweep) -> None:
-        """Draw a panel: the map, contours for lengths, starts and the fixed goal."""
+        """Draw one panel of a figure: the map of costs, contours for lengths, the starts and the fixed goal."""
         values, problem = self.values(sweep), sweep.problem
         half = (sweep.x[1] - sweep.x[0]) / 2, (sweep.y[1] - sweep.y[0]) / 2
         extent = (sweep.x[0] - half[0], sweep.x[-1] + half[0], sweep.y[0] - half[1], sweep.y[-1] + half[1])

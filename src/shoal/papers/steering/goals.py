@@ -26,7 +26,7 @@ SQUARE_CASES = (
 
 @dataclass(frozen=True, eq=False)
 class GoalSweep:
-    """Costs of plans while the goal of one particle varies over the workspace and all other settings are fixed.
+    """Costs of plans while the goal of one particle varies over the workspace while all other settings are fixed.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class GoalSweep:
 
 
 def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
-    """Return a sweep of the goal of one particle over a square around the workspace."""
+    """Return a sweep of the goal of one particle over a square grid around the workspace."""
     samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
     opened = open_workspace(workspace)
     assert isinstance(opened, ConvexWorkspace)  # named workspaces are
@@ -71,7 +71,7 @@ def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settin
 
 
 def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
-    """Return the data for the drawing from a sweep over goals."""
+    """Read the results of a sweep over goals from a store, as the data that the figure shows."""
     problem: Any = sweep.points[0].problem
     x, y = np.array(sweep.axes["goal_x"]), np.array(sweep.axes["goal_y"])
     workspace = open_workspace(problem.workspace)
@@ -89,7 +89,7 @@ def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
 
 
 def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    """Return moves and lengths over all goals of each sweep."""
+    """Return a table of the numbers of moves and the path lengths over all goals of each sweep."""
     rows = [
         [
             name,
@@ -107,7 +107,7 @@ def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
 
 
 def goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    """Return moves and length for each goal."""
+    """Return a table of the number of moves and the path length for each goal."""
     rows = []
     for name, s in zip(names, sweeps, strict=True):
         for row, column in np.argwhere(np.isfinite(s.moves)):

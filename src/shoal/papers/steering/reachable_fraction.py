@@ -1,7 +1,7 @@
-"""Fraction of the Δ configuration space that moves reach: the data behind figures 4 and 8 of paper W.
+"""Fraction of the Δ configuration space that moves reach: the data for figures 4 and 8 of paper W.
 
-As on a disk (`shoal.steering.delta_space.disk_reach`), the reachable set on a polygon is described by its radii. Areas are
-therefore sums over directions, without random sampling.
+As on a disk (`shoal.steering.delta_space.disk_reach`), the reachable set on a polygon is described by its radii: its extents in
+many directions. Areas are therefore sums over directions, without random sampling.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskFractions:
-    """Fraction of all differences that particles on a disk reach, by their initial distance.
+    """Fraction of all differences that particles on a disk reach, for each initial distance of the particles.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the initial distance in diameters for which two moves on a disk reach most, and the fraction of all differences.
+    """Return the largest fraction of all differences that two moves on a disk reach, and its initial distance.
 
     Notes
     -----
@@ -106,7 +106,7 @@ class PolygonFractions:
 
     @cached_property
     def fractions(self) -> NDArray[np.float64]:
-        """Fraction of the area of all differences for each set; float64, shape (sets,)."""
+        """For each set, its fraction of the area of all differences; float64, shape (sets,)."""
         return np.array([reach.fraction() for reach in self.sets])
 
     @cached_property
@@ -119,7 +119,7 @@ class PolygonFractions:
 
     @property
     def moves(self) -> int | None:
-        """The smallest number of moves that fills the space up to `FULL`; None if these sets do not."""
+        """The smallest number of moves that reaches the fraction `FULL` of all differences, or None if no set does."""
         full = np.flatnonzero(self.fractions >= FULL)
         return self.sets[full[0]].moves if full.size else None
 
@@ -151,7 +151,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
 
 
 def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
-    """Return the extent of a set in directions given as unit vectors of shape (n, 2), from its sampled contacts; shape (n,)."""
+    """Return a set's extent in the directions of n unit vectors, from its sampled contacts; float64, shape (n,)."""
     radii = np.zeros(len(ahead))
     for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
         on = np.flatnonzero(depths >= 0)

@@ -117,7 +117,7 @@ def allocate(
 def arcs_of(
     tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
 ) -> tuple[tuple[Arc, ...], ...]:
-    """Return the arcs of `allocate` without the times."""
+    """Return the arcs that `allocate` assigns, without their times."""
     return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 

@@ -1,4 +1,7 @@
-"""Allocators: rules that divide a tour among robots. The order of the parts around the tour is the order of the robots' starts."""
+"""Allocators: rules that assign arcs of a tour to robots.
+
+Around the tour, the robots' parts have the same order as their starts.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +37,10 @@ def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("common-shift")
 def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Minimize D + G: all robots move at most D along the tour and then search for at most G, at the speed of the slowest robot."""
+    """All robots move at most a distance D along the tour, and then search at most G cells, at the speed of the slowest robot.
+
+    The rule minimizes D + G.
+    """
     starts = team.starts
     n, m = len(tour_cost), len(starts)
     at = tour_cost.ahead[np.concatenate([starts, starts + n])]
@@ -65,7 +71,7 @@ def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot first searches the shorter part of its cells, behind or ahead of its start, and then returns for the rest."""
+    """Each robot searches the shorter part of its cells, behind or ahead of its start. Then it searches the other part."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []
@@ -82,7 +88,10 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("hop")
 def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot moves straight to an arc. The order around the tour is kept, and a robot with a longer path gets a shorter arc."""
+    """Each robot moves on the shortest way to an arc of the tour, and searches it.
+
+    The robots keep their order around the tour. A robot with a longer way to its arc gets a shorter arc.
+    """
     n, m = len(tour_cost), len(team.starts)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))
     firsts = np.unique(np.linspace(0, min(n, int(2 * n / m)) - 1, rows).astype(np.int64)) if m > 1 else team.starts

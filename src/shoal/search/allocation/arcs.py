@@ -46,7 +46,9 @@ class Arc:
         return found if self.step > 0 else [((first + count - 1) % n, count) for first, count in reversed(found)]
 
     def next_of(self, wanted: int, n: int) -> int | None:
-        """Return the first of the arc's cells that is in the bitset ``wanted``, on a tour of n cells; None if there is none.
+        """Return the first of the arc's cells that is in the bitset ``wanted``, on a tour of n cells.
+
+        The result is None if no cell of the arc is in the bitset.
 
         Examples
         --------
@@ -62,7 +64,10 @@ class Arc:
 
 
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
-    """Return the distance from a position to a cell. With ``start``, it is at least the distance from the cell ``start``."""
+    """Return the distance from a position to a cell.
+
+    If ``start`` is given, the result is at least the distance from the cell ``start``.
+    """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))
 
@@ -70,7 +75,7 @@ def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) ->
 def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: int | None = None) -> float:
     """Return the cost of some arcs for a robot at ``place``.
 
-    The path to the first arc is straight, or starts in the cell ``start``.
+    The robot moves straight to the first arc, or from the cell ``start`` if that is given.
     """
     total, n = 0.0, len(tour_cost)
     here: int | None = None

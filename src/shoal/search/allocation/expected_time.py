@@ -28,7 +28,7 @@ class ExpectedTime(NamedTuple):
 
 
 def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_000, seed: int = 0) -> ExpectedTime:
-    """Return the expected time of a search in which each robot searches from its start to the start of the next working robot.
+    """Return the expected time of a search in which each robot searches up to the start of the next working robot.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
     `stay_share` is the limit for many cells. With 64 cells and 50 robots, most robots share a cell, and the exact mean is 0.6 %
     above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above the limit, because
-    no part is shorter than a cell.
+    each robot searches at least one cell.
 
     Examples
     --------

@@ -46,7 +46,7 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres, the unit of lengths."""
+        """Side of the smallest cells in metres. Lengths of paths are given in this unit."""
         return min(layer.size for layer in self.layers)
 
     @property
@@ -61,7 +61,7 @@ class LayeredGrid:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """Number of layers, and the largest numbers of rows and columns of a layer."""
+        """Shape of the layered grid: the number of layers, the largest number of rows, and the largest number of columns."""
         rows, columns = np.max([layer.shape for layer in self.layers], axis=0).tolist()
         return len(self.layers), rows, columns
 
@@ -92,7 +92,7 @@ class LayeredGrid:
 
     @cached_property
     def viewpoint_starts(self) -> Numbers:
-        """As `CellGrid.viewpoint_starts`; int64, shape (n_cells + 1,)."""
+        """Index of each cell's first viewpoint, as in `CellGrid.viewpoint_starts`; int64, shape (n_cells + 1,)."""
         before = np.concatenate([[0], np.cumsum([len(layer.viewpoints) for layer in self.layers])])
         found = [layer.viewpoint_starts[:-1] + first for layer, first in zip(self.layers, before, strict=False)]
         return np.concatenate([*found, before[-1:]])
@@ -122,7 +122,10 @@ Grid = CellGrid | LayeredGrid
 
 
 def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
-    """Return the layers of a grid from the lowest one, where robots start. A plane grid is its own single layer."""
+    """Return the layers of a grid in order, beginning with the lowest layer. Robots start in the lowest layer.
+
+    A grid without layers counts as a single layer.
+    """
     return (grid,) if isinstance(grid, CellGrid) else grid.layers
 
 
@@ -143,7 +146,7 @@ def with_climb_cost(grid: Grid, points: Points) -> Points:
 
 
 class LayeredPaths:
-    """Paths within and between layers: horizontal paths by `RegionPaths`, with vertical climbs before and descents after them.
+    """Paths within and between layers: vertical climbs, horizontal paths by `RegionPaths`, and vertical descents.
 
     Parameters
     ----------
@@ -156,7 +159,7 @@ class LayeredPaths:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through stops, float64 of shape (n, 3), or (n, 2) for the lowest layer."""
+        """Return the path through stops, as float64 points of shape (n, 3), or of shape (n, 2) in the lowest layer."""
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])
@@ -243,13 +246,13 @@ class LayeredFootprint:
         self._numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices."""
+        """Return the cells that a robot that stands in ``cell`` sees, as increasing tour indices."""
         layer, own = self._numbers.own(cell)
         return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
 
 
 class LayeredDistances:
-    """Distances between cells of all layers: horizontal distance plus climb or descent.
+    """Distances between cells of all layers: the horizontal distance plus the cost of the climb or descent.
 
     Parameters
     ----------
@@ -277,7 +280,7 @@ class LayeredDistances:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of a path in cell sides. ``closed`` must be 0."""
+        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0."""
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
         if length is None:
@@ -295,7 +298,10 @@ class LayeredDistances:
         return float(leg_lengths(self._paths.leg(*places)).sum()) / size + up
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells. In other layers, they start from the cell above or below."""
+        """Return approximate distances from a cell to all cells.
+
+        For cells of another layer, the distance starts from the cell above or below in that layer.
+        """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
         for layer, distances in enumerate(self._layers):

@@ -1,4 +1,4 @@
-"""Orientation: the angle and shift of the rows, and the tour, that minimize the time of one round, including turns."""
+"""Orientation: the angle of the rows, their shift, and the tour for which one round takes the shortest time, including turns."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _ROWS = 120  # maximum number of rows for an estimate
 
 @dataclass(frozen=True)
 class Candidate:
-    """A compared option of a search (angle, tour, allocation) and its time.
+    """One of the options that the planner compares: an angle, a tour and an allocation, with their search time.
 
     Parameters
     ----------
@@ -191,7 +191,8 @@ def best_grid_tour(
 ) -> GridTour:
     """Return the cells and the tour for which one round costs least, over all angles, shifts and tours.
 
-    All angles are estimated from the number and lengths of their rows. The best few are planned in full; in large regions fewer.
+    First the cost is estimated for all angles, from the number and lengths of their rows. Then complete tours are computed for the
+    best few angles, fewer in large regions.
 
     Parameters
     ----------

@@ -51,7 +51,9 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
 def in_passes(
     tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
 ) -> Allocation:
-    """Return an allocation in which ``count`` robots search each cell. After its own part, each robot searches the parts ahead.
+    """Return an allocation in which each cell is searched by ``count`` different robots.
+
+    After its own part, each robot also searches the next parts along the tour.
 
     Parameters
     ----------
@@ -74,7 +76,7 @@ def in_passes(
 
 
 def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost of searching all cells of the bitset ``wanted`` along the tour from ``here``, avoiding ``closed`` cells."""
+    """Return the cost of searching the cells of the bitset ``wanted`` along the tour from ``here``, avoiding ``closed`` cells."""
     total, n = 0.0, len(tour_cost)
     for first, count in runs(wanted, here, n):
         total += tour_cost.way(here, first, fresh=fresh, closed=closed)

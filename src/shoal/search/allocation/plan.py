@@ -107,7 +107,7 @@ class SearchPlan:
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Return the time of a number of cells in seconds, including the initial climb to the lowest layer."""
+        """Convert a search time in cells to seconds, including the initial climb to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
@@ -123,12 +123,12 @@ class SearchPlan:
         return widths_of(self.footprints, layers_of(self.grid)[0].size)
 
     def positions(self, numbers: ArrayLike) -> Points:
-        """Return the robots' first viewpoints in cells given by tour indices: metres, with the altitude if there are layers."""
+        """Return the first viewpoint of each cell given by its tour index, in metres, with the altitude if there are layers."""
         index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
     def leg_lengths(self, way: Points) -> NDArray[np.float64]:
-        """Return the lengths of a path's legs in metres, with climbs scaled to the same duration; float64, shape (k - 1,)."""
+        """Return the lengths of a path's legs in metres, with climbs as horizontal lengths of the same duration; shape (k - 1,)."""
         return leg_lengths(with_climb_cost(self.grid, way))
 
     @property
@@ -198,7 +198,7 @@ class SearchPlan:
         return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the path between a launch or landing point and a point of a route. It lies inside the region if both points do."""
+        """Return the path between a launch or landing point and a point of a route. Between points inside, the path is inside."""
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
         return self.paths.leg(*both)[:, :2] if self.grid.region.contains(both).all() else self._transits.way(*both)
 

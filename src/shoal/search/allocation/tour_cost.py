@@ -23,7 +23,9 @@ _RECKONED = 1_000_000  # cells times robots: above this, paths between cells cou
 
 @dataclass(frozen=True, eq=False)
 class TourCost:
-    """The cost of a tour in cells. The unit is the time in which a robot of speed 1 searches a cell and moves to its neighbour.
+    """The cost of searching along a tour, in cells.
+
+    The unit is the time in which a robot of speed 1 searches a cell and moves to its neighbour.
 
     Parameters
     ----------
@@ -105,14 +107,15 @@ class TourCost:
     def costs(self) -> Floats:
         """Cost of searching each cell after arriving from the previous one; float64, shape (N,).
 
-        The cost is one cell, plus the extra length of a path longer than one cell, plus the turn in the previous cell.
+        The cost of a cell is one, plus the length of the path to the cell beyond one cell side, plus the cost of the turn in the
+        previous cell.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)
 
     @cached_property
     def ahead(self) -> Floats:
-        """Cumulative cost of the cells before each one, starting from the first, over four rounds; float64, shape (4 N + 1,)."""
+        """Cumulative cost of all cells before a cell, over four rounds of the tour; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
@@ -141,14 +144,16 @@ class TourCost:
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from cell to neighbouring cell and discover obstacles on the way."""
+        """Whether robots move from each cell to a neighbouring cell, and discover obstacles on the way."""
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the extra cost, beyond one cell, of moving from one cell to another to search it: directly or along the tour.
+        """Return the cost beyond one cell of moving from one cell to another and searching the latter.
 
-        Set ``fresh`` if the first cell was not just searched; then even the step to a neighbour is not part of a cell's cost.
-        ``closed`` is a bitset of cells known to be blocked. The cost is infinite if no path avoids them.
+        The move is direct or along the tour.
+
+        Set ``fresh`` if the robot has not just searched the first cell. Even the step to a neighbouring cell then costs extra.
+        ``closed`` is a bitset of cells known to be blocked. The cost is infinite if no path avoids the blocked cells.
         """
         if here == cell:
             return 0.0
@@ -166,7 +171,10 @@ class TourCost:
         return min(known, max(self.length(here, cell) - free, 0.0) + self.turn_cost)
 
     def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells that a robot enters on the path that `way` uses. It is empty unless robots move from cell to cell."""
+        """Return the cells that a robot enters on the path whose cost `way` returns.
+
+        The result is empty unless robots move from cell to cell.
+        """
         if not isinstance(self.distances, CellDistances) or here == cell:
             return ()
         distances, along = self.distances, self._stepwise_way(here, cell, 0.0 if fresh else 1.0, closed)[1]
@@ -197,17 +205,19 @@ class TourCost:
         return bool(self.length(one, other, closed) <= self.steps[one if step > 0 else other] + 1e-9)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells given by tour indices, in cell sides."""
+        """Return the length of the path between two cells, in cell sides. Cells are given by tour indices."""
         return self.between(here, cell) if self.distances is None else self.distances.length(here, cell, closed)
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees with a footprint ``width`` cells wide, as increasing tour indices."""
+        """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as increasing tour indices."""
         return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
-        """Return distances from some cells to all cells; float64, shape (m, N). Shape (0, 0) means straight distances.
+        """Return the distances from m given cells to all N cells of the tour; float64, shape (m, N).
 
-        Distances are straight if nothing is in the way and ``reckoned`` is false, and for more than a million cells times robots.
+        An array of shape (0, 0) stands for straight distances.
+
+        Distances are straight if no wall is in the way, if ``reckoned`` is false, or if m N is too large.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))
@@ -218,7 +228,7 @@ class TourCost:
         return [float(level) for level in self.ahead[: 2 * self.n + 2]]
 
     def between(self, one: int, other: int) -> float:
-        """Return the straight distance between two cells given by tour indices, in cell sides."""
+        """Return the straight distance between two cells, in cell sides. Cells are given by tour indices."""
         return dist(self._places[one], self._places[other])
 
 

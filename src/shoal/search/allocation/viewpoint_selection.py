@@ -1,8 +1,8 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-The stops are neither in every cell nor in tour order. The robot moves to the cell from which it sees most new cells for the cost of
-the path. It prefers stops along the border of the searched area, because narrow remaining strips cost as much as wide ones. As a
-result it circles around inside its part, whatever the tour.
+Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell with the most
+newly seen cells per cost of the path to it. The robot prefers stops along the border of the searched area, because narrow remaining
+strips cost as much as wide ones. The path therefore runs in circles inside the robot's part, for any tour.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop with the most new cells per cost of reaching it. At least one wanted cell is seen from it.
+    """Return the stop with the most new cells per cost of reaching it. The robot sees at least one wanted cell from this stop.
 
     Parameters
     ----------
@@ -109,7 +109,9 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
 def select_viewpoints(
     tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
 ) -> tuple[NDArray[np.int64], float]:
-    """Return a robot's stops for seeing some cells, as tour indices, and the cost from the first stop on.
+    """Return a robot's stops from which it sees the given cells, as tour indices.
+
+    Return also the cost of the path after the first stop.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 def gain_of(tour_cost: TourCost, width: int) -> float:
     """Return the search rate of a wide footprint relative to a footprint of one cell, at least 1.
 
-    The rate is measured on a few sections of the tour, which every robot can compute by itself.
+    The rate is measured on a few sections of the tour. Every robot can compute it by itself.
 
     Examples
     --------

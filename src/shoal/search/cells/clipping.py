@@ -1,4 +1,4 @@
-"""Clipping of a region to a square grid: inner cells are found in blocks, border cells get their exact shape."""
+"""Clipping of a region to a square grid. Inner cells are found in large blocks. For border cells, the exact shape is computed."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The lines of a square grid in their own frame, where rows are parallel to the x axis.
+    """The lines of a square grid in the lattice's frame, in which rows are parallel to the x axis.
 
     Parameters
     ----------
@@ -39,11 +39,11 @@ class Lattice:
     angle: float = 0.0
 
     def to_region(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Transform points from the lattice's frame to the region's; float64, shape (..., 2)."""
+        """Transform points from the lattice's frame to the region's frame; float64, shape (..., 2)."""
         return rotated(points, self.angle)
 
     def from_region(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Transform points from the region's frame to the lattice's; float64, shape (..., 2)."""
+        """Transform points from the region's frame to the lattice's frame; float64, shape (..., 2)."""
         return rotated(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
@@ -89,7 +89,9 @@ def rotated_shape(shape: Any, angle: float) -> Any:
 
 
 def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:
-    """Return a lattice over an area of its frame, centred on the area's bounds or shifted from there; see `cells_of`.
+    """Return a lattice that covers an area given in the lattice's frame.
+
+    It is centred on the area's bounds, plus a shift; see `cells_of`.
 
     Raises
     ------
@@ -138,9 +140,9 @@ class Clipped:
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     """Clip a polygon to a lattice.
 
-    Blocks are divided recursively into quarters, each with the parent's part of the polygon. No cell is tested against the whole
-    outline, and a block entirely inside is finished at once. The work therefore grows with the length of the border, not with the
-    area.
+    Blocks are divided recursively into quarters, and each quarter gets its part of the polygon. No cell is tested against the whole
+    outline, and a block that lies entirely inside is finished at once. The work therefore grows with the length of the border, not
+    with the area.
     """
     import shapely
 
@@ -173,7 +175,7 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Return a clipped region in which a cell counts as whole only if a robot may be at its centre.
+    """Return a clipped region in which a cell counts as whole (without border) only if a robot may be at its centre.
 
     The other cells become pieces.
 

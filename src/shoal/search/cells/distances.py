@@ -1,4 +1,4 @@
-"""Distances between cells: along the shortest path inside the region, or from cell to cell around known obstacles."""
+"""Distances between cells: along the shortest path inside a region, or from cell to neighbouring cell around known obstacles."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ class Distances(Protocol):
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from cell to neighbouring cell and discover obstacles on the way."""
+        """Whether robots move from each cell to a neighbouring cell, and discover obstacles on the way."""
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells given by tour indices, in cell sides.
+        """Return the length of the path between two cells, in cell sides. Cells are given by tour indices.
 
         ``closed`` is a bitset of cells that the path must not enter. The length is infinite if no path exists.
         """
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate finite distances from a cell to all cells, in cell sides; float64, shape (N,)."""
+        """Return approximate distances, all finite, from a cell to all cells, in cell sides; float64, shape (N,)."""
 
 
 class CellDistances:
@@ -115,11 +115,14 @@ class CellDistances:
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return distances from a cell to all cells in cell sides. Without a path, the distance is the number of cells."""
+        """Return distances from a cell to all cells in cell sides.
+
+        For a cell without a path, the distance is set to the number of cells.
+        """
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest path after the first one, as tour indices; empty if no path exists."""
+        """Return the cells of the shortest path without the first cell, as tour indices. The result is empty if no path exists."""
         came = self._found(here, closed)[1]
         way: list[int] = []
         while cell != here:
@@ -130,14 +133,14 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the cells beside a step that must also be open: two for a step across a corner, otherwise none."""
+        """Return the cells beside a step that must also be open: two cells for a step across a corner, otherwise no cells."""
         (row, col), (to_row, to_col) = self._cells[one], self._cells[other]
         if row == to_row or col == to_col or (one, other) in self._links:
             return ()
         return int(self._position[row, to_col]), int(self._position[to_row, col])
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
-        """Return a bitset of the cells that must be open if a robot took this path: entered cells, and cells beside its steps."""
+        """Return a bitset of the cells that must be open for a path: the cells that it enters, and the cells beside its steps."""
         return bitset_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
 
     def reach(self, cell: int, closed: int = 0) -> int:
@@ -182,9 +185,10 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Paths inside a region: straight if possible, otherwise from cell to cell and then tightened.
+    """Paths inside a region: straight if possible. Otherwise the path leads from cell to cell and is then shortened.
 
-    The path that a robot then takes (`RegionPaths.leg`) is at most this long. In a ring, it is at most one twentieth shorter.
+    The length of such a path is an upper bound for the path that a robot takes (`RegionPaths.leg`). In a ring-shaped region, the
+    robot's path is at most one twentieth shorter.
 
     Parameters
     ----------
@@ -205,7 +209,7 @@ class RegionDistances:
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of a path in cell sides. ``closed`` must be 0."""
+        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0."""
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
         if length is None:

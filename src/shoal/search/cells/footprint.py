@@ -1,7 +1,8 @@
-"""Visibility from a cell: the cell itself and, with a wider footprint, the cells around it.
+"""Visibility from a cell: the cell itself and, for a footprint wider than one cell, the cells around it.
 
-A footprint is ``width`` cells wide, an odd number, with the robot in the central cell. A neighbouring cell is seen if its own piece
-lies entirely in the footprint and is connected, inside the footprint, to the robot's position. Walls therefore block the view.
+A footprint is a square of ``width`` cells per side, where ``width`` is odd. The robot stands in its central cell. The robot sees
+another cell if the cell's own piece lies entirely in the footprint, and a path inside the footprint leads from the robot to the
+piece. Walls therefore block the view.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ class Footprint(Protocol):
 
 
 class MaskFootprint:
-    """Visibility between the cells of a tour with any number of dimensions. Non-cells hide the cells behind them.
+    """Visibility between the cells of a tour with any number of dimensions. Positions without a cell hide the cells behind them.
 
     Parameters
     ----------
@@ -80,7 +81,7 @@ class MaskFootprint:
 
 
 class RegionFootprint(MaskFootprint):
-    """Visibility inside a region. Walls block the view, but a robot can see around a corner within its footprint.
+    """Visibility inside a region. Walls block the view, but within its footprint a robot can see around a corner.
 
     Parameters
     ----------
@@ -180,10 +181,12 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
-    """Return the cell size with which all robots together see most area per second. Among equal sizes, the largest wins.
+    """Return the cell size with which all robots together see most area per second.
 
-    The cell size is at most the smallest footprint, and equals it if all footprints are equal. The excess of a footprint over one
-    cell counts three quarters, which is about the gain of such robots (`gain_of`).
+    If several sizes are equally good, the largest one is returned.
+
+    The cell size is at most the smallest footprint. If all footprints are equal, the cell size equals the footprint. The part of a
+    footprint beyond one cell counts three quarters, because wide footprints gain about this much (`gain_of`).
 
     Examples
     --------

@@ -24,9 +24,9 @@ from shoal.search.regions.region import SearchRegion
 class CellGrid:
     """The cells of a region. Use `cells_of` to create them.
 
-    The region's border divides a border cell into pieces. The largest piece is the cell's own piece. Every other piece is assigned
-    to a cell from which a vehicle reaches it without leaving the region. So no robot has to drive around a wall to see the piece
-    behind it.
+    The border of the region may divide a cell into several pieces. The largest piece is called the cell's own piece. Every other
+    piece is assigned to a cell from which a vehicle reaches it without leaving the region. Therefore no robot has to drive around a
+    wall to see a piece behind the wall.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class CellGrid:
         return ordinal
 
     def centers(self) -> Points:
-        """Return the centres of all cells in the order of `cells`, inside the region or not; float64, shape (n_cells, 2)."""
+        """Return the centres of all cells in the order of `cells`, inside or outside the region; float64, shape (n_cells, 2)."""
         return self.lattice.to_region(self.lattice.centers(*self.cells.T))
 
     def waypoints(self) -> Points:
@@ -128,7 +128,7 @@ class CellGrid:
         return np.asarray(self._ordinal[tuple(array.T)])
 
     def viewpoints_in(self, cell: tuple[int, int]) -> Points:
-        """Return the viewpoints of one cell in visiting order; float64, shape (k, 2), k >= 1."""
+        """Return the viewpoints of one cell, in the order in which a robot visits them; float64, shape (k, 2), k >= 1."""
         index = int(self.ordinals(np.array([cell]))[0])
         return np.asarray(self.viewpoints[self.viewpoint_starts[index] : self.viewpoint_starts[index + 1]])
 
@@ -141,7 +141,7 @@ class CellGrid:
         return np.asarray(self.lattice.to_region(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]])))[0])
 
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return the cell that contains each point. For a point in a non-cell, return the cell with the nearest waypoint.
+        """Return the cell that contains each point. For a point outside all cells, return the cell with the nearest waypoint.
 
         Returns
         -------
@@ -161,7 +161,7 @@ class CellGrid:
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
-        """Index in `SearchRegion.parts` of each cell's own piece; -1 for non-cells; int64, shape (H, W)."""
+        """For each cell, the index of the part in `SearchRegion.parts` that contains its own piece, or -1; int64, shape (H, W)."""
         import shapely
 
         labels = np.where(self.mask, 0, -1)
@@ -174,12 +174,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Whether a vehicle can move directly from a cell's own piece to the next cell's in its row; bool, shape (H, W - 1)."""
+        """Whether a direct way leads from a cell's own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Whether a vehicle can move directly from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
+        """Whether a direct way leads from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:

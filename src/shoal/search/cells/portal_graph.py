@@ -1,4 +1,4 @@
-"""The graph of cell pieces that are connected by portals."""
+"""The graph whose nodes are pieces of cells and whose edges are portals between them."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class PortalGraph:
         self._n = len(grid.clipped.pieces)
 
     def through(self, start: Points, end: Points) -> Points | None:
-        """Return the points of a path through the fewest pieces: both ends, and the portals between; shape (k, 2).
+        """Return the path through the fewest pieces: its start, a point in each portal, and its end; float64, shape (k, 2).
 
-        Between two of these points, the path stays in one piece. None if rounding errors closed a portal.
+        Between two of these points, the path stays in one piece. The result is None if rounding errors have closed a portal.
         """
         from scipy.sparse.csgraph import breadth_first_order
 

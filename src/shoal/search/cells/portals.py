@@ -21,7 +21,7 @@ class Portals:
 
     A border piece is the part of a border cell that is inside the region.
 
-    A piece is identified by its number in `Clipped`. A whole cell has the number n plus its flat index, where n is the number of
+    A piece is identified by its index in `Clipped`. A whole cell has the number n plus its flat index, where n is the number of
     pieces.
 
     Parameters

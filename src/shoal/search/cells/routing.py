@@ -41,11 +41,11 @@ class Route:
 
     @property
     def length(self) -> float:
-        """Length of the route in metres."""
+        """Length of the path in metres."""
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
-        """Return which legs are longer than the step between neighbouring cells, or are transits; bool, shape (k - 1,)."""
+        """Return which legs are transits, or are longer than the distance between neighbouring cells; bool, shape (k - 1,)."""
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
         far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
         stops = np.diff(far[self.stops], prepend=0.0)
@@ -57,7 +57,7 @@ class Route:
 
 
 class RegionPaths:
-    """Paths inside the region of a grid. They stay inside within the tolerance `shoal.search.regions.region.TOUCH`.
+    """Paths inside the region of a grid. The paths stay inside the region within the tolerance `shoal.search.regions.region.TOUCH`.
 
     Parameters
     ----------
@@ -82,8 +82,9 @@ class RegionPaths:
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
 
-        The path is straight if it stays inside the region. Otherwise it is the shortest path around nearby corners. With too many
-        corners on the way, it leads through the cells and is then tightened; such a path is rarely much longer than the shortest.
+        The path is straight if it stays inside the region. Otherwise it is the shortest path around nearby corners of the region.
+        If there are too many corners, the path leads from cell to cell and is then shortened. It is then rarely much longer than
+        the shortest path.
 
         Raises
         ------
@@ -93,7 +94,7 @@ class RegionPaths:
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through stops in their order.
+        """Return the path through the given stops in their order.
 
         Parameters
         ----------
@@ -248,7 +249,7 @@ def length_of(way: Points) -> float:
 
 
 def leg_lengths(way: Points) -> NDArray[np.float64]:
-    """Return the lengths of the legs of a plane or 3-D path in metres; float64, shape (k - 1,)."""
+    """Return the lengths of the legs of a path in metres, for points in two or three dimensions; float64, shape (k - 1,)."""
     steps = np.diff(way, axis=0).T
     level = np.hypot(steps[0], steps[1])
     return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

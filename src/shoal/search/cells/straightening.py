@@ -1,8 +1,8 @@
-"""Straightening: viewpoints of border cells chosen so that the path along a tour is short and has few bends.
+"""Straightening: the choice of the viewpoints of border cells for a short path with few bends along a tour.
 
-The viewpoint of a border cell can be chosen: the cell's piece is completely visible from every point of its *window*. Between two
-cells without a choice, a path of few straight links crosses all windows. Each viewpoint is the point where this path crosses the
-window.
+A border cell may allow a choice of its viewpoint: the cell's piece is completely visible from every point of its *window*. Between
+two cells that allow no choice, a path of a few straight legs crosses the windows of all cells. Each viewpoint is the point where
+this path crosses the window.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ _ROUNDS = 12
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with viewpoints that suit a closed tour.
 
-    Every cell is still completely visible from its own viewpoint. The viewpoint is in the region and not behind a wall.
+    Every cell is still completely visible from its viewpoint. The viewpoint lies in the region, and no wall lies between it and the
+    cell's piece.
 
     Parameters
     ----------

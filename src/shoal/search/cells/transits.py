@@ -22,7 +22,7 @@ _ROOM = 1.0  # relative to the bounds of region and launch points: margin in whi
 class Transits:
     """The shortest paths between points inside and outside a region, around no-go zones and holes with their margin.
 
-    A hole that contains a launch or landing point may be crossed.
+    A path may cross a hole that contains a launch or landing point.
 
     Parameters
     ----------

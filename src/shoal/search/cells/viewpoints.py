@@ -16,10 +16,10 @@ _MOST = 3  # maximum number of viewpoints of a piece before the vehicle follows 
 
 
 def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
-    """Return, for each piece, the point on the centre line of its row from which all of it is seen; None if there is no such point.
+    """Return a point for each piece, on the centre line of its row, from which the whole piece is visible, or None.
 
-    The point may lie in the previous or the next cell, so that a vehicle can drive straight on. It is as close as possible, on the
-    side of the neighbour that contains more of the region.
+    The point may lie in the previous or the next cell, so that a vehicle can continue straight. The point is as close as possible
+    to the cell. It lies on the side of the neighbouring cell that contains more of the region.
 
     Parameters
     ----------
@@ -76,10 +76,12 @@ def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArr
 def viewpoints_of(
     pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = (), free: Any = None
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return points from which all of each piece of a cell is seen. The points lie in the piece, unless they are known.
+    """Return points from which every piece of a cell is completely visible. New points lie in their piece.
 
-    A piece that contains the centre of its cell is seen from the centre. Any other piece is seen from the point nearest to the
-    centre among the points that see all of it. If no single point does, several points are returned.
+    Points that are already known may lie elsewhere.
+
+    A piece that contains the centre of its cell gets the centre as its viewpoint. For any other piece, the viewpoint is the point
+    nearest to the centre from which the whole piece is visible. If no single point suffices, several points are returned.
 
     Parameters
     ----------
