@@ -28,8 +28,8 @@ def _pairs(rng: np.random.Generator, count: int, radius: float) -> Vector:
 @erratum(
     "paper W, section IV.E, eq. 2",
     "the contacts lie around θ = arctan((p1.x - p2.x) / (p1.y - p2.y))",
-    "the contacts lie around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction from p2 to p1; for contacts of p2, add π",
-    "whether p2 is inside the disk, for 20,000 pairs of points with random contacts of p1",
+    "the contacts lie around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction from p2 to p1. For contacts of p2, π must be added",
+    "a program tests whether p2 is inside the disk, for 20,000 pairs of points with random contacts of p1",
 )
 def _contacts() -> tuple[str, bool]:
     rng, r = np.random.default_rng(2), 0.5
@@ -49,7 +49,7 @@ def _contacts() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 3",
     "the chord extends over ψ ± γ/2",
     "the chord extends over ψ ± γ, because γ is the half angle",
-    "the distance of the points of the circle at γ and at γ/2 from the chord",
+    "a program computes the distance of two points of the circle, at γ and at γ/2, from the chord",
 )
 def _half_angle() -> tuple[str, bool]:
     r, depth = 0.5, 0.2  # the chord at that distance below the contact
@@ -62,7 +62,8 @@ def _half_angle() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 4",
     "d⊥ = 2 ‖s1·p_ψ - s2·p_ψ‖",
     "d⊥ = |(s1 - s2)·e(ψ)|. The printed p_ψ has length r, so its factor must be 1/r. The printed factor 2 is right only for r = ½",
-    "the distance of particle 2 from the tangent at the contact of particle 1, for 1000 pairs on disks of r = 0.5 and r = 1",
+    "a program computes the distance of particle 2 from the tangent at the contact of particle 1, for 1000 pairs on disks "
+    "of r = 0.5 and r = 1",
 )
 def _depth() -> tuple[str, bool]:
     rng, worst = np.random.default_rng(3), {}
@@ -107,9 +108,10 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
 
 @erratum(
     "paper W, section IV.E, eq. 6",
-    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number; the line l2 is for γ(ψ_max) < γ < 0",
-    "the lines are vectors, l = r (e(ψ + a) - e(ψ)); the line l2 is for -γ(ψ_max) < a < 0",
-    "the distance of the lines in 45 directions for Δ = (0.3, 0), compared with bisection by the exact condition for two moves",
+    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number. The line l2 is for γ(ψ_max) < γ < 0",
+    "the lines are vectors, l = r (e(ψ + a) - e(ψ)). The line l2 is for -γ(ψ_max) < a < 0",
+    "for Δ = (0.3, 0), a program computes the distance of the lines in 45 directions. It compares this distance with a "
+    "bisection that uses the exact condition for two moves",
 )
 def _outline() -> tuple[str, bool]:
     from shoal.steering import disk, reached_in_two_moves
@@ -131,7 +133,7 @@ def _outline() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 7",
     "‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r cos γ",
     "both inequalities must be reversed",
-    "a simulation of 2000 pairs of moves with random contacts",
+    "a program simulates 2000 pairs of moves with random contacts",
 )
 def _inequalities() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk
@@ -162,7 +164,7 @@ def _inequalities() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 8",
     "ψ = arctan(w.x / w.y), w = Δp - Δg",
     "ψ = atan2(w.x, -w.y) or this value + π, because the wall is parallel to w and not to its mirror image",
-    "a simulation of 500 goals that particle 2 reaches by a move along the wall, after particle 1 has moved to ψ",
+    "a program simulates plans for 500 goals. First particle 1 moves to the contact at ψ, and then particle 2 moves along the wall",
 )
 def _contact_of_a_chord() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk
@@ -190,7 +192,7 @@ def _contact_of_a_chord() -> tuple[str, bool]:
     "paper W, section IV.F",
     "two moves on a disk reach at most the share 0.373, from a distance of about 0.81 diameters",
     "two moves reach at most the share 0.377, from a distance of about 0.8175 diameters",
-    "the maximum of the exact share over all distances",
+    "a program computes the maximum of the exact share over all distances",
 )
 def _most() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import largest_two_move_fraction
@@ -202,9 +204,10 @@ def _most() -> tuple[str, bool]:
 @erratum(
     "paper W, Fig. 15",
     "the remaining distance from the goals falls as 8.66 / length³",
-    "this law holds only if particle 2 is always the toucher; if the nearer particle touches, a distance of 0.01 "
-    "needs half the length",
-    "plans with particle 2 and plans with the nearer particle as the toucher, computed cycle by cycle",
+    "this law holds only if particle 2 is always the toucher. If the nearer particle touches the wall instead, a distance "
+    "of 0.01 needs half the length",
+    "a program computes two kinds of plans, cycle by cycle. In one kind particle 2 is the toucher, and in the other kind "
+    "the nearer particle",
 )
 def _law() -> tuple[str, bool]:
     from shoal.papers.steering.antipodes import swap_antipodes

@@ -19,7 +19,7 @@ erratum = into(CHECKS)
     "paper M, section III.B.1",
     "depth-first search maps with one particle in at most 2 (m - 1) moves",
     "depth-first search takes at most 2 (m - 1) moves plus one move for each wall cell that it probes",
-    "three episodes of depth-first search on each of three maps",
+    "a program runs three episodes of depth-first search on each of three maps",
 )
 def _probes() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials
@@ -44,39 +44,38 @@ def _probes() -> tuple[str, bool]:
     "paper M, section III.B.1",
     "the best competitive ratio on simple grid graphs is 7/6",
     "later papers prove that the best ratio is at least 13/11 and at most 5/4 (for lengths up to a constant)",
-    "an exhaustive search over all regions without holes of up to 7 cells, all starts, and all strategies that explore a region "
-    "and return: whether one strategy achieves a given ratio on all regions",
+    "a program tries all strategies that explore a region and return, for all starts in all regions without holes of up to "
+    "7 cells. The program decides whether one strategy achieves a given ratio in all these cases",
 )
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
     kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
     words = ", ".join(f"the ratio {text} {'can' if found else 'cannot'} be achieved" for text, found in kept.items())
-    return f"of {len(regions)} pairs of a region and a start: {words}", kept == {"7/6": False, "5/4": True}
+    return f"for all {len(regions)} pairs of a region and a start together, {words}", kept == {"7/6": False, "5/4": True}
 
 
 @erratum(
     "paper M, algorithm 2",
     "the elected particle goes to its nearest frontier cell",
-    "if another particle blocks the elected particle, the blocking particle must be elected instead; otherwise "
-    "the algorithm with a "
-    "new path at each move, as the text describes it, can repeat itself forever",
-    "a simulation of 30 placements of 20 particles in a maze, until the map is complete or a state repeats, with "
-    "a new path at each "
-    "move (as in the text) and with complete paths (as in algorithm 2)",
+    "if another particle blocks the elected particle, the blocking particle must be elected instead. Otherwise the "
+    "algorithm of the text, which chooses a new path at each move, can repeat itself forever",
+    "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. It uses a "
+    "new path at each move (as in the text) or complete paths (as in algorithm 2)",
 )
 def _handover() -> tuple[str, bool]:
     ground = FreeCells.of("maze:9x7")
     ended = [sum(plays(ground, seed, **way) for seed in range(30)) for way in ({}, {"whole": True}, {"handover": True})]
     words = ("with a new path at each move", "with complete paths", "with a new path at each move and the handover")
     found = ", ".join(f"{count} {way}" for count, way in zip(ended, words, strict=True))
-    return f"number of the 30 episodes that end: {found}", ended[0] < 30 == ended[2]
+    return f"of the 30 episodes, these numbers end: {found}", ended[0] < 30 == ended[2]
 
 
 @erratum(
     "paper M, algorithm 3",
-    "BFS(M, r, frontier) returns a nearest frontier cell; the paper does not state which one if there are several",
-    "the choice matters: on a line, the order up, down, left, right saves a quarter of the moves",
-    "60 episodes of 50 particles on line:500 with each of two orders of neighbours and the same seeds",
+    "BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell it returns if several are "
+    "equally near",
+    "this choice changes the number of moves. On a line, the search order up, down, left, right saves a quarter of the moves",
+    "a program runs 60 episodes of 50 particles on line:500 with each of two orders of neighbours, from the same seeds",
 )
 def _ties() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials
@@ -101,8 +100,8 @@ def _ties() -> tuple[str, bool]:
 @erratum(
     "paper M, theorem 2",
     "closest-frontier needs at most m (m + 1) / 2 moves",
-    "closest-frontier needs at most m (3m + 1) moves; the printed sum omits the walls, which are also frontier cells",
-    "episodes with one particle in straight corridors of 1 to 6 cells",
+    "closest-frontier needs at most m (3m + 1) moves. The printed sum omits the walls, which are also frontier cells",
+    "a program runs episodes with one particle in straight corridors of 1 to 6 cells",
 )
 def _theorem() -> tuple[str, bool]:
     from tests.swarm_runs import run
@@ -111,7 +110,7 @@ def _theorem() -> tuple[str, bool]:
 
     rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
     words = ", ".join(f"{moves} ({m * (m + 1) // 2})" for m, moves in rows)
-    return f"moves, with the printed bound in brackets: {words}", all(
+    return f"the episodes take these numbers of moves, with the printed bound in brackets: {words}", all(
         m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows
     )
 
@@ -119,8 +118,8 @@ def _theorem() -> tuple[str, bool]:
 @erratum(
     "paper M, data of Fig. 10",
     "coverage with a particle in every cell takes 1 move",
-    "coverage takes 0 moves, because all cells are already visited; mapping takes 4 moves",
-    "one episode of coverage and one of mapping on a rectangle of 9 by 7 cells",
+    "coverage takes 0 moves, because all cells are already visited. Mapping takes 4 moves",
+    "a program runs one episode of coverage and one episode of mapping on a rectangle of 9 by 7 cells",
 )
 def _full() -> tuple[str, bool]:
     from tests.swarm_runs import run
@@ -139,9 +138,8 @@ def _full() -> tuple[str, bool]:
     "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The published numbers are 836, 99 "
     "and 9.3. On generated vessels, 20 % fits at n = 4000 too. One observation remains unexplained: divided by the published "
     "moves of coverage, the published moves of subset coverage fit a share of 10 %",
-    "episodes of closest-frontier with coverage and with both shares: 120 episodes each on three maps of "
-    "vessels, 40 each on a maze "
-    "and on a rectangle",
+    "a program runs episodes of closest-frontier with coverage and with both shares. It runs 120 episodes for each case on "
+    "three maps of vessels, and 40 on a maze and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials

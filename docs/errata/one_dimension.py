@@ -50,7 +50,7 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
     "paper D, eq. 2",
     "the mean number of moves to find both ends is 3(1+m)/(1+n)",
     "the mean is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in paper M, eq. 2",
-    "a simulation of all placements of n = 3 particles in m = 9 cells, particle by particle",
+    "a program simulates all placements of n = 3 particles in m = 9 cells, particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -67,9 +67,11 @@ def _boundary() -> tuple[str, bool]:
 
 @erratum(
     "papers M, D, section III.A.2",
-    "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves",
-    "full coverage takes p + max(R, need) moves; if the largest gap decides, the printed formula counts too many moves",
-    "a simulation of all placements of n = 3 particles in m = 12 cells, particle by particle",
+    "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
+    "of the first and the last particle, and g is the largest gap",
+    "full coverage takes p + max(R, need) moves. After the p moves to the left, R moves lead to the other end, and `need` "
+    "moves close all gaps. If a gap takes longest, the printed formula counts too many moves",
+    "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -87,9 +89,9 @@ def _coverage() -> tuple[str, bool]:
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
     "full coverage of m = 1000, n = 100 takes 60.7 moves",
-    "full coverage takes 58.74 moves; the published data also count a gap as the difference of two positions, "
-    "which is one too many",
-    "the exact mean, compared with the published curve at m = 5000",
+    "full coverage takes 58.74 moves. The published data count a gap as the difference of two positions, which is one cell "
+    "too many",
+    "a program compares the exact mean with the published curve at m = 5000",
 )
 def _published_coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -101,11 +103,12 @@ def _published_coverage() -> tuple[str, bool]:
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
     found = (
-        f"for m = 1000, the mean is {float(line.coverage.exact):.2f}, and {float(line.published_coverage):.2f} with "
-        "gaps as differences; "
+        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and with gaps as differences it would be "
+        f"{float(line.published_coverage):.2f}. "
     )
     found += (
-        f"for m = 5000, n = 1000, it is {exact:.2f}, {theirs:.2f} with gaps as differences, and {mean} ± {error:.2f} as published"
+        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, with gaps as differences {theirs:.2f}, and the published mean is "
+        f"{mean} ± {error:.2f}"
     )
     return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
 
@@ -113,9 +116,10 @@ def _published_coverage() -> tuple[str, bool]:
 @erratum(
     "paper M, section III.A.3",
     "a search with scans after 1, 2, 4, ... moves takes at most log2 D scans",
-    "the search takes at most log2 D + 3 scans, including the scan at the start; this number is reached if D is a power of 2, "
-    "because D + 1 moves are needed",
-    "a simulation of the search for all D from 1 to 4096, and of a second search with 1, 2, 4, ... moves between its scans",
+    "the search takes at most log2 D + 3 scans, including the scan at the start. If D is a power of 2, the search takes "
+    "exactly this number of scans, because it needs D + 1 moves",
+    "a program simulates the search for all D from 1 to 4096. It also simulates a second search with 1, 2, 4, ... moves "
+    "between its scans",
 )
 def _doubling() -> tuple[str, bool]:
     def scans(distance: int, *, between: bool) -> int:
@@ -127,7 +131,7 @@ def _doubling() -> tuple[str, bool]:
 
     over = {way: max(scans(d, between=way) - np.log2(d) for d in range(1, 4097)) for way in (False, True)}
     powers = {scans(2**k, between=False) - k for k in range(1, 13)}
-    found = f"the first search takes up to log2 D + {over[False]:g} scans, the second one up to log2 D + {over[True]:g}"
+    found = f"the first search takes at most log2 D + {over[False]:g} scans, and the second search at most log2 D + {over[True]:g}"
     return found, over[False] == 3 and powers == {3}
 
 
@@ -135,7 +139,7 @@ def _doubling() -> tuple[str, bool]:
     "papers M, D, section III.A.2",
     "there are C(m-n, n+1) configurations of the gaps",
     "there are C(m, n) configurations",
-    "a list of the gaps of all placements of 3 particles in 8 cells",
+    "a program lists the gaps of all placements of 3 particles in 8 cells",
 )
 def _configurations() -> tuple[str, bool]:
     m, n = 8, 3
@@ -149,7 +153,7 @@ def _configurations() -> tuple[str, bool]:
     "paper M, Fig. 5",
     "the mean largest gap of 10 particles in 1000 cells is 273.9 (Monte Carlo)",
     "the mean is 272.80, by a closed formula",
-    "the exact distribution of the largest of all 11 gaps, compared with 100,000 random placements",
+    "a program computes the exact distribution of the largest of all 11 gaps, and compares its mean with 100,000 random placements",
 )
 def _largest_gap() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line, sample
@@ -167,7 +171,7 @@ def _largest_gap() -> tuple[str, bool]:
     "paper M, Fig. 6",
     "the caption of the figure states n = 10",
     "the data of the figure belong to n = 100",
-    "the value of eq. 2 for both numbers of particles",
+    "a program computes the value of eq. 2 for both numbers of particles",
 )
 def _caption() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line

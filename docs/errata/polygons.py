@@ -15,9 +15,9 @@ Vector = NDArray[np.float64]
 
 @erratum(
     "paper W, section IV.A",
-    "the Δ configuration space of a polygon with n sides has 2n sides; for regular polygons with even n it has n sides",
-    "it has 2n sides minus two for each pair of parallel sides, whether the polygon is regular or not",
-    "the number of corners of the convex hull of all differences of corners, for four polygons",
+    "the Δ configuration space of a polygon with n sides has 2n sides. For a regular polygon with even n, the space has n sides",
+    "the space has 2n sides minus two for each pair of parallel sides, whether the polygon is regular or not",
+    "for four polygons, a program counts the corners of the convex hull of all differences of two corners",
 )
 def _sides() -> tuple[str, bool]:
     from scipy.spatial import ConvexHull
@@ -38,8 +38,8 @@ def _sides() -> tuple[str, bool]:
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
     "a translation moves both particles to their goals, or one particle to the next wall",
-    "if a particle touches a wall, it must first move a little off the wall; otherwise the wall holds the particle",
-    "a simulation of 1000 translations along the left wall of a square, with one particle on this wall",
+    "if a particle touches a wall, the particle must first move a little off the wall. Otherwise the wall holds the particle",
+    "a program simulates 1000 translations along the left wall of a square, with one particle on this wall",
 )
 def _lift() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace
@@ -60,8 +60,8 @@ def _lift() -> tuple[str, bool]:
             kept[k] += off < 1e-9
             worst[k] = max(worst[k], off)
     found = (
-        f"as printed, {kept[0]} of 1000 translations end at their goals, with errors up to {worst[0]:.2f}; with a "
-        f"lift of 1e-6, {kept[1]} do"
+        f"as printed, {kept[0]} of 1000 translations end at their goals, with errors up to {worst[0]:.2f}; if the "
+        f"particle first moves 1e-6 off the wall, {kept[1]} do"
     )
     return found, kept[1] == 1000 and kept[0] == 0
 
@@ -69,8 +69,8 @@ def _lift() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.C",
     "a square needs at most five moves by algorithm 1",
-    "four canonical moves do not reach a corner of the Δ configuration space with the area |Δx Δy|",
-    "the exact reachable set after four moves from Δ = (0.27, 0.11)",
+    "four moves of algorithm 1 do not reach the whole Δ configuration space. They miss a corner of it with the area |Δx Δy|",
+    "a program computes the exact set that four moves reach from Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -84,8 +84,8 @@ def _square() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.D",
     "four moves reach all differences in a regular triangle and in any acute triangle",
-    "four moves reach all differences only from some starts; six moves were enough in every tested triangle",
-    "the exact reachable sets from 8 random starts in each of 4 acute triangles, the first of them regular",
+    "four moves reach all differences only from some starts. Six moves were enough in every tested triangle",
+    "a program computes the exact reachable sets from 8 random starts in each of 4 acute triangles. The first triangle is regular",
 )
 def _triangles() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -100,8 +100,8 @@ def _triangles() -> tuple[str, bool]:
         missed = max(missed, *(1 - float(filling.fractions[1]) for filling in fillings))
         most = max(most, *(filling.moves or 8 for filling in fillings))
     found = (
-        f"four moves reach all differences from {', '.join(map(str, four))} of 8 starts, and otherwise miss up to "
-        f"{100 * missed:.1f} %"
+        f"four moves reach all differences from {', '.join(map(str, four))} of 8 starts, and from the other starts "
+        f"they miss up to {100 * missed:.1f} % of the differences"
     )
     return f"{found}; at most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
 
@@ -109,10 +109,9 @@ def _triangles() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.D",
     "six moves reach all differences in regular polygons with up to eight sides, and eight moves with up to thirteen sides",
-    "six moves are enough for up to six sides; seven and eight sides may need eight moves, and ten sides ten "
-    "moves if the particles "
-    "start close together",
-    "the exact reachable sets from one start in each of four polygons",
+    "six moves are enough for up to six sides. Polygons with seven or eight sides may need eight moves. A polygon with ten "
+    "sides needs ten moves if the particles start close together",
+    "a program computes the exact reachable sets from one start in each of four polygons",
 )
 def _polygons() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -150,8 +149,9 @@ def _turned(points: Vector) -> Vector:
 @erratum(
     "paper W, section V.A",
     "a wall whose reflected contact cannot make the adjustment is discarded",
-    "use the nearest contact that allows the adjustment: three moves then reach more goals, and some goals by a shorter path",
-    "plans of three moves for 20,000 random problems in a square, and a simulation of 200 plans that the paper discards",
+    "the plan must use the nearest contact that allows the adjustment. Three moves then reach more goals, and some goals by"
+    " a shorter path",
+    "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the paper discards",
 )
 def _discarded() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace

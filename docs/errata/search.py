@@ -13,8 +13,8 @@ erratum = into(CHECKS)
 @erratum(
     "paper H, section Efficiency",
     "the expected time T_E is proportional to the reciprocal of the number of robots",
-    "T_E is proportional to H_m/m, which is about ln m / m; the printed value below 20 % for 20 robots is correct",
-    "the mean over 10,000 random starts of 10, 20 and 50 robots in 1024 cells",
+    "T_E is proportional to H_m/m, which is about ln m / m. The printed value below 20 % for 20 robots is correct",
+    "a program computes the mean over 10,000 random starts of 10, 20 and 50 robots in 1024 cells",
 )
 def _reciprocal() -> tuple[str, bool]:
     from shoal.search.allocation.expected_time import expected_time, stay_share
@@ -32,7 +32,7 @@ def _reciprocal() -> tuple[str, bool]:
     "paper H, section Space-Filling Curves",
     "the number of subregions is (2D)² = 2^(2D)",
     "the number of subregions is (2^D)² = 2^(2D)",
-    "the number of cells of the curve of order 3, and the index of the printed location [3, 5]",
+    "a program counts the cells of the curve of order 3, and computes the index of the printed location [3, 5]",
 )
 def _subregions() -> tuple[str, bool]:
     from shoal.search import hilbert_decode, hilbert_encode
@@ -49,8 +49,8 @@ def _subregions() -> tuple[str, bool]:
 @erratum(
     "paper H, section Further Research",
     "a closed Hilbert curve has a long path between its ends",
-    "the statement is correct; Moore's curve has no such long path",
-    "the closing edges of both curves on 32 by 32 cells",
+    "the statement is correct. Moore's curve has no such long path",
+    "a program measures the closing edges of both curves on 32 by 32 cells",
 )
 def _closing() -> tuple[str, bool]:
     from shoal.search import make_tour
