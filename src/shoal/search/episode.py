@@ -35,7 +35,7 @@ FORMAT: Literal[2] = 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchEpisode(Episode):
-    """A search. ``bool(episode)`` is true if all reachable cells were searched and every working robot knows it.
+    """A search. ``bool(episode)`` is true if all reachable cells were searched and every working robot knows this.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
-        """Complete if all reachable cells were searched and every live robot knows it."""
+        """The status is ``complete`` if all reachable cells were searched and every live robot knows this."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
     @property
@@ -99,7 +99,7 @@ class SearchEpisode(Episode):
 
     @property
     def makespan(self) -> float | None:
-        """Time in seconds at which the last reachable cell was searched; None if some cell was never searched."""
+        """Time in seconds at which the last reachable cell was searched, or None if some reachable cell was never searched."""
         return self.plan.seconds(self.trace.covered_at) if self.trace.covered_at < inf else None
 
     @property
@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name. Times are in seconds; ``share`` is the makespan relative to one robot's time, T/T_UB."""
+        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by one robot's time, T/T_UB."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -137,23 +137,23 @@ class SearchEpisode(Episode):
 
     @property
     def coverage(self) -> AreaCoverage:
-        """The robots' coverage of the region in all layers together, computed independently of the cells."""
+        """The part of the region that the robots saw in all layers together, computed as an area, independently of the cells."""
         return together(self.coverages)
 
     @cached_property
     def coverages(self) -> tuple[AreaCoverage, ...]:
-        """The coverage of each layer, from the lowest."""
+        """The coverage of each layer, beginning with the lowest."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
-        """For each robot and each of its stops, the cells that it saw, as tour indices."""
+        """For each robot and each of its stops, the cells that the robot saw from there, as tour indices."""
         return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """The findings known to the robots that declared the search complete. If none did, the findings known to all robots."""
+        """The findings of the robots that have declared the search complete, or of all robots if none has declared this."""
         reports: dict[int, set[int]] = {}
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
@@ -165,7 +165,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """Time at which each blocked cell was discovered, in cell times, in tour order."""
+        """For each blocked cell, in tour order, the time of its discovery in units of `cell_time`."""
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
@@ -177,7 +177,7 @@ class SearchEpisode(Episode):
         return len(self.plan.tour_cost) - (self.scenario.blocked | self.scenario.goal).bit_count()
 
     def report(self) -> dict[str, Any]:
-        """Return the JSON object of ``shoal search``."""
+        """Return the JSON object that ``shoal search`` prints."""
         grid, trace, allocation = self.plan.grid, self.trace, self.plan.allocation
         return {
             "status": str(self.status),
@@ -253,7 +253,7 @@ class SearchEpisode(Episode):
     def verify(self) -> Verification:
         """Plan and simulate the search again, and compare all values.
 
-        A live search cannot be repeated. For it, only the consistency of the stored cells and times is checked.
+        A live search cannot be repeated. For a live search, only the consistency of the stored cells and times is checked.
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
@@ -337,7 +337,7 @@ class SearchEpisode(Episode):
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as text, h:mm:ss from a minute on.
+    """Return a duration as text: h:mm:ss for durations of a minute or more.
 
     Examples
     --------

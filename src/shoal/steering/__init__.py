@@ -1,4 +1,4 @@
-"""Steering of particles by one shared input, with walls that hold particles. Names are imported on first use."""
+"""Steering of particles by one shared input, with walls that hold particles. Names are imported when they are first used."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ _EQUAL = 1e-9  # relative to the size: states that differ by less are equal
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SteeringEpisode(Episode):
-    """One run of steering, with all data to replay its plan, and its metrics.
+    """One run of steering, with its metrics and all data for a replay of its plan.
 
     ``bool(episode)`` is true if the problem is solved.
 
@@ -92,20 +92,21 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def goal(self) -> Points:
-        """The goal of each particle, in the order of the particles; float64, shape (n, d)."""
+        """The goal that each particle was assigned, in the order of the particles; float64, shape (n, d)."""
         return np.asarray(self.problem.endpoints(self.seed)[1][self.order])
 
     @cached_property
     def error(self) -> float:
-        """Largest distance between a particle and its goal at the end."""
+        """The largest distance between a particle's final position and its goal."""
         return float(np.linalg.norm(self.final - self.goal, axis=1).max())
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: final error divided by an initial error, or by the contact tolerance of 1e-9 of the size.
+        """Amplification of errors: the final error divided by the initial error, or by the contact tolerance (1e-9 of the size).
 
-        The condition is between a few and some hundreds for most plans. A plan is sensitive if the condition times the contact
-        tolerance exceeds the tolerance of the goals. Such a plan holds only in floating-point arithmetic with the same rounding.
+        For most plans, the condition is between a few and a few hundred. A plan is sensitive if the condition times the contact
+        tolerance exceeds the tolerance of the goals. A sensitive plan reaches its goals only in floating-point arithmetic with the
+        same rounding.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
@@ -123,7 +124,7 @@ class SteeringEpisode(Episode):
         }  # fmt: skip
 
     def report(self) -> dict[str, Any]:
-        """Return the JSON object of ``shoal steer``."""
+        """Return the JSON object that ``shoal steer`` prints."""
         return {
             "status": str(self.status), "reason": self.reason, "planner": self.planner, "moves": self.moves,
             "length": self.length, "inputs": self.inputs.tolist(), "final": self.final.tolist(), "error": self.error,
@@ -132,7 +133,10 @@ class SteeringEpisode(Episode):
         }  # fmt: skip
 
     def verify(self) -> Verification:
-        """Replay the inputs. Compare the particles' positions, and check that the status is consistent with them."""
+        """Replay the inputs.
+
+        Compare the particles' positions with the stored positions, and check that the status is consistent with the positions.
+        """
         near = _EQUAL * self.problem.place.size
         try:
             states = replay(self.problem, self.inputs, seed=self.seed)
@@ -157,7 +161,7 @@ class SteeringEpisode(Episode):
         return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON. A workspace that was read from a file is stored with it.
+        """Write the episode as JSON. If the workspace was read from a file, the episode contains it.
 
         Raises
         ------

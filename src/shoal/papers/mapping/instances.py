@@ -30,9 +30,9 @@ STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of Fig.
+    """Return the map of figure 3, and particles that fill its corridor.
 
-    3 (n by n cells below a corridor of n cells at its right), and the particles that fill the corridor.
+    The map consists of n by n cells and a corridor of n cells above their right end.
     """
     free = np.zeros((2 * n, n), dtype=np.bool_)
     free[n:], free[:, -1] = True, True
@@ -52,9 +52,9 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return the numbers of moves that map Fig.
+    """Return the numbers of moves that map figure 3: by closest-frontier, and by a plan.
 
-    3 by closest-frontier, and by a plan that drives all particles into the square at once.
+    The plan drives all particles into the square at once.
     """
     ground, start = square_below(n)
     together = f"lru{'d' * n}r{'udl' * n}"

@@ -20,7 +20,7 @@ _AT_FIRST = 16  # number of corners tested for a start point at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
-    """Return which straight segments stay in the region within `TOUCH`, given that they start in it; bool, shape (n,)."""
+    """Return which straight segments stay inside the region within `TOUCH`. All segments must start inside; bool, shape (n,)."""
     import shapely
 
     found = np.empty(len(starts), dtype=np.bool_)
@@ -34,7 +34,8 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 class VisibilityGraph:
     """The corners at which shortest paths bend (inner angle above 180 degrees), and their mutual visibility.
 
-    The corners `SearchRegion.bends` come first. Paths that bend only there are preferred to shorter paths with more bends.
+    The corners `SearchRegion.bends` come first. Paths that bend only at these corners are preferred to shorter paths with more
+    bends.
 
     The visibility of a corner is computed when a search first reaches it, and then cached. Only corners on possible shortest paths
     are tested.
@@ -66,7 +67,7 @@ class VisibilityGraph:
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest path that bends only at the candidate corners, or None; float64, shape (k, 2)."""
+        """Return the shortest path that bends only at the candidate corners, or None if there is none; float64, shape (k, 2)."""
         few = candidates[candidates < self._few]
         found = self._shortest(start, end, few) if len(few) else None
         return self._shortest(start, end, candidates) if found is None else found
@@ -165,7 +166,10 @@ def _inward_corners(area: Any) -> Points:
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a path without unnecessary bends. Each leg extends as far along the path as visibility allows."""
+    """Return a path without unnecessary bends.
+
+    Each leg leads to the farthest point of the old path that is visible from its start.
+    """
     kept = [0]
     while kept[-1] < len(way) - 1:
         here = kept[-1]
@@ -177,7 +181,7 @@ def pulled(region: SearchRegion, way: Points) -> Points:
 
 
 def merge_collinear(points: Points) -> Points:
-    """Return a path without repeated points and without points on straight legs. Reversals are kept.
+    """Return a path without repeated points and without points on a straight line between their neighbours. Reversals are kept.
 
     Examples
     --------

@@ -20,7 +20,7 @@ _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
-    """Return the parts of all six curves between poses.
+    """Return the arcs and segments of all six Dubins curves between poses.
 
     Parameters
     ----------
@@ -75,11 +75,10 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
 
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Return a curve as a path of straight legs around it; float64, shape (k, 2).
+    """Return a path of straight legs whose legs touch a curve from outside; float64, shape (k, 2).
 
-    The legs are tangents of the curve's circles and bend by at most `SHARPEST`. A vehicle that rounds each vertex as late as
-    possible, from the middle of the legs, flies the curve itself, with this radius and no smaller one. The first and the last leg
-    have the headings of the curve's ends.
+    The legs are tangents of the curve's circles and bend by at most `SHARPEST`. A vehicle that begins each turn in the middle of a
+    leg flies exactly the curve, with the curve's radius. The first and the last leg have the headings of the curve's ends.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]

@@ -1,4 +1,4 @@
-"""Flight of a vehicle from home along a path and back, with turns and terrain following."""
+"""The flight of a vehicle from home along a path and back home, with turns and terrain following."""
 
 from __future__ import annotations
 
@@ -259,7 +259,7 @@ class Flight:
 
 
 def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
-    """Return a path and its altitudes, with climbs moved before each leg and descents after it, so that both are vertical.
+    """Return a path with its altitudes, in which each climb is vertical before its leg and each descent is vertical after its leg.
 
     Examples
     --------
@@ -275,10 +275,10 @@ def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
 
 
 def whole_way(home: Points, waypoints: Floats, landing: Points | None = None, *, glides: bool = False) -> Floats:
-    """Return the complete path: from the ground at home, along the waypoints, and to the ground at home or the landing point.
+    """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
 
-    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint, or during
-    the last leg if it glides.
+    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint, or, if the
+    vehicle glides, during the last leg.
 
     Examples
     --------

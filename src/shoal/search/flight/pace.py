@@ -1,4 +1,4 @@
-"""Costs of a vehicle's motion in cells, the unit of planners."""
+"""The costs of a vehicle's motion, measured in cells as planners do."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.search.flight.vehicle import Vehicle
 def turn_cells(vehicle: Vehicle, size: float) -> float:
     """Return the cost of a turn in cells: its duration or, for a fixed wing, half the extra length of the curve between rows.
 
-    A row ends with two turns: one towards the next row, and one into that row.
+    At the end of a row, the vehicle turns twice: towards the next row, and into the next row.
 
     Examples
     --------
@@ -27,10 +27,10 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 
 def working_seconds(vehicle: Vehicle) -> float:
-    """Return the endurance in seconds between the climb to the search altitude and the descent from it, without the reserve."""
+    """Return the usable endurance in seconds at the search altitude: without climb, descent and reserve."""
     return vehicle.usable_seconds - climbing_seconds(vehicle)
 
 
 def climbing_seconds(vehicle: Vehicle) -> float:
-    """Return the total time in seconds of the climb to the search altitude and the descent from it."""
+    """Return the total time in seconds that a vehicle needs to climb to the search altitude and to descend from there."""
     return float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum())

@@ -1,4 +1,4 @@
-"""Separation of vehicles in flight: the exact nearest approach for any delays, and the delays that keep vehicles apart."""
+"""Separation of vehicles in flight: the exact nearest approach of vehicles for any delays, and the delays that keep them apart."""
 
 from __future__ import annotations
 
@@ -73,10 +73,10 @@ class _Legs:
 def nearest_approach(
     one: Trajectory, other: Trajectory, *, vertical: float, later: float = 0.0, tolerance: float = 0.0
 ) -> Approach | None:
-    """Return the nearest approach of two vehicles in flight, or None if their heights always differ enough.
+    """Return the nearest approach of two vehicles in flight, or None if the vertical separation always holds.
 
-    Both vehicles are in flight from the beginning to the end of their trajectories. The distance of two legs is convex, so its
-    minimum over all moments and all delays has a closed form.
+    A vehicle is in flight from the beginning to the end of its trajectory. The distance of two legs is convex, so its minimum over
+    all moments and all delays has a closed form.
 
     Parameters
     ----------
@@ -226,10 +226,10 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 
 
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
-    """Return the time differences at which two vehicles would be too close, as merged increasing intervals; float64, shape (k, 2).
+    """Return the intervals of start time differences for which two vehicles come too close; merged and increasing, shape (k, 2).
 
-    Each row bounds the start time of the second vehicle minus that of the first. For differences outside all rows, both vehicles
-    keep one of the two separations.
+    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. For time
+    differences outside all intervals, the vehicles always keep the horizontal or the vertical separation.
 
     Parameters
     ----------
@@ -302,7 +302,9 @@ def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limi
 
 
 def merged_intervals(intervals: Floats) -> Floats:
-    """Return overlapping intervals merged, in increasing order; shape (k, 2). Intervals that end before they begin are dropped.
+    """Merge overlapping intervals, and return them in increasing order; float64, shape (k, 2).
+
+    Intervals that end before they begin are dropped.
 
     Examples
     --------

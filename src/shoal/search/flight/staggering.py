@@ -24,7 +24,7 @@ Started = tuple[Sequence[Trajectory], float]
 
 @dataclass(frozen=True)
 class Separation:
-    """Required separation of vehicles in flight, horizontal or vertical.
+    """The required horizontal and vertical distance of vehicles in flight. Two vehicles must keep at least one of them.
 
     Parameters
     ----------
@@ -48,8 +48,9 @@ def staggered(
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return layers and delays for which all vehicles in flight keep the separation.
 
-    The longest flight starts first, without delay and in the lowest layer. Every other flight uses the layer in which it ends
-    first. A new layer is opened only if it saves at least a twentieth of the longest flight, because layers cost altitude.
+    The longest flight starts first, without delay and in the lowest layer. Every other flight uses the layer in which it can end
+    earliest. A new layer is opened only if it saves at least a twentieth of the longest flight, because a higher layer costs a
+    longer climb.
 
     Parameters
     ----------

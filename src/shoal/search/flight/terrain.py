@@ -67,7 +67,7 @@ class Terrain:
         return self._heights_at(self.grid_points(places, frame), places)
 
     def grid_points(self, points: Points, frame: LocalFrame | None) -> Points:
-        """Return points as fractional (column, row) coordinates."""
+        """Return the positions of points on the grid as fractional (column, row) coordinates."""
         if self.crs != UNSAID and (frame is None) != (self.crs is None):
             kinds = ("metres of no place on Earth", "a place on Earth")
             raise InvalidInputError(
@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return the largest deviation of some cells' heights from a plane along the diagonal, in metres."""
+        """Return the largest difference in metres, along the diagonal of a grid cell, between its bilinear heights and a plane."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
@@ -147,7 +147,7 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Return the ground below a path: at its vertices, at every crossed grid line, and at enough points between.
+    """Return the ground below a path: at its vertices, at every crossed grid line, and at points between them.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
-    """Return a path above the ground: its vertices, and additional points that keep the height within ``error`` of the clearance.
+    """Return a path above the ground: its vertices, and additional points for a nearly constant height above ground.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Trajectory:
     def at(self, times: ArrayLike) -> Floats:
         """Return the vehicle's positions at some times; shape (..., 3).
 
-        Before the first and after the last time it stands still.
+        Before the first time and after the last time, the vehicle stands still.
         """
         asked = np.asarray(times, dtype=np.float64)
         return np.stack([np.interp(asked, self.times, self.points[:, axis]) for axis in range(3)], axis=-1)
@@ -50,10 +50,10 @@ class Trajectory:
 def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
-    The duration of a leg is its horizontal length divided by the ground speed in the wind, or the duration of its climb if that is
-    longer. Each horizontal change of direction of more than a degree adds the duration of a turn. A change between vertical and
-    horizontal motion also adds one. Starting and stopping at the ends add half a turn each. For fixed wings, turns must be part of
-    the path, as short legs.
+    The duration of a leg is its horizontal length divided by the ground speed in the wind, or the duration of its climb if the
+    climb takes longer. Each horizontal change of direction of more than a degree adds the duration of a turn. A change between
+    vertical and horizontal motion also adds the duration of a turn. Starting and stopping at the ends add half a turn each. For
+    fixed wings, the path itself must contain the turns as short legs.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
 
 def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Floats:
-    """Return the duration of each leg of a path without turns; float64, shape (k - 1,)."""
+    """Return the duration of each leg of a path, without the time for turns; float64, shape (k - 1,)."""
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     moving = lengths > 0
@@ -98,7 +98,7 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
 
 
 def turns_of(points: Floats) -> NDArray[np.bool_]:
-    """Return at which inner points of a path the horizontal direction changes by more than a degree; shape (k - 2,)."""
+    """Return which inner points of a path change the horizontal direction by more than a degree; bool, shape (k - 2,)."""
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)

@@ -1,4 +1,4 @@
-"""Turns of fixed wings: conversion of a path of straight legs into one that they can follow."""
+"""Turns of fixed wings: they convert a path of straight legs into a path that fixed wings can follow."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class _Room:
 
     @classmethod
     def of(cls, blocked: Any, area: Any) -> _Room:
-        """Return it with shapes made ready, smaller and larger by rounding."""
+        """Return the areas for the test of curves, each with a small tolerance for rounding errors."""
         import shapely
 
         closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
@@ -58,7 +58,7 @@ class _Room:
         return room
 
     def crossing(self, curves: list[Floats]) -> list[int]:
-        """Return the numbers of the curves for which there is no room."""
+        """Return the indices of the curves that cross a blocked area or leave the allowed area."""
         if not curves or (self.blocked is None and self.area is None):
             return []
         import shapely
@@ -73,7 +73,7 @@ class _Room:
 
 @dataclass
 class KnownCurves:
-    """Cache of curves between points, shared by all sorties that are tried.
+    """A cache of curves between points, which all candidate sorties of a mission share.
 
     Parameters
     ----------
@@ -97,12 +97,12 @@ def turned_way(
     known: KnownCurves | None = None,
     cuts: Sequence[int] = (),
 ) -> list[Floats]:
-    """Return a path along the legs of another path, with turns of at least a minimum radius outside the legs.
+    """Return a path along the legs of a given path, whose turns lie outside the legs and have at least a minimum radius.
 
     The path passes all vertices. Legs longer than ``link``, except the first and the last, are flown straight from end to end.
     Shorter legs may be replaced by a curve between their ends. Headings (`HEADINGS` choices at free points) and curves are chosen
-    for the smallest total length. If all curves from the end of a leg are blocked, the end of the leg is passed point by point, at
-    most a footprint apart, in any possible direction.
+    for the smallest total length. If all curves from the end of a leg are blocked, the vehicle passes points near the end of the
+    leg, at most a footprint apart, in any direction that is possible.
 
     Parameters
     ----------
@@ -327,11 +327,11 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list
 
 
 def circled(start: Floats, sense: str, count: int, radius: float) -> Floats:
-    """Return a way of so many circles from a place and heading back to it, to the left (L) or right (R); shape (k, 2)."""
+    """Return a path of several full circles that begins and ends at a given place and heading, to the left or the right."""
     return dubins_way(start, sense, [count * 2 * pi], radius)
 
 
 def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
-    """Return to which side of a place and heading there is room for a circle: L, R, or none."""
+    """Return the side of a place and heading on which there is room for a circle: L, R, or none."""
     room = _Room.of(blocked, area)
     return "".join(sense for sense in "LR" if not room.crossing([circled(start, sense, 1, radius)]))[:1]

@@ -41,7 +41,7 @@ _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """A vehicle in physical units. A field that is not given has the preset's value, or no limit.
+    """A vehicle in physical units. A missing field has the preset's value. Without a preset, it sets no limit.
 
     Raises
     ------
@@ -186,12 +186,12 @@ class Vehicle(Problem):
 
     @property
     def radius(self) -> float:
-        """The minimum turning radius without wind in metres; 0 if the vehicle turns on the spot."""
+        """The minimum turning radius without wind in metres, or 0 if the vehicle turns on the spot."""
         return float(self.turn_radius or 0.0)
 
     @property
     def ground_radius(self) -> float:
-        """The minimum turning radius over ground in metres that the vehicle can hold in its wind, at the speed of a tailwind."""
+        """The minimum turning radius over ground in metres that the vehicle can hold in its wind. A tailwind is the worst case."""
         return self.radius * (1.0 + self.wind / self.cruise) ** 2
 
     @property
@@ -201,7 +201,7 @@ class Vehicle(Problem):
 
     @property
     def turn_seconds(self) -> float:
-        """Extra time of a turn in seconds. It is 0 for fixed wings, whose turns are part of the path."""
+        """Extra time of a turn in seconds. The extra time is 0 for fixed wings, whose turns are part of the path."""
         if self.turn_time is not None:
             return float(self.turn_time)
         return self.cruise / self.acceleration if self.acceleration and not self.radius else 0.0
@@ -219,7 +219,7 @@ class Vehicle(Problem):
 
     @property
     def usable_seconds(self) -> float:
-        """The endurance without the reserve in seconds; infinite without a limit."""
+        """The endurance without the reserve in seconds, or infinity if the vehicle has no limit."""
         return inf if self.endurance is None else float(self.endurance) * 60.0 * (1.0 - float(self.reserve or 0.0))
 
     @property
@@ -228,14 +228,14 @@ class Vehicle(Problem):
         return float(self.recharge or 0.0) * 60.0
 
     def vertical_seconds(self, change: ArrayLike) -> NDArray[np.float64]:
-        """Return the time in seconds to climb by ``change`` metres, or to descend if it is negative."""
+        """Return the time in seconds to climb by ``change`` metres, or to descend if ``change`` is negative."""
         up = np.asarray(change, dtype=np.float64)
         return np.maximum(up, 0.0) / (self.climb_speed or inf) + np.maximum(-up, 0.0) / (self.sink_speed or inf)
 
     def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
-        """Return the ground speed along some directions in m/s, from the wind triangle. The vehicle compensates crosswind.
+        """Return the ground speed in m/s along given directions at cruise speed, if the vehicle compensates crosswind.
 
-        ``ways`` are vectors east and north of any positive length; float64, shape (k, 2). The airspeed is the cruise speed.
+        ``ways`` holds direction vectors (east, north) of any positive length; float64, shape (k, 2).
         """
         along = np.asarray(ways, dtype=np.float64)
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
@@ -244,23 +244,23 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the mean ground speed along rows in both directions, m/s; ``angle`` in degrees counter-clockwise from east."""
+        """Return the mean ground speed along rows in both directions, in m/s. ``angle`` is in degrees from east to north."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 
     @property
     def image_size(self) -> tuple[float, float] | None:
-        """Area on the ground that the camera sees from its altitude, across and along the path in metres; None without a camera."""
+        """Area on the ground that the camera sees, across and along the path in metres, or None without a camera."""
         if not (self.sensor_width and self.sensor_height and self.focal_length):
             return None
         return self.height * self.sensor_width / self.focal_length, self.height * self.sensor_height / self.focal_length
 
     @property
     def row_spacing(self) -> float | None:
-        """The distance between neighbouring rows in metres, which is the footprint's width; None without a camera or a detector.
+        """The distance between neighbouring rows in metres (the footprint's width), or None without a camera or a detector.
 
-        For a camera, it is the width of an image minus the overlap, but at most the image's length, because at the end of a row
-        only half an image is seen.
+        For a camera, this distance is the width of an image minus the overlap. It is at most the length of an image, because at the
+        end of a row only half an image is seen.
         """
         if self.image_size is None:
             return self.detector_width
@@ -269,12 +269,12 @@ class Vehicle(Problem):
 
     @property
     def trigger_distance(self) -> float | None:
-        """Distance between two images in metres, rounded to a millimetre; None without a camera."""
+        """Distance between two images in metres, rounded to a millimetre, or None without a camera."""
         return None if self.image_size is None else round(self.image_size[1] * (1.0 - (self.front_overlap or 0.0)), 3)
 
     @property
     def ground_sample(self) -> float | None:
-        """Ground sample distance: longer side in metres of a pixel's area on the ground; None if camera or pixels are unknown."""
+        """Ground sample distance: the longer side of a pixel's area on the ground in metres, or None if it cannot be computed."""
         sides = [
             side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
         ]

@@ -1,4 +1,4 @@
-"""Missions for real vehicles: creation from routes, writing and reading in six formats, checks of files and of coverage."""
+"""Missions for real vehicles: how to create them from routes, write and read six formats, and check them."""
 
 from __future__ import annotations
 

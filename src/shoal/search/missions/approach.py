@@ -1,4 +1,4 @@
-"""Distances of vehicles that follow missions from each other and from the ground, and the airspace that they need."""
+"""For vehicles that follow missions: their distances from each other, their heights above ground, and their airspace."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ _FINE = 0.1  # metres: an eighth of this is the deviation of the ground from a s
 
 
 def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
-    """Return the trajectory of a vehicle that follows its mission. A vehicle that does not land circles at its end for a time."""
+    """Return the trajectory of a vehicle that follows its mission.
+
+    If the mission does not end with a landing, the vehicle circles at the end for some time.
+    """
     if mission.loiter is None:
         return trajectory(way, vehicle, rate=rate)
     before = trajectory(way[:-1], vehicle, rate=rate)
@@ -33,21 +36,21 @@ def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: fl
 
 
 def common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
-    """Return the path of a mission with heights above a common reference, as far as the heights of the homes are known."""
+    """Return the path of a mission with heights above sea level, or above home if the height of home is unknown."""
     way = mission.way_in(frame)
     way[:, 2] += mission.elevation or 0.0
     return way
 
 
 def constant_speed(mission: Mission) -> Vehicle:
-    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and turns in no time."""
+    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and needs no time for turns."""
     return Vehicle(
         preset="ideal", cruise_speed=mission.speed, climb_speed=min(mission.speed, 50), sink_speed=min(mission.speed, 50)
     )
 
 
 def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
-    """Return how far vehicles leave a region while they search it, including their turns: distance in metres beyond its border."""
+    """Return the largest distance in metres between a region and vehicles that search it, including their turns."""
     import shapely
 
     shapely.prepare(region.outline)
@@ -86,7 +89,7 @@ class MissionApproach:
     place: Floats
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the approach for JSON. With a frame, the position is also given in degrees."""
+        """Return the approach for JSON. If a frame is given, the position is also given in degrees."""
         told = {
             "robots": list(self.robots), "sorties": list(self.sorties),
             "horizontal_m": self.horizontal, "vertical_m": self.vertical, "time_s": self.time,
@@ -100,7 +103,7 @@ class MissionApproach:
 def missions_approach(
     missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
 ) -> MissionApproach | None:
-    """Return the nearest approach of two vehicles that follow missions, each late by up to the separation's delay.
+    """Return the nearest approach of two vehicles that follow missions, each late by at most the separation's delay.
 
     Parameters
     ----------
@@ -169,7 +172,9 @@ class _Flights:
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """Smallest and largest height above ground between home and the end. Climb, landing and rovers do not count.
+    """The smallest and the largest height of flying vehicles above ground, between home and the end of the mission.
+
+    Climbs, landings and rovers do not count.
 
     Parameters
     ----------
@@ -191,7 +196,7 @@ class Clearance:
     error: float
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the clearance for JSON. With a frame, positions are in degrees."""
+        """Return the clearance for JSON. If a frame is given, positions are in degrees."""
         placed = self.places if frame is None else frame.to_degrees(self.places)
         low, high = (
             {"height_m": height, "mission": name, "place": place}
@@ -203,7 +208,7 @@ class Clearance:
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
     """Return the heights above ground of vehicles that follow missions, or None if none flies.
 
-    The ground is evaluated at every waypoint, at every grid line that a leg crosses, and at enough points between.
+    The height of the ground is evaluated at every waypoint, where a leg crosses a grid line, and at points between them.
 
     Parameters
     ----------

@@ -82,11 +82,11 @@ class MissionCheck:
 
     @property
     def errors(self) -> tuple[Diagnostic, ...]:
-        """The diagnostics that are errors rather than warnings."""
+        """The diagnostics that are errors, without the warnings."""
         return tuple(diagnostic for diagnostic in self.diagnostics if diagnostic.severity == "error")
 
     def report(self) -> dict[str, Any]:
-        """Return the whole result for JSON, without shapes."""
+        """Return the whole result for JSON, without geometries."""
         seen = self.coverage
         return {
             "region": self.region.name,
@@ -118,7 +118,7 @@ class MissionCheck:
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
         """Write the uncovered areas as GeoJSON, one polygon per feature with its ``area_m2``, largest first.
 
-        Coordinates are in degrees. For a region in metres they are in metres, which is not valid GeoJSON for maps.
+        Coordinates are in degrees. For a region in metres, the coordinates are in metres, so maps cannot show the file.
 
         Raises
         ------
@@ -156,8 +156,8 @@ def check_missions(
 ) -> MissionCheck:
     """Read mission files and measure how much of a region the vehicles see.
 
-    The check is independent of the planner: it uses only the waypoints in the files and Shapely's areas. It counts what is seen
-    between the first and the last waypoint of each mission, but not on the paths from and to home.
+    The check is independent of the planner: it uses only the waypoints in the files and Shapely's areas. The check counts the area
+    that is seen between the first and the last waypoint of each mission, but not on the paths from and to home.
 
     Parameters
     ----------

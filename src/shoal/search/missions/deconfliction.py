@@ -1,4 +1,7 @@
-"""Deconfliction: missions of all robots of a plan, separated by altitude layers and staggered starts; fence and rally points."""
+"""Deconfliction: the missions of all robots of a plan, kept apart by altitude layers and staggered starts.
+
+Also fences and rally points.
+"""
 
 from __future__ import annotations
 
@@ -39,8 +42,9 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, assuming that no fault occurs.
 
-    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least those of the plan. Each
-    later sortie begins when its vehicle is back and recharged, and the other vehicles leave enough space.
+    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least as long as the delays
+    of the plan. Each later sortie begins when its vehicle is back and recharged, and when it can keep the separation from the other
+    vehicles.
 
     Parameters
     ----------
@@ -121,7 +125,7 @@ class _Schedule:
         self.stay = 0.0
 
     def settled(self, made: list[Sorties]) -> list[Sorties]:
-        """Return missions with layers, delays, starts, and altitudes for takeovers."""
+        """Return the missions with their layers, delays, start times, and altitudes for takeovers."""
         self.stay = 2 * max((self._flights(made, robot, 0, 0.0)[0].duration for robot, one in enumerate(made) if one), default=0.0)
         while True:
             found, last = self._once(made)

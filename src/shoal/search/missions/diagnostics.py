@@ -125,8 +125,8 @@ class Diagnostic:
 class Sheet:
     """The raw content of a mission file before it is checked. Readers fill the sheet, and rules add diagnostics.
 
-    ``points`` are (longitude, latitude), or (x, y) if not ``geographic``, whatever the order in the file. ``places`` are their
-    locations in the file. Missing content is None.
+    ``points`` are (longitude, latitude) for any order in the file, or (x, y) if ``geographic`` is false. ``places`` are the
+    locations of the points in the file, for messages. Missing content is None.
     """
 
     file: str
@@ -178,7 +178,7 @@ def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
 
 
 def decimals_of(text: str) -> int:
-    """Return the number of decimals of a number in a text.
+    """Return the number of decimals of a number given as text.
 
     Examples
     --------

@@ -38,11 +38,11 @@ class Fence:
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """All rings, with the inclusion ring first."""
+        """All rings of the fence, with the inclusion ring first."""
         return (self.inclusion, *self.exclusions)
 
     def area(self, frame: LocalFrame | None) -> Any:
-        """Return the area where vehicles may be, as a Shapely geometry in the metres of a frame."""
+        """Return the area in which the fence allows vehicles to be, as a Shapely geometry in the metres of a frame."""
         import shapely
 
         placed = [ring if frame is None else frame.to_metres(ring) for ring in self.rings]
@@ -51,12 +51,12 @@ class Fence:
 
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
-    """Return the fence of a region and of all vehicles' paths in metres; in degrees if the region is.
+    """Return the fence around a region and all vehicles' paths, in metres, or in degrees if the region is in degrees.
 
     The fence contains the whole region and a margin `ROOM` around each path outside it. No-go zones, and holes without paths,
-    become exclusion zones. Autopilots interpret several outlines differently; therefore the fence has a single outline, if
-    necessary a convex hull. If there are too many corners, the outer ring is simplified outwards. Zones are also enlarged where no
-    path enters them. If that is not enough, an error is raised.
+    become exclusion zones. The fence has a single outline, if necessary a convex hull, because autopilots differ in how they
+    interpret several outlines. If there are too many corners, the outer ring is simplified outwards. Exclusion zones are also
+    simplified: they grow where no path enters them. If there are still too many corners, an error is raised.
 
     Parameters
     ----------

@@ -64,9 +64,9 @@ FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=T
 def write_missions(
     missions: Sequence[Mission], folder: str | os.PathLike[str], *, formats: Sequence[str] | None = None
 ) -> list[Path]:
-    """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for its second sortie, and so on.
+    """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for the robot's second sortie, and so on.
 
-    The file ``missions.json`` lists all written files. Files listed there by an earlier call are removed, so that the folder
+    The file ``missions.json`` lists all written files. Files that an earlier call listed in it are removed, so that the folder
     contains a single search. Other files are kept.
 
     Parameters
@@ -129,9 +129,11 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add the data in neighbouring files to sheets: starts to all sheets, and fence and rally points to those of WPL files.
+    """Add data from other files of the folder to sheets. All sheets get start times.
 
-    Errors in the fence and the rally points give diagnostics.
+    Sheets of WPL files get fence and rally points.
+
+    Mistakes in the files of the fence and the rally points become diagnostics.
     """
     starts = _manifest(folder).get("starts_s")
     for sheet in sheets:
@@ -185,7 +187,7 @@ def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
 
 
 def format_of(path: Path) -> str:
-    """Return the name of a file's format.
+    """Return the name of the format of a mission file.
 
     Raises
     ------
@@ -199,7 +201,7 @@ def format_of(path: Path) -> str:
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
-    """Return the sheet of a mission file, with diagnostics of its form and its coordinates.
+    """Return the sheet of a mission file, with diagnostics about its syntax and its coordinates.
 
     Raises
     ------
@@ -234,9 +236,9 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
 def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read a mission from a file in any format.
 
-    ``.plan`` and WPL files do not contain the robot and the sortie. Both are taken from the file name; otherwise the mission is the
-    first sortie of robot 1. WPL files contain neither the autopilot, which is assumed to be PX4, nor the kind of vehicle. The
-    vehicle flies if a waypoint is above ground.
+    ``.plan`` and WPL files do not contain the robot and the sortie. The file name gives both. For any other file name, the mission
+    counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of vehicle. The autopilot is assumed
+    to be PX4. The vehicle counts as a flying one if any waypoint is above ground.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ def lint(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
 ) -> list[Diagnostic]:
-    """Return the mistakes in a mission file, or in all mission files of a folder, individually and in combination.
+    """Return the mistakes in a mission file. For a folder, return the mistakes in each mission file and the conflicts between them.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def examine(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
 ) -> list[Sheet]:
-    """Return the sheet of each mission file, with all diagnostics; see `lint`."""
+    """Return the content of each mission file as a sheet with all diagnostics; see `lint`."""
     if autopilot is not None:
         check_choice(autopilot, what="autopilot", choices=CAPS)
     if cap is not None:

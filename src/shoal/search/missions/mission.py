@@ -1,4 +1,4 @@
-"""What one vehicle is to drive or fly in one go."""
+"""The class `Mission`: one sortie of one vehicle."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class Mission:
 
     @property
     def name(self) -> str:
-        """File name without suffix: ``robot-01``, or ``robot-01-2`` for the second sortie and so on."""
+        """File name without suffix: ``robot-01``, or ``robot-01-2`` for a robot's second sortie, and so on."""
         return f"robot-{self.robot:02d}" + (f"-{self.sortie}" if self.sortie > 1 else "")
 
     @property
@@ -162,12 +162,15 @@ class Mission:
 
     @property
     def glides(self) -> bool:
-        """Whether its last leg leads down to the ground."""
+        """Whether the last leg of the mission leads down to the ground."""
         return self.kind == "fixed-wing" and self.landing is not None and self.loiter is None
 
     @property
     def length(self) -> float:
-        """Length in metres along the ground from home through all waypoints to the end, on the ellipsoid if geographic."""
+        """Horizontal length in metres from home through all waypoints to the end.
+
+        Geographic coordinates are measured on the ellipsoid.
+        """
         way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
             return float(np.hypot(*np.diff(way, axis=0).T).sum())
@@ -195,7 +198,7 @@ class Mission:
 
     @property
     def levels(self) -> NDArray[np.float64]:
-        """Altitudes of the waypoints in metres above the reference ``altitude_frame``; float64, shape (k,)."""
+        """Altitudes of the waypoints in metres above the reference that ``altitude_frame`` names; float64, shape (k,)."""
         if self.altitudes is not None:
             return self.altitudes
         if self.heights is None or self.altitude_frame == "ground":
@@ -203,7 +206,7 @@ class Mission:
         return self.heights + (self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0)
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
-        """Return its way in the metres of a frame, or in its own: from the ground at home up, along all waypoints and down again.
+        """Return the vehicle's path in metres, in a given local frame or the mission's own. The path begins and ends on the ground.
 
         Heights are above home; float64, shape (n, 3).
         """

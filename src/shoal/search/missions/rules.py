@@ -31,7 +31,7 @@ _SAME = 1e-8  # degrees
 
 
 def check_coordinates(sheet: Sheet) -> None:
-    """Add diagnostics for coordinates that are no places on Earth, or in the plane."""
+    """Add diagnostics for coordinates that do not describe a place on Earth or in the plane."""
     if not sheet.readable:
         return
     if len(sheet.points) == 0:
@@ -68,7 +68,7 @@ def _check_numbers(sheet: Sheet) -> None:
 
 
 def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
-    """Add a diagnostic for a point far from a known place if swapping its coordinates would bring it near that place."""
+    """Add a diagnostic for a point far from a known place, if the point with swapped coordinates would be near that place."""
     distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
     if distance > _ELSEWHERE and other < _ELSEWHERE:
         sheet.add(
@@ -159,7 +159,7 @@ def _check_acceptance(sheet: Sheet) -> None:
 
 
 def way_of(sheet: Sheet) -> Points | None:
-    """Return home, the waypoints and the end in metres; None if they are too far from one another: home-far."""
+    """Return home, the waypoints and the end in metres, or None if they are too far apart (diagnostic home-far)."""
     assert sheet.home is not None
     way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
     try:
@@ -203,7 +203,9 @@ def _metres_between(one: Any, other: Any) -> float:
 
 
 def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
-    """Return home, waypoints and end point in the metres of a region. Points too far for its frame are infinite.
+    """Return home, waypoints and end point in the metres of a region.
+
+    Points too far away for the region's local frame become infinite.
 
     Raises
     ------
@@ -227,7 +229,7 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
 
 
 def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
-    """Return which points lie where robots may be in a region, with a tolerance for rounding; bool, shape (n,)."""
+    """Return which points lie in the part of a region where robots may be, with a tolerance for rounding; bool, shape (n,)."""
     import shapely
 
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -237,10 +239,10 @@ def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
 
 
 def searching(inside: NDArray[np.bool_]) -> slice:
-    """Return which waypoints belong to the search, given which of home, waypoints and end point are in the region.
+    """Return which waypoints belong to the search. The argument tells which of home, waypoints and end lie in the region.
 
-    If home is outside, all waypoints before the first one inside belong to the path from home. The same holds for an end point
-    outside.
+    If home lies outside the region, all waypoints before the first waypoint inside belong to the path from home. If the end lies
+    outside, all waypoints after the last waypoint inside belong to the path to the end.
 
     Examples
     --------
@@ -254,9 +256,9 @@ def searching(inside: NDArray[np.bool_]) -> slice:
 
 
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
-    """Note waypoints and legs outside of a region, but for ways from a home outside and to an end outside.
+    """Add diagnostics for waypoints and legs outside a region. Paths from a home outside and to an end outside are allowed.
 
-    Turns of fixed wings may lead out of it, as far as ``airspace`` if that is given.
+    Turns of fixed wings may leave the region, but by at most ``airspace`` metres if this is given.
     """
     way = metres_of(sheet, region)
     if region.frame is not None:

@@ -1,4 +1,4 @@
-"""Conversion of a route to missions: unnecessary waypoints are removed, and the route is divided by memory and battery limits."""
+"""The division of a route into missions. Unnecessary waypoints are removed, and each mission fits into memory and battery."""
 
 from __future__ import annotations
 
@@ -53,8 +53,8 @@ def missions_of(
 ) -> tuple[Mission, ...]:
     """Return the missions of a robot's route, one for each sortie.
 
-    Each sortie begins at home and continues where the previous one ended. It returns home before the battery falls below the
-    reserve, counting climb, paths, turns, wind and descent. A leg may be cut anywhere.
+    Each sortie begins at home and continues where the previous one ended. It ends at home before the battery falls below the
+    reserve. The calculation includes climb, paths, turns, wind and descent. A sortie may end at any point of a leg.
 
     Parameters
     ----------
@@ -281,12 +281,12 @@ class _Splitter:
 
 
 def merged(points: Points, tolerance: float) -> Points:
-    """Return a path without the points on its straight legs, computed in one pass.
+    """Return a path without the points that lie on straight legs. The algorithm passes once over the points.
 
-    The algorithm starts a cone at each waypoint that is kept. The cone contains the directions of lines that pass all later points
-    within the tolerance. A point can end the leg if it lies inside the cone and farther away than all points before it. Sources: R.
-    Reumann, A. Witkam, 1974; for the exact form of the cone C. M. Williams, An efficient algorithm for the piecewise linear
-    approximation of planar curves, 1978. Reversals are kept.
+    The algorithm starts a cone at each waypoint that is kept. The cone contains all directions in which a straight line passes
+    every later point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all points
+    before it. Sources: R. Reumann, A. Witkam, 1974; for the exact form of the cone C. M. Williams, An efficient algorithm for the
+    piecewise linear approximation of planar curves, 1978. Reversals are kept.
 
     Parameters
     ----------

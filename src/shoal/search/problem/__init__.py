@@ -59,7 +59,7 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
 @dataclass(frozen=True, eq=False)
 class SearchProblem(Problem):
-    """A search of a region by robots without a coordinator.
+    """A search of a region by robots that have no coordinator.
 
     The fields are the options of ``shoal search``, the fields of sweeps, and the fields of problem files. In Python, a region may
     also be a `SearchRegion`. Starts, targets and obstacles may be arrays of points in metres.
@@ -239,13 +239,13 @@ class SearchProblem(Problem):
 
     @property
     def chosen_angle(self) -> float | None:
-        """The angle of the rows in degrees, or None if it is to be chosen. A region on Earth without an angle chooses it."""
+        """The angle of the rows in degrees, or None if the planner shall choose it, as it does by default on Earth."""
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the tours to compare if a turn costs ``turn_cost`` cells. For several passes, the tours follow rows."""
+        """Return the tours to compare if a turn costs ``turn_cost`` cells. With a multiplicity above 1, they follow rows."""
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:
@@ -254,7 +254,7 @@ class SearchProblem(Problem):
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
-        """The allocations to compare, with the one that is most often fastest first."""
+        """The allocations to compare. The allocation that is most often the fastest comes first."""
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
@@ -269,7 +269,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """The altitudes of the search in metres, increasing: the given ones, the centres of a volume's layers, or the vehicle's."""
+        """The altitudes of the search in metres, increasing: as given, or of a volume's layers, or the vehicle's altitude."""
         if self.bands is not None:
             return self.bands
         if not self._volume:
@@ -283,7 +283,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The given vehicle, or the ideal one, at the lowest altitude. The ideal vehicle climbs at its cruise speed."""
+        """The given or the ideal vehicle, at the lowest altitude. The ideal vehicle climbs at its cruise speed."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
@@ -291,19 +291,19 @@ class SearchProblem(Problem):
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
-        """Return the given footprint, or the vehicle's view from an altitude, in metres. In a volume it is the same everywhere."""
+        """Return the side of the footprint in metres: as given, or from the vehicle's altitude outside volumes."""
         vehicle = self._asked_vehicle
         seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)
         return self.footprint or seeing.row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
-        """The given footprint, or the vehicle's view from the lowest altitude, in metres."""
+        """The side of the footprint in metres: as given, or as the vehicle sees it from the lowest altitude."""
         return self.footprint_at(self.altitudes[0])
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from cell to neighbouring cell, which is necessary with unknown obstacles."""
+        """Whether robots move from each cell to a neighbouring cell. With unknown obstacles, they must."""
         return self.obstacles not in (0, ())
 
     def open_place(self) -> SearchRegion:
@@ -327,7 +327,7 @@ class SearchProblem(Problem):
         return any(isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go))
 
     def place_digest(self) -> bytes:
-        """Return the outline of the region."""
+        """Return a digest of the outline of the region."""
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:

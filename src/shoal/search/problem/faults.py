@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """The robot stops at a time and is never heard of again."""
+    """The robot stops at a time and sends no more messages."""
 
     robot: int
     time: float
@@ -41,7 +41,7 @@ class Slow:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The robot stops when it has moved for this long since its last recharge, whatever its own estimate."""
+    """The robot stops when it has moved for a given time since its last recharge, even if its own estimate is longer."""
 
     robot: int
     energy: float
@@ -49,7 +49,10 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class WrongPosition:
-    """The robot believes that it starts in another cell, ``off`` cells further along the tour. Later it knows its position."""
+    """The robot believes that it starts in another cell, which lies ``off`` cells further along the tour.
+
+    Later it knows its position.
+    """
 
     robot: int
     off: int
@@ -72,7 +75,7 @@ _SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 def check_faults(value: Any) -> tuple[Fault, ...]:
     """Return faults.
 
-    Each is given as an object or as a text such as ``crash:2@30``; a text may contain several, separated by commas.
+    Each fault is given as an object or as a text such as ``crash:2@30``. A text may contain several faults, separated by commas.
 
     Raises
     ------
@@ -97,7 +100,7 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
 
 
 def fault_text(fault: Fault) -> str:
-    """Return the text that `check_faults` parses as the fault.
+    """Return the text of a fault, from which `check_faults` makes the fault again.
 
     Examples
     --------
@@ -145,7 +148,7 @@ def _checked(fault: Any) -> Fault:
 
 
 def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
-    """Return the true speed of a robot that declares the speed ``rate``.
+    """Return the true speed of a robot that declares the speed ``rate``, after its faults.
 
     Examples
     --------

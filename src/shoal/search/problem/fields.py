@@ -113,7 +113,7 @@ def parse_numbers(text: str) -> float | list[float]:
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Return the footprint's side of all robots, or one for each robot."""
+    """Return the side of the footprint: one for all robots, or one for each robot."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_positive(value, "footprint")
     return check_number(value, what="footprint", above=0, most=FARTHEST)
@@ -193,7 +193,7 @@ def check_cells_at(what: str) -> Callable[[Any], Any]:
 
 
 def check_network(value: Any) -> str:
-    """Return the description of a network. All descriptions of a perfect network give the same result."""
+    """Return the description of a network. Different texts that describe a perfect network give the same result."""
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"
 

@@ -1,4 +1,4 @@
-"""Key files: the secret that all robots of a search share and sign their messages with."""
+"""Key files: the secret that all robots of a search share, and with which they sign their messages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _SHORTEST, _LONGEST = 16, 4096  # bytes
 
 
 def read_key(path: str) -> bytes:
-    """Return the key in a file, without surrounding line ends.
+    """Return the key that a file contains, without line ends before and after it.
 
     Raises
     ------

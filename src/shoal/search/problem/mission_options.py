@@ -1,4 +1,4 @@
-"""MissionOptions: settings for writing and separating the missions of a plan, declared once for commands and forms."""
+"""The class `MissionOptions`: settings for writing a plan's missions and keeping vehicles apart."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _check_names(value: Any) -> tuple[str, ...]:
 
 
 def parse_separation(text: str) -> tuple[float, ...]:
-    """Return the metres in a text of the command line: HORIZONTAL or HORIZONTAL,VERTICAL.
+    """Return the distances in metres that a text of the command line gives: HORIZONTAL or HORIZONTAL,VERTICAL.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def check_separation(value: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MissionOptions(Problem):
-    """How missions are written: the options of ``shoal search`` that belong to ``--missions``.
+    """Settings for writing missions. They are the options of ``shoal search`` that belong to ``--missions``.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class MissionOptions(Problem):
         return Separation(horizontal, vertical, self.delay_tolerance) if horizontal else None
 
     def check_for(self, problem: SearchProblem) -> None:
-        """Refuse options that no missions of a search can satisfy. This opens the region.
+        """Refuse options that are impossible for the missions of a given search. This opens the region.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Network models of the robots' radio messages. Several models can be combined in sequence."""
+"""Network models of the robots' radio messages. Several models can act on each message, one after another."""
 
 from __future__ import annotations
 
@@ -35,21 +35,21 @@ class Link:
 
 
 class Medium(Protocol):
-    """A model of what happens to the copies of a message."""
+    """A model that delays, loses, changes or multiplies the copies of a message."""
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         ...
 
 
 @dataclass(frozen=True)
 class Loss:
-    """Each copy is lost with a probability. The paper's P_c is one minus this probability."""
+    """Each copy is lost with a probability. One minus this probability is P_c of paper H."""
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return [copy for copy in copies if rng.random() >= self.probability]
 
 
@@ -68,7 +68,7 @@ class Bursts:
     bad: dict[tuple[int, int], bool] = field(default_factory=dict)
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         key = (link.sender, link.receiver)
         was = self.bad.get(key, False)
         self.bad[key] = rng.random() >= self.mend if was else rng.random() < self.worsen
@@ -82,31 +82,31 @@ class Range:
     cells: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return copies if link.distance <= self.cells else []
 
 
 @dataclass(frozen=True)
 class Partition:
-    """Between two times, no messages pass between robots with even and robots with odd numbers."""
+    """During a time interval, no messages pass between robots with even numbers and robots with odd numbers."""
 
     since: float = 0.0
     until: float = inf
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         apart = (link.sender - link.receiver) % 2 and self.since <= link.time < self.until
         return [] if apart else copies
 
 
 @dataclass(frozen=True)
 class Delay:
-    """Each copy takes a random time up to twice the mean, so later copies may overtake earlier ones."""
+    """The delay of each copy is random, up to twice the mean. Therefore later messages may overtake earlier ones."""
 
     mean: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return [replace(copy, delay=copy.delay + 2 * self.mean * float(rng.random())) for copy in copies]
 
 
@@ -117,7 +117,7 @@ class Duplicates:
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < self.probability]
         return copies + again
 
@@ -129,7 +129,7 @@ class Corruption:
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return [replace(copy, damaged=copy.damaged or rng.random() < self.probability) for copy in copies]
 
 
@@ -140,29 +140,35 @@ class Replays:
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return [*copies, Copy(other="replay")] if rng.random() < self.probability else copies
 
 
 @dataclass(frozen=True)
 class Forgeries:
-    """With a probability, an attacker without the key sends a message under a robot's number that declares all cells searched."""
+    """With a probability, an attacker without the key sends a message under a robot's number.
+
+    The message declares that all cells are searched.
+    """
 
     probability: float
 
     def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies that the model passes on."""
+        """Return the copies of a message that the model lets through."""
         return [*copies, Copy(other="forgery")] if rng.random() < self.probability else copies
 
 
 @dataclass(frozen=True)
 class RadioNetwork:
-    """A sequence of network models that each message passes. Without models, every message arrives at once."""
+    """A sequence of network models. Each message passes through all of them in order.
+
+    Without models, every message arrives without delay.
+    """
 
     media: tuple[Medium, ...] = ()
 
     def send(self, link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that arrive."""
+        """Return the copies of a message that arrive at the receiver."""
         copies = [Copy()]
         for medium in self.media:
             copies = medium.carry(copies, link, rng)
@@ -193,7 +199,7 @@ _KINDS: dict[str, tuple[Callable[..., Medium], str, Sequence[tuple[float, float]
 
 
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
-    """Return the network that a text describes: models with their numbers, separated by commas.
+    """Return the network that a text describes: models with their parameters, separated by commas.
 
     Parameters
     ----------

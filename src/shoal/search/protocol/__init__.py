@@ -1,1 +1,1 @@
-"""The protocol of the robots: a pure state machine with its events and messages, without clock, input or output."""
+"""The protocol of the robots: a pure state machine with its events and messages. It uses no clock, no input and no output."""

@@ -1,8 +1,9 @@
-"""The envelope of a message: version, sender and stamp, and at the end a signature (with a key) or a checksum.
+"""The envelope of a message: version, sender and stamp, and at the end a signature, or a checksum if there is no key.
 
-A stamp is the sender's clock in milliseconds, increased if necessary so that it exceeds the previous stamp. A receiver opens each
-stamp only once. It refuses stamps older than the last 64 of a sender, and stamps too far from its own clock. This also refuses
-replayed messages, even for robots that were switched off in between, because their clocks continue.
+A stamp is the time of the sender's clock in milliseconds. If necessary, the sender increases it, so that stamps always grow. A
+receiver opens only one message with the same sender and stamp. The receiver refuses stamps older than the last 64 stamps of a
+sender, and stamps too far from its own clock. Thus a receiver refuses replayed messages, even after it was switched off for a time,
+because its clock continues.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ def _seal(key: bytes, message: bytes) -> bytes:
 
 
 class Sender:
-    """Creates the messages of one robot.
+    """The sender creates the messages of one robot.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class Sender:
 
 
 class Receiver:
-    """Opens the messages that one robot receives. The fastest checks come first.
+    """The receiver opens the messages that arrive at one robot. The fastest checks come first.
 
     Parameters
     ----------

@@ -15,7 +15,7 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Wake:
-    """The time at which the robot asked to be woken has come."""
+    """The time has come at which the robot wanted to be woken."""
 
     time: float
 
@@ -30,9 +30,9 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """The robot has reached its target cell and searched it. ``found`` is true if it found something.
+    """The robot has reached its target cell and searched it. ``found`` is true if the robot found something there.
 
-    With a wider footprint, ``beside`` lists the findings in the cells around.
+    For a footprint wider than one cell, ``beside`` lists the findings in the cells around the target cell.
     """
 
     time: float
@@ -43,7 +43,7 @@ class Sensed:
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
-    """Another robot is in the cell that the robot wanted to enter. The robot stands in front of it."""
+    """Another robot is in the cell that the robot wanted to enter. The robot stands in front of that cell."""
 
     time: float
     cell: int
@@ -51,7 +51,7 @@ class Blocked:
 
 @dataclass(frozen=True, slots=True)
 class Obstructed:
-    """A cell on the way is blocked for every robot. The robot stands in the cell before it, ``at``."""
+    """A cell on the way is blocked for every robot. The robot stands in ``at``, the cell before the blocked cell."""
 
     time: float
     cell: int

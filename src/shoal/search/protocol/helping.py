@@ -1,8 +1,9 @@
-"""Help: idle robots divide the remaining cells of dead and late robots, each by its own decision.
+"""Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
 
-The rest of a part consists of runs of cells that nobody is known to have searched. According to the heartbeats, a robot may be at
-the front of each run. A helper enters a run where both would finish at the same time, and searches from there in the same
-direction. All helpers compute in the same order which helper goes where, so few choose the same place.
+The remaining cells of a robot's part form runs of neighbouring cells that no robot is known to have searched. The heartbeats tell
+whether a robot is searching at the front of a run. A helper enters a run at the cell from which it would finish at the same time as
+that robot. It searches in the same direction. Every helper computes the places of all helpers, in the same order. Therefore few
+helpers choose the same place.
 """
 
 from __future__ import annotations
@@ -20,9 +21,9 @@ _WORTH = 1.0  # cells: minimum gain of helping
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Consecutive remaining cells in search order, and the pace at which a robot searches them from the front; 0 without a robot.
+    """A run of remaining cells in search order, and the pace of the robot that searches it from the front, or 0 without a robot.
 
-    ``late`` is the remaining travel time of the robot that will search from the front.
+    ``late`` is the time until this robot arrives at the front.
     """
 
     first: int
@@ -32,14 +33,14 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return the two runs that result when a robot with a given pace enters ``ahead`` cells after the front."""
+        """Return the two runs into which a helper with a given pace divides a run, if it enters ``ahead`` cells after the front."""
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the cell where the robot should help, or None: an unsearched cell of its own part, or of a dead or late robot."""
+    """Return the unsearched cell where the robot should help, in its own part or that of a dead or late robot, or None."""
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
     offered = [
@@ -79,7 +80,10 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 
 
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
-    """Return whether the robot itself is late while another robot is idle and not late. Then it continues, but helps nowhere."""
+    """Return whether the robot itself is late while another robot is idle and not late.
+
+    The robot then continues its own work, but does not help others.
+    """
     return is_late(robot, robot.number, time) and any(
         peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)
         for number, peer in robot.peers.items()

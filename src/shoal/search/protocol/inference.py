@@ -1,4 +1,4 @@
-"""Inference of a robot from its sensing and the received messages: live robots, searched cells, reachable cells."""
+"""The conclusions of a robot from its sensor data and the received messages: live robots, searched cells, reachable cells."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
     """Return the cost of moving from one cell to another and searching it.
 
-    ``fresh`` means that the first one was not just searched.
+    ``fresh`` is true if the robot has not just searched the first cell.
     """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
@@ -35,7 +35,7 @@ def obstacles(robot: Robot) -> int:
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
-    """Return bitsets of the cells that the robot can reach, and of the cells that it or another live robot can reach."""
+    """Return two bitsets: the cells that the robot can reach, and the cells that the robot or another live robot can reach."""
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
@@ -50,7 +50,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the silence after which a robot is presumed dead. It is longer if many messages are lost."""
+    """Return the silence after which a robot is presumed dead. The limit is longer if many messages are lost."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -74,7 +74,7 @@ def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return a robot's speed and its search rate in cells: as declared, reduced by its recent delay."""
+    """Return a robot's speed and search rate in cells. They are the declared values, reduced by the robot's recent delay."""
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:
@@ -88,7 +88,10 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 
 
 def is_late(robot: Robot, number: int, time: float) -> bool:
-    """Return whether a robot is behind its declared speed by more than a healthy one ever is. The limit for itself is higher."""
+    """Return whether a robot's delay against its declared speed is longer than that of any working robot.
+
+    For its own delay, a robot uses a higher limit.
+    """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
     peer = robot.peers.get(number)
@@ -127,7 +130,7 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return a bitset of cells known to be free: the robot, or another robot that sees no farther, has been there."""
+    """Return a bitset of the cells known to be free, because the robot, or another robot that sees no farther, has been there."""
     wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)

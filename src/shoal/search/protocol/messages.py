@@ -1,7 +1,7 @@
-"""Content and encoding of the robots' messages: numbers of variable length, and sets of cells as intervals of the tour.
+"""Content and encoding of the robots' messages: whole numbers of variable length, and sets of cells as intervals.
 
-Every message contains complete facts, each of which is true by itself. A beacon that is too long is divided into several messages.
-Any of them may be lost, duplicated or reordered.
+Every message contains complete facts. Each fact is true without other messages. A beacon that is too long is divided into several
+messages. Any message may be lost, duplicated or reordered.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ LAG_UNIT = 1 / 16
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The latest heartbeat of a robot: its number, the number of beacons it had sent, its start, speed and status.
+    """The latest heartbeat of a robot: its number, the number of beacons that it had sent, its start, its speed and its status.
 
-    It also contains the footprint's width in cells, the robot's current or target cell, and its lag: the additional time that its
-    paths took compared with its speed.
+    A heartbeat also contains the footprint's width in cells and the robot's current or target cell. It also contains the robot's
+    lag: the real time of its paths minus the time by its declared speed.
     """
 
     robot: int
@@ -44,7 +44,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Its content is repeated, so that no single message is essential.
+    """The regular broadcast of a robot. The content is repeated in later beacons, so that no single message is essential.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _numbers(*numbers: int) -> bytes:
 
 @lru_cache(maxsize=256)  # in a simulation, all robots decode the same bytes
 def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
-    """Return the beacon, or its part, from the body of a message.
+    """Return the beacon, or the part of a beacon, that the body of a message contains.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ class _Reader:
         return float(struct.unpack_from("<d", self.body, self.at - 8)[0])
 
     def intervals(self, most: int) -> list[tuple[int, int]]:
-        """Return intervals of numbers smaller than ``most``."""
+        """Read intervals of whole numbers below ``most``."""
         found, end = [], 0
         for _ in range(self.number(len(self.body))):
             first = end + self.number(most - 1)

@@ -1,15 +1,17 @@
-"""The robot: a pure state machine, (state, event) -> (state, actions). It uses only what it has sensed and received.
+"""The robot as a pure state machine: (state, event) -> (state, actions). The robot uses only data that it has sensed or received.
 
-The same machine runs in the simulation (`shoal.search.simulation`) and in processes with radios (`shoal.search.simulation.live`).
+The same state machine runs in the simulation (`shoal.search.simulation`) and in processes with radios
+(`shoal.search.simulation.live`).
 
-The robot first listens and divides the tour among all robots that it knows. It searches its own part. Then it searches the
-remaining cells of the silent robots ahead, up to the part of the next live robot, which does the same from its side if it is idle.
-While other robots work, the robot waits. It never waits so long that it could no longer search all unsearched cells alone within
-the time of one complete round. Therefore a single surviving robot searches everything in that time, whatever messages or robots are
-lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should complete").
+The robot first listens and divides the tour among all robots that it knows. It searches its own part. After its own part, it
+searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If that robot is idle, it searches
+the same cells from the other side. While other robots work, the robot waits. But it stops waiting in time to search all unsearched
+cells alone, within the time of one complete round. Therefore a single surviving robot searches all cells in that time, even if all
+messages and all other robots are lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should
+complete").
 
-On a tour with paths from cell to cell, the robot may find a blocked cell. It reports the cell to the others, and all robots avoid
-it. Cells that no robot can reach any more are left out.
+If robots move from cell to cell, the robot may find a blocked cell. It reports the cell to the others, and all robots avoid it. The
+robots leave out cells that no robot can reach any more.
 """
 
 from __future__ import annotations
@@ -252,7 +254,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Go to a cell, or home if the energy does not suffice for both."""
+    """Go to a cell, or home if the energy does not suffice for both ways."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()

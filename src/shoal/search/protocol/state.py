@@ -56,7 +56,7 @@ class Brief:
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return the extra distance to a cell from the robot's launch point, compared with the distance from its start cell.
+        """Return the distance to a cell from the robot's launch point, minus the distance from its start cell.
 
         The value can be negative. A robot that moves from cell to cell enters the region at its start cell.
         """
@@ -76,7 +76,8 @@ class Brief:
 class Peer:
     """Knowledge about another robot: its latest heartbeat with the time of arrival, and its lag at two earlier moments.
 
-    ``since`` is the time of the first report of its current destination, and ``way`` is the length of that path in cell sides.
+    ``since`` is the time of the first report of the robot's current destination. ``way`` is the length of the path there in cell
+    sides.
     """
 
     heartbeat: Heartbeat
@@ -203,7 +204,7 @@ class Robot:
         return self.searched.get(self.number, 0)
 
     def way_out(self, cell: int) -> float:
-        """Return the extra distance to a cell compared with the distance from the start cell; 0 after departure."""
+        """Return the extra distance to a cell before the robot's departure (see `from_launch`), or 0 after the departure."""
         return self.brief.from_launch(self.number, self.start, cell) if self.at_launch else 0.0
 
     def lag_at(self, time: float) -> float:
@@ -211,7 +212,10 @@ class Robot:
         return self.lag if self.target is None else self.lag + max(time - self.since - self.cost / self.rate, 0.0)
 
     def but(self, **changes: Any) -> Robot:
-        """Return a copy with other values. It is a fast form of `dataclasses.replace`, because it is used for every message."""
+        """Return a copy of the state in which some fields have other values.
+
+        The method is faster than `dataclasses.replace`, because every message needs it.
+        """
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)
         other.__dict__.update(changes)

@@ -1,7 +1,7 @@
-"""Content of a beacon: new facts, repeated several times, and a share of all known facts in rotation.
+"""Content of a beacon: new facts, which are repeated several times, and a part of all known facts in rotation.
 
-All facts stay true. New facts (deltas) therefore depend on no earlier message. A robot that misses a fact receives it later in
-rotation, from any robot that knows it.
+All facts stay true. Therefore no message depends on an earlier message. If a robot misses a fact, it receives the fact later from
+any robot that knows it.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ LOOK = 1.0  # cells: cost of approaching an obstacle from the centre of the prev
 
 
 def sensed(robot: Robot, event: Sensed) -> Robot:
-    """Update the state after a search: the cells that the robot sees from its cell are searched."""
+    """Update the state after a search: all cells that the robot sees from its cell count as searched."""
     cell, found = event.cell, robot.found
     seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
@@ -26,7 +26,7 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Avoid a cell for a while, because two robots that want to pass each other would stand still forever."""
+    """Avoid a blocked cell for a while. Otherwise two robots that want to pass each other would wait forever."""
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
@@ -43,6 +43,6 @@ def obstructed(robot: Robot, cell: int, at: int) -> Robot:
 
 
 def passed(robot: Robot, way: tuple[int, ...]) -> int:
-    """Return a bitset of the cells known to be free because the robot passed them, including the cells of ``way``."""
+    """Return a bitset of the cells known to be free because the robot passed them, together with the cells of ``way``."""
     distances = robot.brief.tour_cost.distances
     return robot.passed | distances.crossed(robot.cell, way) if way and isinstance(distances, CellDistances) else robot.passed

@@ -17,7 +17,7 @@ Shape = Callable[[str, list[float]], list[Points]]
 
 
 def builtin_region(text: str) -> RegionOutlines:
-    """Return the outline of a built-in region such as ``square:SIDE``; see `shoal.search.open_region`.
+    """Return the outline of the built-in region with a name such as ``square:SIDE``; see `shoal.search.open_region`.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def builtin_region(text: str) -> RegionOutlines:
 
 
 def is_builtin(text: str) -> bool:
-    """Return whether a text is the name of a built-in region rather than of a file."""
+    """Return whether a text is the name of a built-in region. Other texts are names of files."""
     return re.fullmatch(r"\w+(:[\w.+-]*)?", text) is not None and not re.search(r"\.[A-Za-z]\w*$", text)
 
 

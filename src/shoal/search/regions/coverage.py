@@ -1,4 +1,4 @@
-"""Coverage of a region by the footprints of routes, computed with Shapely alone, independently of cells and tours."""
+"""Coverage of a region by the footprints of routes, computed only with areas of Shapely, independently of cells and tours."""
 
 from __future__ import annotations
 
@@ -52,11 +52,11 @@ class AreaCoverage:
 def coverage_check(
     region: SearchRegion, routes: Sequence[ArrayLike], footprint: ArrayLike, *, tolerance: float = TOUCH, angle: float = 0.0
 ) -> AreaCoverage:
-    """Measure the area that vehicles on some routes see, and the legs that leave the region.
+    """Measure the area that vehicles on given routes see, and the legs that leave the region.
 
-    A vehicle sees the square of side ``footprint`` around it, along all its legs. The sides of the square are parallel to the axes
-    or rotated by ``angle``. Every point of the region can be seen from inside, by a vehicle at this point, so the whole area
-    counts.
+    A vehicle sees the square of side ``footprint`` around it, along all legs of its route. The sides of the square are parallel to
+    the axes or rotated by ``angle``. The whole area of the region counts, because a vehicle can see every point from the point
+    itself.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
 
 
 def footprints_along(starts: Points, ends: Points, half: float, angle: float) -> Any:
-    """Return the area that the footprint sweeps on each leg: the hull of the squares at both ends."""
+    """Return the area that the footprint sweeps on each leg: the convex hull of the squares at both ends of the leg."""
     import shapely
 
     way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))

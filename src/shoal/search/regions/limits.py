@@ -1,4 +1,4 @@
-"""Limits of region files. Larger files are refused with one sentence before they are unpacked."""
+"""Limits of region files. Larger files are refused with an error of one sentence before they are unpacked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Margins: the distance of robots from the border of a region and from no-go zones, and the area that they can still see."""
+"""Margins: distances that robots keep from the border of a region and from no-go zones, and what they still see."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
 
 
 def grown(shape: Any, margin: float) -> Any:
-    """Return a shape grown by a margin: the area that `with_margin` keeps free."""
+    """Return a shape grown by a margin: this is the area that robots must not enter."""
     return shape.buffer(margin, quad_segs=_SEGMENTS) if margin else shape
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape with few corners that contains the result of `grown`."""
+    """Return an approximation of `grown` that has few corners and contains the exact result."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 

@@ -22,7 +22,7 @@ FARTHEST = 1e9  # metres: beyond, a float64 cannot distinguish points a micromet
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """One closed line of an outline.
+    """One ring of an outline: a closed line.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class RegionOutline:
-    """A polygon from a file: an outer ring, its holes, and whether it is a no-go zone."""
+    """One polygon of a region, as read from a file: an outer ring, its holes, and whether it is a no-go zone."""
 
     shell: Ring
     holes: tuple[Ring, ...] = ()
@@ -72,7 +72,7 @@ def text_of(point: ArrayLike) -> str:
 
 
 def check_plane_points(points: Any, *, what: str) -> Points:
-    """Return points as a finite float64 array of shape (n, 2). An empty list gives no points.
+    """Return points as a finite float64 array of shape (n, 2). An empty list gives an array without points.
 
     Raises
     ------
@@ -82,7 +82,7 @@ def check_plane_points(points: Any, *, what: str) -> Points:
 
 
 def check_ring(ring: Ring, *, closed: bool = True) -> Points:
-    """Return the corners of a ring, closed and without repetitions; float64, shape (n, 2).
+    """Return the corners of a ring: closed, without repeated neighbours; float64, shape (n, 2).
 
     Raises
     ------
@@ -173,7 +173,7 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse metres so large that fractions are lost.
+    """Refuse coordinates in metres that are so large that their fractions get lost.
 
     Raises
     ------
@@ -188,7 +188,7 @@ def check_metres(ring: Ring) -> None:
 
 
 def check_degrees(ring: Ring) -> None:
-    """Refuse invalid longitudes and latitudes, and regions that a plane map cannot show: poles and the 180° meridian.
+    """Refuse invalid longitudes and latitudes. Refuse also regions at a pole or across the 180° meridian, which no plane map shows.
 
     Raises
     ------

@@ -24,7 +24,7 @@ _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
 
 
 def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what: str) -> Points:
-    """Return a point for each robot; metres, float64, shape (robots, 2).
+    """Return a point for each robot, in metres; float64, shape (robots, 2).
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
 
 
 class Cells(Protocol):
-    """The interface of a grid of cells."""
+    """The interface of a grid of cells on which this module relies."""
 
     @property
     def region(self) -> SearchRegion:

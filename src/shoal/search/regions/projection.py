@@ -20,9 +20,10 @@ REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 class LocalFrame:
     """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    Two numbers define the frame, so every reader of them works in the same frame. Angles are preserved. Lengths are too long by the
-    fraction (east / R)² / 2: at most 4.9e-6 within 20 km of the origin, 3.1e-5 within 50 km and 1.2e-4 within 100 km. (Measured
-    with PROJ's own scale factors at latitudes 0 to 80 degrees; at 20 km the error is 5 mm per kilometre.)
+    Two numbers define the frame, so every program that reads these numbers uses the same frame. Angles are preserved. Lengths in
+    the frame are too long by the fraction (east / R)² / 2: at most 4.9e-6 within 20 km of the origin, 3.1e-5 within 50 km and
+    1.2e-4 within 100 km. These values were measured with PROJ's scale factors at latitudes from 0 to 80 degrees. At 20 km, the
+    error is 5 mm per kilometre.
 
     Parameters
     ----------
@@ -52,7 +53,7 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return a frame with its origin in the middle of points, rounded to a millionth of a degree so that its text is exact."""
+        """Return a frame whose origin is the middle of given points, rounded to a millionth of a degree for an exact text."""
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))
@@ -63,7 +64,7 @@ class LocalFrame:
         return f"+proj=tmerc +lat_0={self.latitude!r} +lon_0={self.longitude!r} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m"
 
     def to_metres(self, lonlat: ArrayLike) -> Points:
-        """Return (x east, y north) of points given as (longitude, latitude); float64, shape (n, 2).
+        """Convert points (longitude, latitude) in degrees to points (east, north) in metres; float64, shape (n, 2).
 
         Raises
         ------
@@ -85,7 +86,7 @@ class LocalFrame:
         return points
 
     def to_degrees(self, points: ArrayLike) -> Points:
-        """Return (longitude, latitude) of points given as (x east, y north); float64, shape (n, 2).
+        """Convert points (east, north) in metres to points (longitude, latitude) in degrees; float64, shape (n, 2).
 
         Raises
         ------

@@ -81,7 +81,7 @@ class SearchRegion:
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """The connected polygons in which robots may be, largest first."""
+        """The connected polygons in which robots may be, ordered from the largest to the smallest."""
         import shapely
 
         pieces = shapely.get_parts(self.free)
@@ -89,9 +89,9 @@ class SearchRegion:
 
     @cached_property
     def reach(self) -> Any:
-        """The area where robots may be, grown by half of `TOUCH` against rounding.
+        """The area where robots may be, grown by half of `TOUCH` because of rounding errors.
 
-        It is prepared for fast tests of points and lines.
+        The geometry is prepared for fast tests of points and lines.
         """
         import shapely
 
@@ -101,7 +101,10 @@ class SearchRegion:
 
     @cached_property
     def border(self) -> Any:
-        """The border of `reach`, prepared for fast tests. A segment from inside that does not meet it stays inside."""
+        """The border of `reach`, prepared for fast tests.
+
+        A segment that starts inside and does not cross this border stays inside.
+        """
         import shapely
 
         border = shapely.boundary(self.reach)
@@ -116,7 +119,7 @@ class SearchRegion:
         return np.asarray(shapely.intersects_xy(self.reach, array[:, 0], array[:, 1]))
 
     def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
-        """Return points as float64, shape (n, 2).
+        """Return points as a float64 array of shape (n, 2).
 
         Raises
         ------
@@ -140,7 +143,7 @@ class SearchRegion:
         return array
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
-        """Return the altitudes of a volume's layers, each at most a footprint thick; metres, increasing.
+        """Return the altitudes of a volume's layers, in metres, increasing. Each layer is at most one footprint thick.
 
         Examples
         --------
@@ -169,7 +172,7 @@ class SearchRegion:
 def region_of(
     area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
 ) -> SearchRegion:
-    """Return the region of a Shapely polygon in metres without its no-go zones.
+    """Return the region of a Shapely polygon in metres minus its no-go zones.
 
     Parameters
     ----------
@@ -228,7 +231,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
 
 
 def polygons_in(shape: Any) -> Any:
-    """Return a shape without lines and points that an overlay may leave, and without parts below rounding errors."""
+    """Return only the polygons of a shape: without lines and points, and without parts as small as rounding errors."""
     import shapely
 
     parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]

@@ -20,7 +20,7 @@ Message = Beacon | bytes
 
 
 class Air:
-    """Transmits beacons: as objects, or as bytes if messages are signed, divided, recorded or damaged.
+    """Transmits beacons between simulated robots. Beacons become bytes only if messages are signed, divided, recorded or damaged.
 
     Parameters
     ----------

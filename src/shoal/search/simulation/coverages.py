@@ -17,7 +17,7 @@ from shoal.search.simulation.trace import RobotLog, SearchTrace
 
 
 def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]) -> tuple[AreaCoverage, ...]:
-    """Return the coverage of each layer by some robots (counted from 0), from the lowest layer."""
+    """Return the coverage of each layer by given robots (counted from 0), beginning with the lowest layer."""
     layers, found = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
@@ -39,9 +39,9 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 
 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
-    """Return the route points at which a robot begins and ends to observe each cell in which it stopped; int64, shape (k, 2).
+    """For each cell in which a robot stopped, return the route points where it begins and ends to observe; int64, shape (k, 2).
 
-    If robots move from cell to cell, the observation begins with the cells on the way.
+    If robots move from cell to cell, the observation begins with the cells on the way to the stop.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

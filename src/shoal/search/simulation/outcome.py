@@ -1,4 +1,4 @@
-"""Simulated robots' bodies, and the outcome of a simulation."""
+"""The bodies of simulated robots, and the outcome of a simulation."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.search.protocol.robot import Robot
 
 @dataclass
 class SimulatedRobot:
-    """A simulated robot's body: its position and its working condition."""
+    """The body of a simulated robot: its position, and whether it works."""
 
     robot: Robot
     place: int  # tour index of its cell

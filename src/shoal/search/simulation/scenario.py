@@ -29,7 +29,7 @@ from shoal.search.tours.bitset import bitset_of
 
 
 def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-    """Return the first blocked cell on a path (None without one), and the number of path cells before it."""
+    """Return the first blocked cell on a path, or None, and the number of path cells before it."""
     distances = tour_cost.distances
     if blocked and isinstance(distances, CellDistances):
         for index, (one, other) in enumerate(pairwise((here, *through))):
@@ -125,7 +125,7 @@ class Scenario:
 
     @cached_property
     def goal(self) -> int:
-        """The cells that some robot can reach, as a bitset."""
+        """The cells that at least one robot can reach, as a bitset."""
         found = 0
         for number in range(1, len(self.starts) + 1):
             found |= self.reach(number)
@@ -145,7 +145,10 @@ class Scenario:
 
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
-    """Return the scenario of a plan, with lengths in cell sides instead of metres and times in cell times."""
+    """Return the scenario of a plan.
+
+    Lengths are in cell sides. Times are in units of the time that a robot of speed 1 needs for one cell.
+    """
     vehicle, cell = problem.chosen_vehicle, plan.cell_seconds
     brief = Brief(
         plan.tour_cost,

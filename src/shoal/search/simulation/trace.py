@@ -1,4 +1,4 @@
-"""The trace of a search: the actions of each robot, planned or simulated."""
+"""The trace of a search: the planned or simulated actions of each robot."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class SearchTrace:
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace that `to_dict` wrote, for the given numbers of robots and cells.
+        """Return the trace from the data that `to_dict` returned, for given numbers of robots and cells.
 
         Raises
         ------
@@ -155,7 +155,7 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 
 def planned_trace(plan: SearchPlan) -> SearchTrace:
-    """Return the robots' planned actions without faults. Nothing is simulated."""
+    """Return the actions of the robots as planned, without faults. Nothing is simulated."""
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
     for robot in range(len(plan.allocation.arcs)):
@@ -193,7 +193,8 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
     """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (cells,).
 
     The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. One of these robots
-    may lie; the multiplicity protects against that. The time is infinite if the cell never was.
+    may be a liar; with a multiplicity of 2 or more, another robot searches the cell too. The time is infinite for a cell that too
+    few robots searched.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}

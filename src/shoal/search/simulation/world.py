@@ -101,7 +101,7 @@ class SearchWorld:
         return body
 
     def prompt(self, number: int, time: float) -> None:
-        """Let an idle robot decide again at a time."""
+        """Let an idle robot decide again at a given time."""
         self._post(time, number, "event", Wake(time))
 
     def _post(self, time: float, robot: int, kind: str, what: Any) -> None:
@@ -109,7 +109,7 @@ class SearchWorld:
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
     def run(self, *, until: float = inf) -> SimulationOutcome:
-        """Process all events up to a time. Return the outcome."""
+        """Simulate all events up to a given time. Return the outcome."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]

@@ -1,4 +1,4 @@
-"""Tours by name, one module per tour, and encoding and decoding of the Hilbert curve."""
+"""Tours by name, with one module per tour. Also encoding and decoding of the Hilbert curve."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return a tour maker by name or ``module:attribute``, or return a given object.
+    """Return the tour maker of a name or of a text ``module:attribute``. A tour maker object is returned unchanged.
 
     Raises
     ------

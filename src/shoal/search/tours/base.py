@@ -27,7 +27,10 @@ class TourMaker(Protocol):
     dimensions: tuple[int, ...]
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return a tour that visits each True cell of ``mask``, shape (H, W) or (L, H, W), once. At least one cell is True."""
+        """Return a tour that visits each True cell of ``mask`` once. The mask has shape (H, W) or (L, H, W).
+
+        At least one cell is True.
+        """
         ...
 
 

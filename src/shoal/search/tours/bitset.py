@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def arc_bits(first: int, count: int, n: int) -> int:
-    """Return ``count`` cells from number ``first`` on, around a tour of n cells.
+    """Return the set of ``count`` consecutive cells of a tour of n cells that begin with number ``first``.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def arc_bits(first: int, count: int, n: int) -> int:
 
 
 def turned(bits: int, first: int, n: int) -> int:
-    """Return the set with cell numbers counted from ``first``.
+    """Return the set after renumbering the cells around the tour, so that ``first`` becomes 0.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a set from number ``first`` on, around the tour; None if the set is empty.
+    """Return the first cell of a set that follows around the tour from number ``first`` on, or None if the set is empty.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def next_in(bits: int, first: int, n: int) -> int | None:
 
 
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
-    """Yield the runs of a set around the tour from number ``first`` on, as (first cell, length).
+    """Yield the runs of consecutive cells of a set as (first cell, length), around the tour from number ``first`` on.
 
     Examples
     --------
@@ -136,7 +136,7 @@ _FEW = 16  # number of intervals above which arrays are faster
 
 
 def intervals(bits: int) -> list[tuple[int, int]]:
-    """Return the runs of a set as (first number, length), in increasing order.
+    """Return the runs of consecutive numbers of a set as (first number, length), in increasing order.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def intervals(bits: int) -> list[tuple[int, int]]:
 
 
 def bits_of_intervals(found: list[tuple[int, int]]) -> int:
-    """Return the bitset of all numbers in some runs.
+    """Return the bitset of all numbers in given runs.
 
     Examples
     --------

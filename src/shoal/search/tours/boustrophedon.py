@@ -1,4 +1,4 @@
-"""The boustrophedon tour: back and forth along rows, with an order of rows that gives short connections."""
+"""The boustrophedon tour: back and forth along rows, in an order of the rows that keeps connections short."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ MOST_RUNS = 1500
 
 @TOURS.register("boustrophedon")
 class BoustrophedonTour:
-    """A tour that traverses each run (consecutive cells of a row) in one go, with about two turns per run.
+    """A tour that traverses each run (consecutive cells of a row) without interruption, with about two turns per run.
 
-    The tour starts with the boustrophedon decomposition (H. Choset, "Coverage of known spaces: the boustrophedon cellular
-    decomposition", Autonomous Robots 9, 2000). Exchanges then shorten the connections between runs: of two links (2-opt), and of up
-    to three runs to another position (Or-opt), in either direction. The closing edge is one of the links.
+    The first version of the tour follows the boustrophedon decomposition, by Choset, "Coverage of known spaces: the boustrophedon
+    cellular decomposition", Autonomous Robots 9, 2000. Then exchanges shorten the connections between runs. One exchange replaces
+    two connections (2-opt). Another one moves up to three runs to another position, in either direction (Or-opt). The closing edge
+    counts as one of these connections.
     """
 
     name = "boustrophedon"

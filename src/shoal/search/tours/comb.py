@@ -1,6 +1,6 @@
 """The comb tour: straight lanes back and forth, with one column reserved for the return.
 
-Few turns, and a closing edge of one step.
+The comb has few turns, and its closing edge is one step long.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("comb")
 class CombTour:
-    """Lanes back and forth over all columns except the first, which leads back to the start; or this tour rotated by 90 degrees.
+    """Lanes back and forth over all columns except the first. The first column leads back to the start.
 
     In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
-    unavoidable, and the last two lanes are visited crosswise. A single row of cells is closed by an edge from end to end. On other
-    shapes, the tour is the shortest of three: the lanes of the bounding rectangle restricted to the shape, and two boustrophedon
-    decompositions, along rows and along columns.
+    unavoidable, and the tour zigzags through the last two lanes. In a single row of cells, the closing edge leads from the last
+    cell to the first cell. On other shapes, the tour is the shortest of three tours. One restricts the comb of the bounding
+    rectangle to the shape. The two others are boustrophedon decompositions, along rows and along columns.
     """
 
     name = "comb"

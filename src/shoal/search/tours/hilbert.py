@@ -1,4 +1,7 @@
-"""Hilbert curve tours: closed by a long edge, or open. On other shapes, the covering curve is restricted to the cells."""
+"""Hilbert curve tours: closed by a long edge, or left open.
+
+For other shapes, the tour takes the curve of a covering square and skips positions without a cell.
+"""
 
 from __future__ import annotations
 
@@ -14,11 +17,11 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("hilbert")
 class HilbertTour:
-    """The Hilbert curve through the smallest square of 2^k cells per side around the cells, with the same lower left corner.
+    """The Hilbert curve through the smallest square of 2^k cells per side that covers the cells from their lower left corner.
 
-    As in paper H, the tour is closed: the index continues modulo the number of cells. The closing edge is as long as the square
-    minus one cell. On other shapes, the cells keep the order of the curve, with steps across omitted cells. In 3 dimensions the
-    square is a cube.
+    As in paper H, the tour is closed: the index continues modulo the number of cells. In cell sides, the closing edge is as long as
+    the square's side minus one. On other shapes, the cells keep the order of the curve, and some steps lead across positions
+    without a cell. In 3 dimensions the square is a cube.
     """
 
     name = "hilbert"
@@ -41,7 +44,7 @@ class OpenHilbertTour(HilbertTour):
 
 @TOURS.register("moore")
 class MooreTour:
-    """The Moore curve, four Hilbert curves closed by one step, through the smallest covering square with 2^k cells per side."""
+    """The Moore curve through the smallest covering square with 2^k cells per side: four Hilbert curves, closed by one step."""
 
     name = "moore"
     dimensions: tuple[int, ...] = (2,)
@@ -53,7 +56,7 @@ class MooreTour:
 
 
 def in_covering_square(mask: NDArray[np.bool_], name: str) -> tuple[NDArray[np.int64], int]:
-    """Return the True cells in the frame of the smallest covering square (cube) with 2^order cells per side, and the order.
+    """Return the True cells with indices in the smallest covering square or cube of 2^order cells per side. Return also the order.
 
     Raises
     ------

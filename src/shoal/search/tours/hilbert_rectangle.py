@@ -1,4 +1,4 @@
-"""The closed generalized Hilbert curve of any rectangle or box: out through one half and back through the other."""
+"""The closed generalized Hilbert curve of any rectangle or box: out through one half and back through the other half."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class HilbertRectangleTour:
     """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
     In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
-    unavoidable. In a box with odd sides, some steps are diagonals of a square. A single row of cells is closed by an edge from end
-    to end.
+    unavoidable. In a box with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge leads
+    from the last cell to the first cell.
     """
 
     name = "hilbert-rectangle"
@@ -34,7 +34,8 @@ class HilbertRectangleTour:
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the cells of a full box in the order of its closed generalized Hilbert curve; int64, shape (N, dimensions).
 
-    The curve runs along an even side (the longest one) and back, through the two halves of the longest other side.
+    The curve runs along the longest side of even length, and back. The longest other side is divided into a half for each
+    direction.
     """
     from shoal.search.kernels.rectangle import walk_box
 

@@ -20,10 +20,13 @@ TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 def joined(
     tours: Sequence[Tour], points: Sequence[Floats] | None = None, *, floors: Sequence[int] | None = None, turn: float = TIE
 ) -> Tour:
-    """Return one tour through the cells of all layers. From each layer it climbs to the next one and returns beside that climb.
+    """Return one tour through the cells of all layers. The tour climbs from each layer to the next layer.
 
-    One step of a layer's tour and one step of the next layer's tour are replaced by two climbs, where this makes the whole tour
-    least longer. So no cell is passed twice. For equal layers, the tour becomes longer by two climbs minus two steps per layer.
+    It returns beside this climb.
+
+    One step of a layer's tour and one step of the next layer's tour are replaced by two climbs. The chosen steps lengthen the tour
+    as little as possible. Therefore the tour passes no cell twice. If all layers are equal, each further layer adds the length of
+    two climbs and saves two steps.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ MAX_CELLS = 2**28
 
 
 def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
-    """Return the mask to be searched, from a mask or from the shape of a full rectangle or box.
+    """Return the mask of the cells to search. The argument is a mask, or the shape of a full rectangle or box.
 
     Parameters
     ----------
@@ -62,9 +62,9 @@ def _check_shape(shape: list[int]) -> tuple[int, ...]:
 
 
 def components(mask: ArrayLike) -> NDArray[np.int32]:
-    """Return the label of each cell's connected component, from 1 in reading order; 0 where the mask is False.
+    """Return the label of each cell's connected component, from 1 in reading order, and 0 where the mask is False.
 
-    Cells are connected across sides; in 3 dimensions, across faces.
+    Two cells are connected if they share a side, or a face in 3 dimensions.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return cells as contiguous (layer, row, col). Plane cells lie in layer 0."""
+    """Return cells as a contiguous array of (layer, row, col). Plane cells lie in layer 0."""
     if cells.shape[1] == 3:
         return np.ascontiguousarray(cells)
     filled = np.zeros((len(cells), 3), dtype=np.int64)
@@ -108,11 +108,11 @@ def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the cells reordered so that each connected component is finished before the next.
+    """Return the cells reordered so that the cells of each connected component follow one another.
 
-    The order within components is kept.
+    Inside a component, the cells keep their order.
 
-    The components come in the order in which the given order first meets them.
+    The components are ordered by their first cells in the given order.
     """
     labels = components(mask)
     if labels.max() == 1:

@@ -15,13 +15,14 @@ from shoal.search.tours.tour import Tour
 class SpanningTreeTour:
     """A tour around a spanning tree of the full 2 x 2 blocks, extended by the cells of partial blocks.
 
-    After Y. Gabriely and E. Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of Mathematics and
-    Artificial Intelligence 31, 2001. A region of full blocks gets a closed tour of steps to neighbours. Cells of partial blocks are
-    then added in two stages. First, pairs of cells beside an edge of the tour, and unaligned blocks, are added at no cost. Second,
-    the cheapest exchange of two edges of different cycles is applied. It replaces them by two steps between the cycles. One of
-    these steps leads to a neighbour; the other may be longer (a diagonal for a single cell, the return path for a dead end one cell
-    wide). No cell is visited twice. The alignment with most full blocks is used. The tree consists of straight corridors and a
-    spine, which gives few turns.
+    The method is that of Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
+    Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, the tour is closed and all its steps lead to
+    neighbours. Cells of partial blocks are then added in two stages. First, the algorithm adds pairs of cells beside an edge of the
+    tour, and unaligned blocks. These additions cost nothing. Second, it connects cycles by the cheapest exchange of two edges of
+    different cycles. An exchange replaces the two edges by two steps between the cycles. One of these steps leads to a neighbour.
+    The other step may be longer: a diagonal for a single cell, or the return path of a dead end one cell wide. No cell is visited
+    twice. Of the possible alignments of blocks, the tour uses the one with the most full blocks. The spanning tree consists of
+    straight corridors and a spine. This shape gives few turns.
     """
 
     name = "spanning-tree"

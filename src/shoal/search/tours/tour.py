@@ -60,7 +60,7 @@ class TourMetrics:
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """Cells in visiting order. A closed tour continues from the last cell to the first.
+    """Cells in visiting order. A closed tour continues from its last cell to its first cell.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class Tour:
 
     @cached_property
     def position(self) -> NDArray[np.int64]:
-        """Tour index of each cell, -1 for other cells; read-only int64 of the grid's shape."""
+        """Tour index of each cell of the tour, and -1 elsewhere; read-only int64 array of the grid's shape."""
         from shoal.search.kernels.measures import fill_position
 
         position = np.full(self.shape, -1, dtype=np.int64)
@@ -140,7 +140,7 @@ class Tour:
         return lengths
 
     def metrics(self) -> TourMetrics:
-        """Measure the tour. Time and memory grow as N log N and N."""
+        """Measure the tour. For N cells, time grows as N log N, and memory grows as N."""
         from shoal.search.kernels import measures
 
         n, steps, cells = len(self.cells), self.steps, deep(self.cells)

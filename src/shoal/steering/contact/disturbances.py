@@ -46,6 +46,6 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
 
 
 def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
-    """Return four random generators: for the field, the execution of moves, the camera and the planner."""
+    """Return four random generators: one each for the field, the execution of moves, the camera and the planner."""
     spawned = np.random.SeedSequence(seed).spawn(4)
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]  # four children, four generators

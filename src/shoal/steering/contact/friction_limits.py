@@ -1,10 +1,10 @@
-"""Limits due to finite friction, proved by gauges of Δ that no wall can increase, and by barriers that no reaction crosses.
+"""Limits due to finite friction on changes of the difference Δ of two particles, proved by gauges and barriers of Δ.
 
-A wall acts on a particle by a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
-directly, and a reaction on particle 1 changes Δ by its opposite. If no single reaction can increase a gauge of Δ, the gauge never
-increases. A barrier is such a bound for one start: a closed curve around 0 and the initial Δ that no possible reaction crosses. The
-larger Δ is, the fewer walls the particles can touch. The curve therefore follows the outermost reactions in both directions around
-0.
+A wall acts on a particle with a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
+directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. If no single reaction can increase a gauge of Δ,
+the value of the gauge never increases. A barrier is a closed curve around 0 and the initial Δ that no possible reaction crosses. It
+is a bound for one start. The longer Δ is, the fewer walls the particles can touch. The barrier therefore follows the outermost
+reactions in both directions around 0.
 """
 
 from __future__ import annotations
@@ -26,12 +26,13 @@ _ANGLES = 3000  # number of corners of a barrier
 
 
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
-    """Return the reason why friction prevents a change of Δ from ``before`` to near ``after``, or None if none is proved.
+    """Return the reason why friction prevents a change of Δ from ``before`` to near ``after``, or None without a proof.
 
-    On a disk of radius r, consider |Δ| >= 2 r sin(atan μ). The other particle is then too far around the circle for a reaction at
-    the toucher to have a component along Δ. Therefore |Δ| never exceeds the larger of this limit and its initial value. Above the
-    limit, Δ can turn only while it shrinks. On a polygon, the function uses a barrier and several gauges. The unit balls of the
-    gauges have the walls' normals as side normals or as corners, and only gauges that no reaction increases count.
+    On a disk of radius r, with the friction coefficient μ, consider |Δ| >= 2 r sin(atan μ). The two particles are then so far apart
+    that no reaction on the toucher has a component along Δ. Therefore |Δ| never exceeds the larger one of this limit and the
+    initial |Δ|. Above the limit, Δ can turn only while it shrinks. On a polygon, the function uses a barrier and several gauges.
+    The unit ball of a gauge is a polygon, with the walls' normals as its side normals or as its corners. A gauge counts only if no
+    reaction increases it.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -65,10 +66,11 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
-    """Return the largest turn of a difference while it shrinks, for differences that friction does not allow to grow.
+    """Return the largest angle by which a difference can turn while it shrinks, if friction does not allow it to grow.
 
-    The largest turn follows a reaction at the edge of the cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ, which
-    has a closed integral. The result is infinite if φ + cone reaches a right angle, because |Δ| then need not shrink.
+    The largest turn results from reactions at the edge of the friction cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius
+    cos φ. This expression has a closed integral. The result is infinite if φ + cone reaches a right angle, because the difference
+    can then turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

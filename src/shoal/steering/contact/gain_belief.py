@@ -13,7 +13,7 @@ PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """Gaussian belief about the gain g(p) = a + b p. Each free flight (a move without contact) improves it."""
+    """Gaussian belief about the gain g(p) = a + b p. Each move without contact (free flight) improves the belief."""
 
     def __init__(self, room: Any, noise: Any) -> None:
         d = room.dimensions
@@ -45,14 +45,14 @@ class GainBelief:
         return np.asarray(point + self.at(middle) * move)
 
     def behind(self, point: Points, move: Points) -> Points:
-        """Return the expected start point from which a move takes a free particle to ``point``."""
+        """Return the expected start point of a free particle that a move brings to ``point``."""
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)
 
     def learn(self, here: Points, there: Points, move: Points) -> None:
         """Update the belief by one free flight.
 
-        The gain at its midpoint is the travelled distance divided by the length of the move.
+        The travelled distance divided by the length of the move is taken as the gain at the flight's midpoint.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

@@ -20,11 +20,11 @@ from shoal.steering.workspaces.region import Region
 class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    An edge with inward normal N holds a particle on it while ``N u <= 0``. At a convex corner (narrower than 180 degrees), either
-    edge can hold the particle. At a wider corner, such as an obstacle's, the particle is held only if both edges would hold it. So
-    it moves whenever free space lies strictly ahead. During a straight move, a particle stops where it first meets an edge that
-    would hold it, and stays there until the end of the move. The other particles continue. Particles do not collide with each
-    other.
+    An edge with inward normal N holds a particle on it while ``N u <= 0`` for the displacement u. At a convex corner (narrower than
+    180 degrees), either edge can hold the particle. At a wider corner, such as the corner of an obstacle, the particle is held only
+    if both edges would hold it. Therefore the particle moves whenever free space lies strictly ahead. During a straight move, a
+    particle stops where it first meets an edge that would hold it, and stays there until the end of the move. The other particles
+    continue. Particles do not collide with each other.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class RegionWorld(SteeringWorld):
 
     @cached_property
     def edges(self) -> kernels.Edges:
-        """The edges in the form that kernels use."""
+        """The edges of the region, in the form that kernels use."""
         edges = np.ascontiguousarray(self.workspace.edges)
         along = edges[:, 2:] - edges[:, :2]
         lengths = np.hypot(*along.T)

@@ -1,4 +1,4 @@
-"""Wall release: small moves off a wall before a translation that the wall would otherwise block."""
+"""Wall release: small moves off a wall, made before a translation that the wall would otherwise block."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> boo
 
 
 def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
-    """Return moves that translate all particles by ``move``, after a lift off the walls if necessary; None if no lift exists."""
+    """Return moves that translate all particles by ``move``, after a small move off the walls if necessary, or None."""
     if is_released(workspace, points, move):
         return [move]
     for length in RELEASE_LENGTHS:
@@ -45,9 +45,9 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves, each with the state after it, that take one particle off its walls while another particle is held.
+    """Return small moves that take one particle off its walls while another particle is held, each with the state after it.
 
-    These moves are for states in which no single move lifts both particles, such as particles on opposite walls.
+    They are needed if no single move takes both particles off their walls, for example if they lie on opposite walls.
     """
     found = []
     for held in (0, 1):
@@ -65,9 +65,9 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose smallest product with the given unit vectors is largest, or None if that product is about 0.
+    """Return the unit vector whose smallest scalar product with given unit vectors is largest, or None if it is about 0.
 
-    The result has equal products with at most d of the given vectors and lies in their span.
+    The result lies in the span of at most d given vectors (d dimensions), and has equal scalar products with them.
     """
     d = rows.shape[1]
     if not len(rows):

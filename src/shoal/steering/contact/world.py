@@ -1,4 +1,4 @@
-"""ContactWorld: motion of particles under a shared displacement, between walls that hold particles pushed into them."""
+"""ContactWorld: motion of particles under a shared displacement, between walls that hold the particles pushed into them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class SteeringWorld(ABC):
         return self.workspace
 
     def initial(self, points: ArrayLike) -> Points:
-        """Return the state with particles at ``points``, float64, shape (n, dimensions).
+        """Return the state in which the particles are at ``points``; float64, shape (n, dimensions).
 
         Raises
         ------
@@ -76,7 +76,7 @@ class SteeringWorld(ABC):
         return np.array(states)
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Return which particles a wall would hold at the start of a move with infinite friction; bool, shape (n,)."""
+        """Return which particles a wall would hold at the start of a move if friction were infinite; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
         return np.array([self.is_held(point, vector) for point in state])
@@ -94,14 +94,14 @@ class SteeringWorld(ABC):
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    A wall with inward normal N holds a particle on it while ``N u <= 0``. The wall therefore also holds a particle that is pushed
-    along it. In a corner, either wall can hold the particle. During a straight move, a particle stops where it first meets a wall
-    and stays there until the end of the move. The other particles continue.
+    A wall with inward normal N holds a particle on it while ``N u <= 0`` for the displacement u. The wall therefore also holds a
+    particle that is pushed along the wall. In a corner, either wall can hold the particle. During a straight move, a particle stops
+    where it first meets a wall and stays there until the end of the move. The other particles continue.
 
-    With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|`` if this is positive,
-    where T is the tangential direction of the push. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 + gradient
-    (p - c)`` and c is the centre: particles closer to a coil move faster. Particles with a radius are spheres. Their centres stay
-    at least a radius away from the walls, and a sphere that meets a held sphere stops.
+    With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|``, if this value is
+    positive. Here T is the tangential direction of the push. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 +
+    gradient (p - c)`` and c is the centre. For example, particles closer to a coil move faster. Particles with a radius are
+    spheres. Their centres stay at least a radius away from the walls, and a sphere that meets a held sphere stops.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:
-        """Coefficients (g, gx, gy, ...): a particle at p moves by ``g + (gx, gy, ...) p`` times the input."""
+        """Coefficients (g, gx, gy, ...) of the gain: a particle at p moves by ``g + (gx, gy, ...) p`` times the input."""
         d = self.workspace.dimensions
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
@@ -182,7 +182,7 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def walls(self) -> kernels.Walls:
-        """The walls in the form that kernels use."""
+        """The walls of the workspace, in the form that kernels use."""
         room = self.room
         normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
@@ -202,9 +202,9 @@ class ContactWorld(SteeringWorld):
 
 
 def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
-    """Stop spheres that collide with a stopped sphere, in order of the collisions. Changes the state in place.
+    """Stop spheres that collide with a stopped sphere, in the order of the collisions. Changes the state in place.
 
-    Until a wall stops the first sphere, all spheres move alike and none collides. ``shares`` holds the fraction of the move at
+    Until a wall stops the first sphere, all spheres move alike so no spheres collide. ``shares`` holds the fraction of the move at
     which each sphere stopped.
     """
     shares = shares.copy()

@@ -1,10 +1,11 @@
-"""The differences Δ that k moves reach on a disk, and their fraction of all differences.
+"""The differences Δ of two particles that k moves reach on a disk, and their fraction of all differences.
 
-Two more moves start with a contact c. They can bring the other particle to any point whose depth below the wall at c is not larger
-than before. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0. The set is described by its
-*radii*: its extent in each direction. At a contact where the other particle can have depth H, Δ can extend in direction e to
-min(distance to the far wall, H / N·e), with N the inward normal. The radius is the largest of these extents, and the next depths
-follow from the radii. On a disk, contacts of the second particle give the same sets.
+Each two further moves begin with a contact at a point c of the wall. They can bring the other particle to any point q whose depth
+below the wall at c is not larger than before. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0.
+The set is described by its *radii*: its extent in each direction. At a contact where the other particle can have depth H, Δ can
+extend in direction e to min(distance to the far wall, H / N·e), where N is the inward normal of the wall. The radius is the largest
+of these extents, and the depths for the next two moves follow from the radii. On a disk, contacts of either particle give the same
+sets.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """The differences that an even number of moves reaches on a disk. The initial Δ is rotated to point to the right.
+    """The differences that an even number of moves reaches on a disk.
+
+    The frame is rotated so that the initial difference Δ points to the right.
 
     Parameters
     ----------

@@ -1,12 +1,12 @@
-"""The differences Δ that k moves reach on a polygon, and their fraction of all differences.
+"""The differences Δ of two particles that k moves reach on a polygon, and their fraction of all differences.
 
-As on a disk, the set that k moves reach is determined by the greatest depth at each contact. Let particle 1 (σ = 1) or particle 2
-(σ = -1) be at a contact c of a wall. H_k(c) is the largest depth that the other particle can then have below that wall. The sets of
-k + 2 moves are
+As on a disk, the greatest depth of the other particle at each contact determines the set that k moves reach. Let particle 1 (σ = 1)
+or particle 2 (σ = -1) be at a contact c of a wall. H_k(c) is the largest depth that the other particle can then have below that
+wall. The sets that k + 2 moves reach are
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
 
-and the next depths are linear programs over these sets.
+and linear programs over these sets give the depths for the next two moves.
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class PolygonReach:
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
         """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
 
-        The result is exact for two moves. For more moves, the lower depth of two neighbouring `contacts` is used, so the result can
-        wrongly be False near the boundary. `reaches` is exact.
+        The result is exact for two moves. For more moves, the method uses the lower depth of two neighbouring `contacts`. Therefore
+        the result can wrongly be False near the boundary. `reaches` is exact.
         """
         given = np.asarray(differences, dtype=np.float64)
         points = given.reshape(-1, 2)
@@ -79,7 +79,8 @@ class PolygonReach:
     def reaches(self, after: ArrayLike) -> bool:
         """Return exactly whether a difference can be reached. The test searches all kinds of chains for a feasible one.
 
-        The computing time grows as (2 walls) ** (moves / 2). Use it for up to six moves.
+        The computing time grows as (2 walls) ** (moves / 2), where walls is the number of walls. Use this method for up to six
+        moves.
 
         Raises
         ------
@@ -120,7 +121,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The set as polygons with holes, for drawing: pairs (outline, holes), snapped to a grid of 1e-6 of the size."""
+        """The set as polygons with holes for drawing, as pairs (outline, holes), rounded to 1e-6 of the workspace's size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)
@@ -130,7 +131,10 @@ class PolygonReach:
         ]
 
     def fraction(self) -> float:
-        """Return the area of the set as a fraction of all differences. Exact for two moves; otherwise the area of `contains`."""
+        """Return the area of the set as a fraction of all differences. The fraction is exact for two moves.
+
+        For more moves, it is that of `contains`.
+        """
         from shapely import Polygon
 
         area = sum(Polygon(outline, holes).area for outline, holes in self.outline)

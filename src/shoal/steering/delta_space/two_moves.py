@@ -1,7 +1,7 @@
 """The Δ configuration space: changes of the difference between two particles by two moves and walls.
 
 Δ is the position of particle 2 minus the position of particle 1. The first move brings one particle, the toucher, into contact with
-a wall. The second move displaces the other particle while the wall holds the toucher. Moves without contact leave Δ unchanged.
+a wall. The second move displaces the other particle while the wall holds the toucher. Moves without contact do not change Δ.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Crossing:
     slack: float
 
     def moves(self, points: ArrayLike, change: ArrayLike) -> Points:
-        """Return the two moves, shape (2, 2), that change Δ by ``change``.
+        """Return the two moves, shape (2, 2), that change the difference Δ by ``change``.
 
         The particles start at ``points``, away from all walls.
         """
@@ -119,7 +119,7 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for each side, the interval of its length (lowest and highest fraction) from which all shifted points are inside."""
+    """Return, for each side, the interval along its length from which all shifted points lie inside, as fractions of the length."""
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))
@@ -147,10 +147,10 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return the arc of contact angles of particle 1 on a disk: start, end and half-width of the feasible part; or None.
+    """Return the feasible arc of contact angles of particle 1 on a disk as start, end and half-width, or None without one.
 
-    Every effect of a contact of particle 2 can also be achieved by particle 1 on the opposite side. The arc is the intersection of
-    three arcs: both differences fit inside the disk, and the wall holds the toucher.
+    A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. The arc is the intersection of
+    three arcs. In two of them, one of the differences fits inside the disk. In the third, the wall holds the toucher.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):
@@ -171,9 +171,10 @@ def _angle(vector: Points) -> float:
 
 
 def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
-    """Return the convex pieces whose union is the set of Δ reached in two moves, for drawing; each float64, shape (n, 2).
+    """Return the convex pieces whose union is the set of differences that two moves reach, for drawing; each float64, shape (n, 2).
 
-    A polygon gives one piece for each usable pair of side and toucher. A disk gives one piece for each of many contacts.
+    For a polygon, there is one piece for each usable pair of a side and a toucher. For a disk, there is one piece for each of many
+    sampled contacts.
 
     Raises
     ------

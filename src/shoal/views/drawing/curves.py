@@ -168,9 +168,9 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
 def frontier_curves(
     groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "", printed: Mapping[str, float] | None = None
 ) -> Figure:
-    """Return a figure of frontier cells against moves, as in paper M, Fig.
+    """Return a figure of frontier cells against moves, with a thin line per trial and a thick median per group.
 
-    8: a thin line per trial, and a thick median per group.
+    Source: paper M, figure 8.
 
     Parameters
     ----------

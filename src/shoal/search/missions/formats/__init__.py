@@ -1,1 +1,1 @@
-"""Formats of mission files. Each module writes and reads one format."""
+"""Formats of mission files. Each module of this folder writes and reads one format."""

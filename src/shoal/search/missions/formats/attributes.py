@@ -1,4 +1,4 @@
-"""Mission attributes besides coordinates. GeoJSON, KML, GPX and CSV files store them under the same names."""
+"""Mission attributes besides coordinates. GeoJSON, KML, GPX and CSV files store the attributes under the same names."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALTITUDES = "altitudes_m"
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission in the order of `NAMES`, followed by the existing ones of `MORE` and `ALTITUDES`."""
+    """Return the attributes of a mission in the order of `NAMES`, then those of `MORE` and `ALTITUDES` that the mission has."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [
         mission.delay or None,
@@ -71,7 +71,7 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
 
 
 def spread_altitudes(sheet: Sheet, place: str) -> None:
-    """Assign an altitude to each waypoint of a sheet: its own, or the common one."""
+    """Assign an altitude to each waypoint of a sheet: the waypoint's own altitude, or the common altitude."""
     count = len(sheet.points)
     if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
         sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one a waypoint, got {len(sheet.altitudes)}")

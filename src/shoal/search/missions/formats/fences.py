@@ -1,4 +1,4 @@
-"""Fence and rally points: as `QGC WPL 110` files beside ArduPilot missions, and inside QGroundControl's `.plan` files."""
+"""Fence and rally points: for ArduPilot as separate `QGC WPL 110` files, for QGroundControl as a section of the `.plan` file."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Places = tuple[tuple[float, float], ...]
 
 
 def fence_text(fence: Fence) -> str:
-    """Return a fence as a table of mission items. Each item is a corner and contains the number of corners of its polygon."""
+    """Return a fence as a table of mission items. Each item describes a corner, and states the number of corners of its polygon."""
     rows = [
         (_GLOBAL, _OUTSIDE if number else _INSIDE, float(len(ring)), x, y, 0.0)
         for number, ring in enumerate(fence.rings)
@@ -48,7 +48,7 @@ def _table(rows: Sequence[tuple[int, int, float, float, float, float]]) -> str:
 
 
 def read_fence(text: str, where: str) -> Fence:
-    """Return the fence from a table.
+    """Return the fence that a table of mission items describes.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def read_fence(text: str, where: str) -> Fence:
 
 
 def read_rally(text: str, where: str) -> Places:
-    """Return the rally points from a table.
+    """Return the rally points that a table of mission items describes.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
 
 
 def plan_fence(fence: Fence | None) -> dict[str, Any]:
-    """Return a fence in the form of a ``.plan`` file."""
+    """Return a fence as the data of a ``.plan`` file."""
     polygons = [
         {"inclusion": not number, "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()], "version": 1}
         for number, ring in enumerate(() if fence is None else fence.rings)
@@ -120,5 +120,5 @@ def plan_fence(fence: Fence | None) -> dict[str, Any]:
 
 
 def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
-    """Return rally points in the form of a ``.plan`` file."""
+    """Return rally points as the data of a ``.plan`` file."""
     return {"version": 2, "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points]}

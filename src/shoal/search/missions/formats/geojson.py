@@ -30,7 +30,7 @@ def write(mission: Mission) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a GeoJSON file."""
+    """Fill a mission sheet with the content of a GeoJSON file."""
     try:
         data = load_json(text)
     except json.JSONDecodeError as error:

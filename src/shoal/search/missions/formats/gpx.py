@@ -1,7 +1,7 @@
 """GPX 1.1 missions: a route for the waypoints, and a waypoint for home.
 
-Elevations in GPX are heights above sea level. They are written if home's height above sea level is known, or if altitudes refer to
-the sea. In a file with elevations, the waypoints' heights differ by the same amounts.
+Elevations in GPX are heights above sea level. Elevations are written only if home's height above sea level is known, or if
+altitudes refer to the sea. A file with elevations keeps the differences between the waypoints' heights.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def _place(longitude: float, latitude: float) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a GPX file."""
+    """Fill a mission sheet with the content of a GPX file."""
     root = parse_root(text, "gpx", sheet)
     if root is None:
         return

@@ -1,4 +1,4 @@
-"""MAVLink mission items, the content of `.plan` and WPL files."""
+"""MAVLink mission items, which are the content of `.plan` and WPL files."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Params = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class Item:
-    """One mission item. Latitude, longitude and altitude are the last three of its seven parameters. None means unset."""
+    """One mission item. An item has seven parameters. The last three are latitude, longitude and altitude. None means unset."""
 
     command: int
     frame: int
@@ -37,8 +37,8 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    Wait and take-off come first, because autopilots begin with them. The speed then holds until the end. Images are taken from the
-    first to the last waypoint.
+    The wait and the take-off are the first items, because autopilots begin with these. Then an item sets the speed for the whole
+    mission. Images are taken from the first to the last waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     heights = mission.heights_above_home + ((mission.elevation or 0.0) if frame == 0 else 0.0)
@@ -69,7 +69,7 @@ def _placeless(command: int, *params: float) -> Item:
 
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Fill a sheet with the content of items, and add diagnostics."""
+    """Fill a mission sheet with the content of items, and add diagnostics."""
     waypoints = [item for item in items if item.command == WAYPOINT]
     sheet.n_items = len(items) + 1
     sheet.points = np.array([_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64).reshape(-1, 2)
@@ -133,7 +133,7 @@ def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
-    """Return the kind of vehicle of a file that does not state it, as its items imply."""
+    """Return the kind of vehicle that the items of a file imply, for files that do not state the kind."""
     if not any(altitude > 0 for altitude in sheet.altitudes) and not any(item.command == TAKE_OFF for item in items):
         return "rover"
     through_air = any(item.command == SPEED and item.params[0] == _AIR for item in items)

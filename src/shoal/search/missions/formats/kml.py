@@ -62,7 +62,7 @@ def _heights(mission: Mission) -> tuple[str, list[float]]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a KML file."""
+    """Fill a mission sheet with the content of a KML file."""
     root = parse_root(text, "kml", sheet)
     if root is None:
         return

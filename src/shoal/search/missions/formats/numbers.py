@@ -39,7 +39,7 @@ def plain(value: float) -> str:
 
 
 class Number(float):
-    """A number of a JSON file that remembers its decimals."""
+    """A number from a JSON file, with the number of decimals that it had in the file."""
 
     decimals = 0
 
@@ -51,7 +51,7 @@ class Number(float):
 
 
 def load_json(text: str) -> Any:
-    """Parse JSON, with fractions as `Number`.
+    """Parse a JSON text. Numbers with decimals become `Number`.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def load_json(text: str) -> Any:
 
 
 def dump_json(value: Any) -> str:
-    """Return JSON in which strings made by `raw` appear as numbers.
+    """Return a JSON text in which the strings that `raw` made appear as numbers.
 
     Examples
     --------

@@ -31,7 +31,7 @@ class _Form(BaseModel):
 
 
 class ItemForm(_Form):
-    """A mission item in the file."""
+    """The form of a mission item in a ``.plan`` file."""
 
     type: Literal["SimpleItem"]
     command: StrictInt
@@ -59,7 +59,7 @@ _Longitude = Annotated[float, Field(strict=True, ge=-180, le=180)]
 
 
 class PolygonForm(_Form):
-    """A polygon of the fence in the file."""
+    """The form of a fence polygon in a ``.plan`` file."""
 
     version: Literal[1]
     inclusion: StrictBool
@@ -75,7 +75,7 @@ class FenceForm(_Form):
 
 
 class RallyForm(_Form):
-    """The rally points in the file."""
+    """The form of the rally points in a ``.plan`` file."""
 
     version: Literal[2]
     points: list[tuple[_Latitude, _Longitude, _Numbers]]
@@ -135,7 +135,7 @@ def _item(item: Item, number: int) -> dict[str, Any]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a `.plan` file."""
+    """Fill a mission sheet with the content of a `.plan` file."""
     try:
         data = load_json(text)
         form = PlanForm.model_validate(data)

@@ -1,4 +1,4 @@
-"""CSV missions: one item per line, in degrees, or in metres for a region without a position on Earth."""
+"""CSV missions: one line per item. Coordinates are in degrees, or in metres for a region without a position on Earth."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _text(value: str | float) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a CSV file."""
+    """Fill a mission sheet with the content of a CSV file."""
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1) if row]
     except csv.Error as error:

@@ -29,7 +29,7 @@ def _row(number: int, item: Item) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a sheet with the content of a WPL file."""
+    """Fill a mission sheet with the content of a WPL file."""
     lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
         sheet.add("wrong-header", "line 1", f"expected {HEADER!r}, got {lines[0][:40] if lines else 'an empty file'!r}")

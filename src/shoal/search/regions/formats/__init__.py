@@ -1,16 +1,17 @@
 """Readers of region files. The suffix of a file determines its format.
 
-- ``.geojson .json``: GeoJSON; longitude first, in degrees, unless an old "crs" member names another system.
-- ``.kml .kmz``: the polygons of the placemarks; of a KMZ, those of the first KML file in it.
-- ``.gpkg .shp .zip``: in the coordinate reference system that the file names (for a Shapefile, in the ``.prj`` beside it). A zip
-  archive must contain one Shapefile. A GeoPackage layer without a system on Earth is in metres.
-- ``.csv``: one vertex per line. A heading names the columns (``x_m,y_m``, or ``longitude,latitude``), and lines that begin with #
-  are ignored. A blank line, or another value in a third column, begins the next ring. Rings may be closed or not. A ring inside
-  another is its hole, and a ring inside a hole is a part again.
+- ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
+- ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, it reads the first KML file.
+- ``.gpkg .shp .zip``: GeoPackage or Shapefile. The file names its coordinate system; for a Shapefile, the ``.prj`` file does. A zip
+  archive must contain one Shapefile. A GeoPackage layer without a coordinate system on Earth is in metres.
+- ``.csv``: one vertex per line. A heading names the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with # are
+  ignored. The next ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first vertex
+  at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
 
-A polygon is a no-go zone if one of its properties says so (``no_go``, ``noFly``, ``exclusion`` and similar, unless false). It is
-also a no-go zone if its name or kind says so ("No-go: pond", "NFZ 3"), or the name of its folder, collection or layer. Points and
-lines are ignored if the file contains a polygon. Overlapping parts are united. `shoal.search.regions.limits` lists the limits.
+A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
+no-go zone if its name or its kind marks it ("No-go: pond", "NFZ 3"). The name of its folder, collection or layer can mark it too.
+The reader ignores points and lines if the file contains a polygon. It unites overlapping parts. `shoal.search.regions.limits` lists
+the limits.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Conversion of coordinates from any coordinate reference system to WGS84 degrees, or to metres without a position on Earth."""
+"""Conversion of coordinates from any coordinate reference system to WGS84 degrees, or to metres."""
 
 from __future__ import annotations
 
@@ -12,9 +12,10 @@ from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, R
 
 
 def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> RegionOutlines:
-    """Return outlines in WGS84 longitude and latitude, from coordinates in ``crs`` (a name, an EPSG code or WKT).
+    """Convert outlines from the coordinate system ``crs`` (a name, an EPSG code or WKT) to WGS84 longitude and latitude.
 
-    Coordinates have east first, as in GeoJSON, GeoPackage and Shapefile. A system without a position on Earth gives metres.
+    Coordinates have east first, as in GeoJSON, GeoPackage and Shapefile. If the system has no position on Earth, the result is in
+    metres.
 
     Raises
     ------

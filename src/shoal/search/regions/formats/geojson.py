@@ -1,4 +1,4 @@
-"""GeoJSON regions (RFC 7946), parsed by own code so that every error message has a location."""
+"""GeoJSON regions (RFC 7946), which Shoal parses itself, so that every error message names the location in the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""GeoPackage regions (OGC 12-128): an SQLite file whose tables are read without running any code in it."""
+"""GeoPackage regions (OGC 12-128): an SQLite file whose tables are read without running any code that the file contains."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _LAYERS = """
 
 
 def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> RegionOutlines:
-    """Return the polygons in a layer, and those in layers whose names mark no-go zones.
+    """Return the polygons of one layer, and the polygons of layers whose names mark no-go zones.
 
     Parameters
     ----------

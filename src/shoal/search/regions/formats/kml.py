@@ -1,4 +1,4 @@
-"""KML regions: the polygons of placemarks; KMZ: the same, zipped."""
+"""KML regions: the polygons of placemarks. KMZ files are zipped KML files."""
 
 from __future__ import annotations
 

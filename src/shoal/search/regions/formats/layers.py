@@ -1,4 +1,4 @@
-"""Common code for layers of shapes: features with a geometry, and properties that may mark no-go zones."""
+"""Common code for layers, which consist of features: a geometry with properties that may mark a no-go zone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Detection of no-go zones in files: by a property that is true, or by a name or kind with no-go, no-fly, NFZ or exclusion."""
+"""Detection of no-go zones in files by a true property, or by a name or kind with no-go, no-fly, NFZ or exclusion."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ def can_mark(key: str) -> bool:
 
 
 def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
-    """Return whether a feature is a no-go zone, by its properties and its names.
+    """Return whether the properties and names of a feature mark it as a no-go zone.
 
-    A property with the value no overrides all names.
+    A property that says "no" overrides all names.
 
     Examples
     --------

@@ -54,7 +54,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
-    """Return the polygons in a Shapefile. ``where`` is its name in error messages; the default is its path.
+    """Return the polygons in a Shapefile. ``where`` is the name of the file in error messages. The default is the path.
 
     Raises
     ------

@@ -28,7 +28,7 @@ _WIDEST_IN_DEGREES = 2.0  # a wider region is refused in any unit
 
 
 class Vertex(NamedTuple):
-    """A point of a table: x or longitude first, with the text of a third column and its line number."""
+    """A point of a table: its coordinates (x or longitude first), the text of a third column, and its line number."""
 
     x: float
     y: float
@@ -37,7 +37,7 @@ class Vertex(NamedTuple):
 
 
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
-    """Return the points of a table, with None for a blank line, and whether its heading names degrees (None if unknown).
+    """Return the points of a table, with None for a blank line. Return also whether the heading names degrees, or None.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Safe XML reader without document types and entities. Every element knows its line."""
+"""A safe XML reader, which refuses document types and entities. Every element knows its line."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ _LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a path that an unplanned obstacle blocks. The vehicle stops in the previous cell, ``at``."""
+    """The end of a path, if an unknown obstacle blocks the path. The vehicle stops in ``at``, the last cell before the obstacle."""
 
     obstacle: int
     at: int
@@ -97,11 +97,11 @@ class Agent:
 
     @property
     def now(self) -> float:
-        """The time in cell times of a robot of speed 1."""
+        """The time, in units of the time that a robot of speed 1 needs for one cell."""
         return (time.monotonic() - self._epoch) * self.task.speed
 
     def run(self) -> bool:
-        """Search until all cells are searched and reported. Return False if the supervisor is gone."""
+        """Search until all cells are searched and reported. Return False if the supervisor has ended."""
         time.sleep(max(0.0, self._epoch - time.monotonic()))
         self._feed(Begin(self.now))
         while self.robot.status != "complete" or self.robot.lingering > 0:

@@ -1,6 +1,6 @@
 """A simulated vehicle that moves in straight lines from cell to cell.
 
-Its speed follows the desired speed with a first-order lag.
+The vehicle's speed follows the desired speed with a first-order lag.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _NEAR = 1e-3  # cells
 
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
-    """A vehicle on one leg: it moves in a straight line, and then works on the spot for the rest of the leg.
+    """A vehicle on one leg: it moves in a straight line, and then stands still, for turns and work, during the rest of the leg.
 
     Parameters
     ----------
@@ -63,9 +63,9 @@ class MovingPoint:
         return self.done >= self.limit - _NEAR
 
     def moved(self, time: float, *, rate: float) -> MovingPoint:
-        """Return the vehicle at a later time, with desired speed ``rate``. The solution is exact for any time step.
+        """Return the vehicle at a later time, if its desired speed is ``rate``. The solution is exact for any time step.
 
-        The vehicle never passes its limit. It keeps the speed with which it reaches the limit.
+        The vehicle never passes its limit. At the limit, the stored speed is the speed of arrival.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -83,5 +83,8 @@ class MovingPoint:
         return replace(self, speed=0.0)
 
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
-        """Return the vehicle on a new leg from its position. It must stop one cell before the end, which may be immediately."""
+        """Return the vehicle on a new leg from its position. The vehicle must stop one cell before the end of the leg.
+
+        It may have to stop immediately.
+        """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

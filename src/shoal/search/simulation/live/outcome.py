@@ -11,7 +11,7 @@ from shoal.search.tours.bitset import at_least, bitset_of
 
 @dataclass(frozen=True, slots=True)
 class LiveEvent:
-    """An event that a robot reported, or that the supervisor caused.
+    """An event that a robot reported, or an event that the supervisor caused.
 
     Parameters
     ----------
@@ -109,5 +109,5 @@ def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
 
 
 def covered_share(events: Sequence[LiveEvent], goal: int) -> float:
-    """Return the fraction of the cells in the bitset ``goal`` that were searched."""
+    """Return the fraction of the cells in the bitset ``goal`` that robots really searched."""
     return (at_least(list(searched_by(events).values()), 1) & goal).bit_count() / goal.bit_count()

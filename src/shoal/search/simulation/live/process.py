@@ -1,8 +1,9 @@
 """The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `process_pool`.
 
-The first process imports all slow modules once and forks one process per robot. It then waits until its standard input closes, and
-ends the remaining processes. The robots' processes share only the open file with the cell locks. A robot reports on OUT, one line
-of JSON per event, and starts on a message on IN. When IN closes, the supervisor is gone, and the robot's process ends.
+The first process imports all slow modules once and forks one process per robot. This process then waits until its standard input
+closes, and ends the remaining processes. The robots' processes share only the open file with the cell locks. A robot's process
+writes one line of JSON per event to OUT. It starts when it gets a message from IN. When IN closes, the supervisor has ended, and
+the robot's process ends too.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ _STARTER = 0  # standard input
 
 
 def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
-    """Fork the robots' processes, and wait until the supervisor is gone."""
+    """Fork the robots' processes, and wait until the supervisor has ended."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # reserved for the supervisor
     task: LiveTask = pickle.loads(os.pread(file, size, 0))
     _warm(task)

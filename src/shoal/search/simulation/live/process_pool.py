@@ -1,4 +1,4 @@
-"""The process pool: start and end of all robots' processes, under all circumstances."""
+"""The process pool: it starts the processes of all robots, and makes sure that all of them end."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Member:
 
 
 class ProcessPool:
-    """The processes of all robots. None of them survives the ``with`` statement.
+    """The processes of all robots. All processes have ended when the ``with`` statement ends.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class ProcessPool:
         return bool(self._selector.get_map())
 
     def kill(self, number: int) -> bool:
-        """Kill a robot's process. Return False if it ended before."""
+        """Kill a robot's process. Return False if the process had ended before."""
         member = self.members[number]
         if member.ended or not member.process:
             return False
@@ -133,7 +133,10 @@ class ProcessPool:
         return True
 
     def collect(self, seconds: float, take: Callable[[Member, Report], None]) -> None:
-        """Wait for reports for at most ``seconds``, and pass them to ``take``. The last report of every process is "ended"."""
+        """Wait for reports for at most ``seconds``, and pass each report to ``take``.
+
+        The last report of every process is "ended".
+        """
         for key, _ in self._selector.select(max(seconds, 0.0)):
             member: Member = key.data
             data = os.read(key.fd, 1 << 16)
@@ -181,7 +184,7 @@ class ProcessPool:
         return lines[-1] if lines else "no reason given"
 
     def begin(self, epoch: float) -> None:
-        """Send time 0 and the ports of all robots to every robot."""
+        """Send every robot the start time of the search and the ports of all robots."""
         ports = [member.port for member in self.members.values()]
         word = json.dumps({"epoch": epoch, "ports": ports}).encode() + b"\n"
         for member in self.members.values():

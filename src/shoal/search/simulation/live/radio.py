@@ -1,7 +1,9 @@
-"""A robot's radio: UDP on the loopback interface, to a multicast group or, without multicast, to each robot's port.
+"""A robot's radio: UDP on the loopback interface.
+
+Messages go to a multicast group, or to each robot's port if multicast is not available.
 
 Every process on the machine can send to the radio. Therefore each message is signed with a key that only the robots of one search
-have, and is opened once. All other messages are dropped and counted; messages that are too long are not read.
+have, and a robot opens each message only once. All other messages are dropped and counted. Messages that are too long are not read.
 """
 
 from __future__ import annotations
@@ -47,7 +49,7 @@ def listener(group: str, port: int) -> socket.socket:
 
 
 def speaker(channel: Channel) -> socket.socket:
-    """Return a socket with its own port that sends only on the loopback interface."""
+    """Return a socket with its own port, which sends only on the loopback interface."""
     mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
         mouth.bind((LOOPBACK, 0))
@@ -64,7 +66,7 @@ def speaker(channel: Channel) -> socket.socket:
 def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
     """Return a socket on a port of the group (0 for any free port), or None if multicast is not available.
 
-    The port stays reserved until the socket is closed. The function tests that a datagram sent to the port is received.
+    The port stays reserved until the socket is closed. The function tests that the port receives a datagram.
     """
     try:
         if not port:
@@ -132,7 +134,7 @@ class Radio:
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
     def send(self, beacon: Beacon) -> None:
-        """Broadcast a beacon. Messages that the system does not accept are lost."""
+        """Broadcast a beacon. If the operating system does not accept a message, the message is lost."""
         for message in self._sender.messages(beacon, _clock()):
             self.sent += 1
             for other in self._others:
@@ -142,9 +144,9 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return the received messages of this search's robots that are not lost. All others are dropped.
+        """Return the messages that have arrived from robots of this search. All others are dropped.
 
-        Other senders get only a small share of the time: after a number of refused messages, the radio pauses until ``rest_until``.
+        The radio spends little time on other senders: after many refused messages, it pauses until ``rest_until``.
         """
         beacons: list[Beacon] = []
         longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()

@@ -93,12 +93,12 @@ class LiveTask:
         return Robot(number, self.brief, *self._of(number))
 
     def seen(self, width: int, cell: int) -> tuple[int, ...]:
-        """Return the cells visible from a cell with a footprint of the given width, without the cell itself."""
+        """Return the cells visible from a cell with a footprint of a given width. The result does not contain the cell itself."""
         return tuple(one for one in self.brief.tour_cost.seen(cell, width).tolist() if one != cell) if width > 1 else ()
 
     @property
     def goal(self) -> int:
-        """The cells that some robot can reach, as a bitset."""
+        """The cells that at least one robot can reach, as a bitset."""
         distances = self.brief.tour_cost.distances
         if not isinstance(distances, CellDistances):
             return self.brief.everything

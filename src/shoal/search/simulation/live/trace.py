@@ -26,7 +26,7 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 
 
 def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
-    """Run a live search at ``live`` cells per second. Return the scenario with adapted times, and the trace.
+    """Run a live search at ``live`` cells per second. Return the scenario with the times of the live search, and the trace.
 
     Raises
     ------
@@ -79,7 +79,7 @@ def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
 
 
 def takeovers_of(scenario: Scenario, logs: list[RobotLog]) -> int:
-    """Return how often a robot started with the part of a dead robot."""
+    """Return the number of times that a robot began to search the part of a dead robot."""
     brief = scenario.brief
     numbers = range(1, len(logs) + 1)
     robots = tuple(zip(numbers, scenario.starts, scenario.rates, scenario.widths, strict=True))

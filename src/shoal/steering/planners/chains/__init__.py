@@ -1,1 +1,1 @@
-"""Chains of contacts, the common basis of most planners: queries, shortest chains, and long chains from roadmaps."""
+"""Chains of contacts, with which most planners work: queries, shortest chains, and long chains from roadmaps."""

@@ -14,11 +14,14 @@ TURN = 0.9  # fraction of the largest turn that a cycle allows
 
 
 def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
-    """Return a chain on a disk to a difference near the largest one. None if the goal's is smaller or needs more cycles.
+    """Return a chain on a disk to a difference that is nearly as long as the diameter.
 
-    One cycle can at most halve the logarithm of 2 r / |Δ|: |Δ| becomes sqrt(2 r |Δ|), turned by acos(|Δ'| / 2 r). The difference
-    before Δ' therefore has the length |Δ'| cos(turn), turned back to either side. This step is repeated until the difference is
-    short enough for a chain of a few cycles. ``sides`` gives the side of each turn.
+    The result is None if the goal's difference is shorter, or if it needs too many cycles.
+
+    On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' has the length sqrt(2 r
+    |Δ|) and is turned by acos(|Δ'| / 2 r). Backwards, the difference before Δ' therefore has the length |Δ'| cos(turn), and is
+    turned back to either side. The algorithm repeats this backward step until the difference is short enough for a chain of a few
+    cycles. ``sides`` gives the side of each turn.
 
     Notes
     -----

@@ -28,7 +28,7 @@ _DEEPEST = 12  # cycles of a chain that is refined without search
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A sequence of cycles (contact and adjustment), in the units of `NormalizedWalls`.
+    """A sequence of cycles (a contact and an adjustment), in the units of `NormalizedWalls`.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class ChainQuery:
         return np.asarray(self.goal[1] - self.goal[0])
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return the parameters of the cycle kernels, with margin and push multiplied by ``inside``."""
+        """Return the parameters of the kernels for cycles. Their margin and push are multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -127,7 +127,7 @@ class ChainQuery:
         )  # fmt: skip
 
     def flat(self) -> ChainQuery:
-        """Return the query in the plane, without heights."""
+        """Return the query without the vertical coordinates, in the plane."""
         assert self.walls.base is not None
         return replace(self, walls=self.walls.base, start=self.start[:, :2].copy(), goal=self.goal[:, :2].copy())
 
@@ -141,7 +141,10 @@ class ChainQuery:
         rounds: NDArray[np.float64] | None = None,
         bound: float = inf,
     ) -> float:
-        """Make a guess feasible and short, in place. Return its length, or infinity if it cannot be made feasible."""
+        """Make a guess feasible and short, in place.
+
+        Return the length of the resulting chain, or infinity if the guess cannot be made feasible.
+        """
         kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
         work = new_work(len(on), self.walls.dimensions)
         return float(settle(guess, enough, self.rounds if rounds is None else rounds, bound, kind, work))
@@ -151,20 +154,20 @@ class ChainQuery:
         return lengths_over_walls(self.start, self.goal, self.walls)
 
     def bounds_of(self, touchers: NDArray[np.int64], on: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return lower bounds on the lengths of chains; float64, shape (kinds,).
+        """Return lower bounds on the lengths of all chains of given kinds; float64, shape (kinds,).
 
         Each row of ``touchers`` and ``on``, shape (kinds, cycles), is one kind of chain.
         """
         return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
-        """Return initial unknowns: the midpoints of the walls, and differences halfway along the straight line."""
+        """Return initial unknowns: the midpoints of the walls, and half the differences on the straight line to the goal."""
         between = (self.before + (self.after - self.before) * np.arange(1, cycles)[:, None] / cycles) / 2
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return the shortest chain of the same kind, or the chain itself if the optimization fails or the chain is very long."""
+    """Return the shortest chain of the same kind. If the optimization fails or the chain is very long, return the chain itself."""
     if chain.cycles > _DEEPEST:
         return chain
     if chain.last is not None:  # use the difference that the chain really reaches

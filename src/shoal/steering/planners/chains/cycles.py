@@ -1,4 +1,4 @@
-"""Single cycles: the difference nearest to a target that one contact and one adjustment can make."""
+"""Single cycles: one contact and one adjustment that bring the difference of two particles as near as possible to a target."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Cycle(NamedTuple):
         return one_line(self)
 
     def contact(self, walls: NormalizedWalls, point: Points) -> tuple[float, Points]:
-        """Return the possible contact nearest to a point: its position along the wall, and the point itself."""
+        """Return the possible contact that is nearest to a point, as its position along the wall and as a point."""
         if self.wall == len(walls.normals):
             angle = self.low / walls.circle[2]
             return self.low, walls.circle[2] * np.array([np.cos(angle), np.sin(angle)])
@@ -51,7 +51,7 @@ class Cycle(NamedTuple):
 
 
 def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cycle]:
-    """Return, for each wall and toucher, the cycle in the plane whose resulting difference is nearest to the target.
+    """Return, for each wall and toucher, the cycle in the plane whose result is nearest to the target difference.
 
     Notes
     -----

@@ -1,7 +1,8 @@
 """Improvement of chains: insert or remove a cycle, or exchange its toucher, and shorten the chain again.
 
-Chains of more than three cycles have too many kinds to try all. Long optimal chains, such as one that alternates between the two
-walls of a corner or moves along a wall in small steps, are found by inserting cycles into shorter chains.
+Chains of more than three cycles have so many kinds that a search cannot try all of them. Therefore long chains are found by
+inserting cycles into shorter chains. Some optimal long chains alternate between the two walls of a corner, or move along a wall in
+small steps.
 """
 
 from __future__ import annotations
@@ -54,12 +55,12 @@ class ChainPool:
 
     @property
     def best(self) -> Chain | None:
-        """The shortest chain, or the one with fewest cycles among almost equally short chains; None if the pool is empty."""
+        """The shortest chain, or among almost equally short ones the chain with fewest cycles, or None if the pool is empty."""
         return self.chains[0] if self.chains else None
 
     @property
     def bound(self) -> float:
-        """Maximum length of a chain that the pool accepts."""
+        """The length above which the pool accepts no chain."""
         if not self.chains:
             return inf
         return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
@@ -81,7 +82,7 @@ class ChainPool:
         self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
 
     def tried(self, one: _Candidate) -> int:
-        """Make a candidate feasible and short, and add it. Return 1, or 0 if its lower bound already excludes it."""
+        """Make a candidate feasible and short, and add it. Return 1, or 0 if the candidate's lower bound already excludes it."""
         query, guess, round_ = self.query, one.guess, self.query.walls.round
         kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
         if kind in self._known:
@@ -95,7 +96,7 @@ class ChainPool:
         return 1
 
     def improve(self, tries: int) -> None:
-        """Change the chains of the pool, the shortest first, until ``tries`` candidates were tried."""
+        """Try changes of the pool's chains, beginning with the shortest chain, until ``tries`` candidates have been tried."""
         while tries > 0 and not self.query.late:
             parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
             if parent is None:
@@ -138,7 +139,7 @@ class _Candidate(NamedTuple):
 
 
 def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
-    """Return candidates with lower bounds on their lengths."""
+    """Return candidate chains, each with a lower bound on its length."""
     bounds = np.empty(len(found))
     for cycles in {len(one.walls) for one in found}:
         some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
@@ -147,7 +148,7 @@ def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candi
 
 
 def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
-    """Return chains that may be shorter than ``chain``, sorted by the length of the path from a particle to another wall."""
+    """Return chains that may be shorter than ``chain``, sorted by the distance from a particle to the wall of a new contact."""
     d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
     deltas = list(chain.differences(query.before, query.after))

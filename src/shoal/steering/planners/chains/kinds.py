@@ -1,8 +1,9 @@
 """Kinds of chains (sequences of touchers and walls) and lower bounds on their lengths.
 
-A particle that touches walls travels at least the distance to its goal mirrored in these walls. Only moves during which a particle
-is held change the difference. With a single toucher, the length is therefore at least its path plus |Dg - Ds|. With both touchers,
-it is at least half the sum of both paths and |Dg - Ds|.
+A particle that touches walls travels at least as far as the distance to its goal mirrored in these walls. Only moves during which a
+particle is held change the difference. If only one particle touches walls, the chain is therefore at least as long as its path plus
+|Dg - Ds|, where Dg and Ds are the differences at goal and start. If both particles touch walls, the chain is at least as long as
+half the sum of both paths and |Dg - Ds|.
 """
 
 from __future__ import annotations
@@ -37,9 +38,9 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
 
 def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
-    """Return each particle's shortest path to its goal over each wall; float64, shape (2, walls + 1).
+    """Return the length of each particle's shortest path to its goal over each wall; float64, shape (2, walls + 1).
 
-    The last column is the circle.
+    The last column belongs to the circle.
     """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
