@@ -1,7 +1,7 @@
 """Conformance tests for third-party worlds, tasks, policies and tours. The built-in objects pass them.
 
-Each check runs the object on small random maps. It raises ``AssertionError`` with one sentence at the first violation. Call the
-checks from your own tests:
+Each check runs the object on small random maps. At the first violation, a check raises ``AssertionError`` with one sentence. Call
+the checks from your own tests:
 
     from shoal.testing import check_policy
 
@@ -31,7 +31,7 @@ ALL_RULES = ("block", "merge", "tilt")
 
 
 def sample_workspaces(rng: Generator, *, count: int = 12) -> Iterator[GridWorkspace]:
-    """Yield small random workspaces: corridors, rooms, caves, 3-D maps, and maps about 64 cells wide (one machine word)."""
+    """Yield small random workspaces: corridors, rooms, caves, 3-D maps, and maps as wide as a machine word (64 cells)."""
     shapes: Sequence[tuple[int, ...]] = [(1, 9), (7, 1), (5, 6), (9, 12), (3, 63), (2, 64), (3, 65), (2, 3, 4), (6, 6)]
     for index in range(count):
         shape = shapes[index % len(shapes)]
@@ -48,9 +48,9 @@ def _starts(workspace: GridWorkspace, rng: Generator) -> Any:
 def check_world(world_type: Any = GridWorld, *, rules: Sequence[str] = ALL_RULES, seed: int = 0) -> None:
     """Check a world's methods ``initial`` and ``step`` against the contract of `shoal.swarm.GridWorld`.
 
-    The check tests five properties. Particles are conserved and never enter a wall. A step changes none of its arguments. The same
-    step gives the same result. Each particle moves at most one cell, except under the rule ``tilt``. A mirrored map with mirrored
-    commands gives mirrored states.
+    The check tests five properties. Particles are conserved and never enter a wall. A step changes none of its arguments. A
+    repeated step gives the same result. Each particle moves at most one cell, except under the rule ``tilt``. A mirrored map with
+    mirrored commands gives mirrored states.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _mirrored(cells: Any, workspace: GridWorkspace) -> Any:
 
 
 def check_task(task: str | Task, *, seed: int = 0) -> None:
-    """Check a task: beliefs never contradict the true map, known cells stay known, and ``update`` changes no argument.
+    """Check a task: its beliefs agree with the true map, known cells stay known, and ``update`` changes no argument.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
 
 
 def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
-    """Check a policy: it ends every episode, sends only valid commands, keeps no state in itself, and repeats its decisions.
+    """Check a policy: it ends every episode, sends valid commands, stores nothing in itself, and repeats its decisions.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check a tour maker: it visits every True cell exactly once, finishes each component before the next, and repeats its tours.
+    """Check a tour maker: it visits every True cell exactly once, one component after another, and repeats its tours.
 
     Parameters
     ----------

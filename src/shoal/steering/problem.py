@@ -194,12 +194,12 @@ class SteeringProblem(Problem):
 
     @property
     def n_particles(self) -> int:
-        """Number of particles. It is 2 if start and goal are random."""
+        """Number of particles. The number is 2 if start and goal are random."""
         return next((len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2)
 
     @property
     def noisy(self) -> bool:
-        """Whether the disturbances make runs with different seeds differ for every planner."""
+        """Whether runs with different seeds differ because of the disturbances, for every planner."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property
@@ -244,7 +244,7 @@ class SteeringProblem(Problem):
         return open_workspace(self.workspace) if isinstance(self.workspace, str) else self.workspace
 
     def place_key(self) -> str | None:
-        """Return the workspace's name, or None for a workspace object."""
+        """Return the name of the workspace, or None if the workspace is given as an object."""
         return self.workspace if isinstance(self.workspace, str) else None
 
     def place_is_file(self) -> bool:
@@ -252,7 +252,7 @@ class SteeringProblem(Problem):
         return isinstance(self.workspace, str) and os.path.exists(self.workspace)
 
     def place_digest(self) -> bytes:
-        """Return the corners of the workspace."""
+        """Return the description of the workspace as bytes."""
         return json.dumps(describe(self.place), sort_keys=True).encode()
 
     def check_at_place(self) -> None:
@@ -279,7 +279,7 @@ class SteeringProblem(Problem):
         assert self.chosen_planner
 
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
-        """Return the world of the problem. The seed determines the direction of the gain.
+        """Return the world of the problem. The seed determines the direction in which the gain grows.
 
         Raises
         ------
@@ -322,7 +322,7 @@ class SteeringProblem(Problem):
 
 
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
-    """Refuse particles that start at one point and have different goals.
+    """Refuse particles that start at the same point and have different goals, because no move separates them.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The studio's web application: its page, files, questions, jobs, and a websocket for events."""
+"""The studio's web application: its pages, files, answers, jobs, and a websocket for events."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Studio:
     def forms(self) -> asyncio.Future[dict[str, Any]]:
         """Return the declarations from which pages make their forms.
 
-        They are computed when the server starts, while the browser starts too.
+        The declarations are computed when the server starts, while the browser also starts.
         """
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
@@ -227,7 +227,7 @@ def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
 
 
 def application_of(studio: Studio) -> Starlette:
-    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must be placed before it."""
+    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must stand between this application and the network."""
 
     @asynccontextmanager
     async def life(_app: Starlette) -> AsyncIterator[None]:

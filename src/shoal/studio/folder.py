@@ -1,4 +1,4 @@
-"""The folder of a studio. Paths from a browser never lead out of it, and files that are too large are not decoded."""
+"""The folder of a studio. Paths from a browser never lead out of the folder, and files that are too large are not decoded."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
 class Folder:
-    """A folder and its file names.
+    """The folder that a studio serves, and the names of its files.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class Folder:
         self.root = Path(root).resolve()
 
     def path(self, name: str) -> Path:
-        """Return the path of a name. The file need not exist yet.
+        """Return the path of a file in the folder by its name. The file need not exist yet.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Folder:
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
-        """Return the files with name, kind, size in bytes and time, newest first."""
+        """Return the files with their names, kinds, sizes in bytes and times, newest first."""
         found: list[dict[str, Any]] = []
         for where, folders, names in os.walk(self.root):
             folders[:] = [name for name in folders if name[0] != "."]
@@ -119,7 +119,7 @@ class Folder:
         return sorted(found, key=lambda one: -float(one["time"]))[:MOST_LISTED]
 
     def new_name(self, stem: str, suffix: str) -> str:
-        """Return an unused name: the stem, or the stem with a number."""
+        """Return an unused name: the given stem, or the stem with a number."""
         plain = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip("-")[:60] or "file"
         # an existing file of another Shapefile is not used as a part of this one
         family = SHAPEFILE if suffix == ".shp" else (suffix,)
@@ -154,7 +154,7 @@ class Folder:
 
 
 def purpose_of(name: str) -> str | None:
-    """Return the purpose of a file according to its name, or None."""
+    """Return the purpose of a file (such as map or episode) that its name indicates, or None."""
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 
 

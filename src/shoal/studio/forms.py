@@ -1,4 +1,4 @@
-"""Forms and copies: a problem's declarations as a JSON schema, and a problem as Python, as a command and as a file."""
+"""Forms and copies. A form is the JSON schema of a problem's declarations. Copies are a problem as Python, command and file."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ _COMMANDS = {"steering": "steer", "search": "search"}
 
 
 def schema_of(kind: type[Problem]) -> dict[str, Any]:
-    """Return the JSON schema of a class with declared fields: problems, vehicles, options of missions.
+    """Return the JSON schema of a class with declared fields: a problem, a vehicle, or the options of missions.
 
-    In addition to JSON Schema, a property has ``unit``, ``place`` (whether it is the map, workspace or region), ``repeated``, and
-    ``names``, the possible names of a field whose value is a name with options after a colon.
+    Each property has four entries that JSON Schema does not define: ``unit``, ``place`` (true for the map, workspace or region),
+    ``repeated``, and ``names``. The entry ``names`` lists the possible names of a field whose value is a name with options after a
+    colon.
 
     Examples
     --------
@@ -83,7 +84,7 @@ def _as_in_forms(text: str) -> str:
 
 
 def checked_problem(data: Any, folder: Folder) -> Problem:
-    """Return the problem that a browser describes. Files outside the folder and third-party code are refused.
+    """Return the problem that a browser describes. A problem with files outside the folder or with third-party code is refused.
 
     Raises
     ------
@@ -115,7 +116,7 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 
 
 def checked_seed(about: Mapping[str, Any]) -> int:
-    """Return the seed from a browser, 0 by default. Large seeds are texts, because numbers in pages have 53 bits.
+    """Return the seed from a browser, 0 by default. Large seeds arrive as texts, because numbers in a browser have only 53 bits.
 
     Raises
     ------
@@ -128,7 +129,7 @@ def checked_seed(about: Mapping[str, Any]) -> int:
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
-    """Return texts that give the same result outside the studio: ``python``, ``command`` and ``file``."""
+    """Return texts with which a user gets the same result outside the studio: ``python``, ``command`` and ``file``."""
     return {"python": as_python(problem, seed=seed), "command": as_command(problem, seed=seed), "file": as_file(problem)}
 
 
@@ -159,7 +160,9 @@ def as_python(problem: Problem, *, seed: int) -> str:
 
 
 def as_command(problem: Problem, *, seed: int) -> str:
-    """Return the command line that runs a problem. If a field has no text form, the command uses the file ``problem.json``.
+    """Return the command line that runs a problem.
+
+    If a field cannot be written as text, the command reads the file ``problem.json``.
 
     Examples
     --------
@@ -180,7 +183,7 @@ def as_command(problem: Problem, *, seed: int) -> str:
 
 
 def mission_words(options: Problem) -> list[str]:
-    """Return the words of the command line for options of missions."""
+    """Return the words that set the options of missions on the command line."""
     return [shlex.quote(word) for word in _flags(options, _fields(options))]
 
 
@@ -209,7 +212,7 @@ def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
 
 
 def as_file(problem: Problem) -> str:
-    """Return the problem file as JSON. Commands accept it in place of a map, workspace or region."""
+    """Return the problem file as JSON. Commands accept this file in place of a map, workspace or region."""
     return json.dumps(problem.to_dict(), indent=1, allow_nan=False) + "\n"
 
 

@@ -190,7 +190,8 @@ async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) 
 class LimitedConnection(H11Protocol):
     """A server connection with limits on the number of connections and on idle time.
 
-    If there are too many connections, the oldest one without any request is closed; if all have requests, the newest.
+    If there are too many connections, the oldest connection without a request is closed. If all connections have requests, the
+    newest one is closed.
     """
 
     open_now = 0

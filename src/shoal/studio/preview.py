@@ -1,4 +1,7 @@
-"""Processes for quick answers. Each process is permanent, caches opened files, and is restarted if it ends."""
+"""Processes for quick answers. Each process runs permanently and caches opened files.
+
+If the process ends, the studio starts a new one.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ PATIENCE = 60.0
 
 
 class Preview:
-    """A process that gives quick answers, one after the other.
+    """A process that answers quick questions, one after the other.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Sweeps from a browser: forms, checks, and a sweep as Python, as commands and as a file."""
+"""Sweeps from a browser: their forms, their checks, and their texts as Python, as commands and as a file."""
 
 from __future__ import annotations
 
@@ -21,13 +21,15 @@ Functions are excluded because they are third-party code, which only the command
 
 
 def sweep_forms() -> dict[str, Any]:
-    """Return the fields that sweeps can vary: for each kind of problem its schema and the measures of a trial."""
+    """Return the fields that sweeps can vary: for each kind of problem, the schema of the problem and the measures of a trial."""
     made = {kind: trial_problem_type(kind) for kind in PLAYED}
     return {kind: {"schema": schema_of(one), "measures": list(one.measures)} for kind, one in made.items()}
 
 
 def checked_sweep(text: str, folder: Folder) -> Sweep:
-    """Return the sweep that TOML from a browser describes. Files outside the folder and third-party code are refused.
+    """Return the sweep that TOML from a browser describes.
+
+    A sweep with files outside the folder or with third-party code is refused.
 
     Raises
     ------
@@ -57,7 +59,7 @@ def _check(folder: Folder, data: Mapping[str, Any]) -> None:
 
 
 def sweep_copies(sweep: Sweep, store: str, text: str) -> dict[str, str]:
-    """Return texts that give the same results outside the studio: ``python``, ``command`` and ``file``."""
+    """Return texts with which a user gets the same results outside the studio: ``python``, ``command`` and ``file``."""
     measure, axis = first_measure(sweep.measures), next(iter(sweep.paired), None)
     file = store.removesuffix(".sqlite") + ".toml"
     shown = f" --compare {axis}" * bool(axis)

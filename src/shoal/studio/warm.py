@@ -1,4 +1,4 @@
-"""Imports for the process from which others are forked: all common libraries and kernels."""
+"""Imports of all common libraries and kernels, for the process from which the other processes are forked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Mapping and coverage by a swarm of particles on a grid. One command moves all particles. Names are imported on first use."""
+"""Mapping and coverage by a swarm of particles on a grid. One command moves all particles.
+
+Names are imported when they are first used.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SwarmEpisode: one run of a swarm, with or without noise, simulated or on a rig. It stores all data for a replay."""
+"""SwarmEpisode: one run of a swarm, with or without noise, simulated or on a rig. An episode contains all data for a replay."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ class SwarmEpisode(Episode):
 
     @property
     def noisy(self) -> bool:
-        """Whether the problem has noise. Use `moments` instead of `frames` then."""
+        """Whether the problem has noise. With noise, use `moments` instead of `frames`."""
         return self.problem.noise is not None or self.observations is not None
 
     @cached_property
@@ -143,7 +143,7 @@ class SwarmEpisode(Episode):
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean computing time per move in seconds, planning included; 0 without moves."""
+        """Mean computing time per move in seconds, including the time for planning. The value is 0 without moves."""
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
@@ -173,12 +173,12 @@ class SwarmEpisode(Episode):
 
     @property
     def sentence(self) -> str:
-        """Return status, number of moves and reason as one sentence."""
+        """Return one sentence with the status, the number of moves and the reason."""
         return f"{self.status} after {self.moves} moves: {self.reason}"
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name: all measures that sweeps store, and further ones."""
+        """Return the metrics by name: all measures that sweeps store, and further numbers about the result."""
         numbers = {
             "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
             "seconds": self.seconds,
@@ -189,7 +189,7 @@ class SwarmEpisode(Episode):
         return numbers | {name: getattr(errors, name) for name in (*NOISE_MEASURES, "false_free_rate", "false_obstacle_rate")}
 
     def report(self) -> dict[str, Any]:
-        """Return the JSON object that the command prints for one episode."""
+        """Return the JSON object that commands print for one episode."""
         problem, workspace = self.problem, self.workspace
         told = {
             "task": self.task,
@@ -221,13 +221,13 @@ class SwarmEpisode(Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        Without noise, the belief is the one after the last scan. If the outcome of all later commands was already known, it is the
-        newest belief. With noise, the state holds the most likely positions of the particles.
+        Without noise, the belief is that of the last scan. If the outcome of all later commands was already certain, the belief
+        includes this outcome. With noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
     def moments(self) -> Iterator[Moment]:
-        """Yield the observable quantities of an episode with noise, at the start and after each command."""
+        """Yield the quantities that are observable in an episode with noise, at the start and after each command."""
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
@@ -236,7 +236,10 @@ class SwarmEpisode(Episode):
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """Probability at the end that each cell is free; float64, with a rim of one cell. None for episodes without noise."""
+        """For each cell, the probability at the end of the episode that the cell is free; float64, with a rim of one cell.
+
+        None for episodes without noise.
+        """
         return self.replay.last[0].probability if isinstance(self.replay, NoisyReplay) else None
 
     @cached_property
@@ -247,7 +250,9 @@ class SwarmEpisode(Episode):
         return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands and scans. Compare all stored values and check whether the task is complete at the end.
+        """Replay the commands and scans.
+
+        Compare all stored values with the replay, and check whether the task is complete at the end.
 
         Raises
         ------

@@ -115,7 +115,7 @@ def _rate(help: str) -> Any:  # noqa: A002 - as in option
 
 @dataclass(frozen=True, eq=False)
 class SwarmProblem(Problem):
-    """Mapping or coverage of a map by a swarm.
+    """The mapping or coverage of a map by a swarm.
 
     The fields are the options of ``shoal map`` and ``shoal cover``, the fields of sweeps, and the fields of problem files. In
     Python, a map may also be a `GridWorkspace` or an array. Task, policy and placement may be third-party objects.
@@ -254,7 +254,7 @@ class SwarmProblem(Problem):
 
     @property
     def task_name(self) -> str:
-        """Name of the task, without importing it."""
+        """Name of the task. A third-party task is not imported for this."""
         if self.subset is not None:
             return "subset-coverage"
         name = _name_for_people(self.task)
@@ -317,7 +317,7 @@ class SwarmProblem(Problem):
         return isinstance(self.map, str) and os.path.exists(self.map)  # unlike Path.exists, it accepts names of any length
 
     def place_digest(self) -> bytes:
-        """Return the shape and the free cells of the map."""
+        """Return the shape and the free cells of the map as bytes."""
         return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
 
     def check_at_place(self) -> None:

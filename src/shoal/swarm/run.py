@@ -1,4 +1,4 @@
-"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code, all others step by step."""
+"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code. All other policies run step by step."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def _in_python(swarm: Controlled, decider: Decider, problem: SwarmProblem, mappi
 
 
 def load_kernels(problem: SwarmProblem) -> None:
-    """Load or compile the kernels that a problem needs, by running a similar problem on two cells."""
+    """Load or compile the kernels that a problem needs, by a run of a similar problem on two cells."""
     policy, task = problem.chosen_policy, problem.chosen_task
     if isinstance(policy, Compiled | Offline) and is_compiled(task):
         budget = {"budget": 1.0} if isinstance(policy, Offline) else {}

@@ -165,7 +165,7 @@ class Problem:
         return False
 
     def place_digest(self) -> bytes:
-        """Return a digest of the opened place, which reveals if the content of a file has changed."""
+        """Return bytes that identify the opened place, and so reveal whether the content of a file has changed."""
         return b""
 
     def at_place(self, place: Any) -> Self:

@@ -327,7 +327,7 @@ class SearchProblem(Problem):
         return any(isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go))
 
     def place_digest(self) -> bytes:
-        """Return a digest of the outline of the region."""
+        """Return the outline of the region as bytes."""
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:

@@ -24,14 +24,14 @@ LONGEST = 15  # number of moves of a plan whose end is also searched among plans
 
 @PLANNERS.register("fewest-moves")
 class FewestMoves:
-    """The plan with the fewest straight moves that the search finds.
+    """A planner that searches for the plan with the fewest straight moves.
 
-    Among plans with equally many moves, it prefers shorter ones.
+    Among plans with equally many moves, the planner prefers shorter plans.
 
-    A chain of m contacts takes 2 m + 1 moves. A straight move that continues after a contact makes the contact and the adjustment
-    at once, so fewer moves are often enough. The planner tries plans of three moves in many directions and lengths. It draws random
-    plans of four to six moves and repairs those that almost succeed. It compares the results with the plans of chains, and with
-    plans that begin like a chain.
+    A chain of m contacts takes 2 m + 1 moves. A straight move that continues after a contact is a contact and an adjustment at
+    once. Therefore fewer moves are often enough. The planner tries plans of three moves in many directions and lengths. The planner
+    draws random plans of four to six moves, and repairs the plans that almost succeed. The planner compares the results with the
+    plans of chains, and with plans that begin like a chain.
     """
 
     name = "fewest-moves"

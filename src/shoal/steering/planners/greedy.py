@@ -1,4 +1,4 @@
-"""Planner greedy, algorithm 1 of paper W: each cycle goes to the reachable difference nearest to the goal's."""
+"""Planner greedy, algorithm 1 of paper W: each cycle goes to the reachable difference nearest to the goals' difference."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 
 @PLANNERS.register("greedy")
 class Greedy:
-    """Cycle after cycle, reach the difference nearest to the goal's that one contact and one adjustment can make.
+    """A planner whose cycles each bring the difference of the particles as near as possible to the goals' difference.
 
-    If several cycles are equally good, the planner chooses the one with the shortest path of the toucher over its wall to its goal.
-    In space, the plan of the plane gets vertical components.
+    If several cycles are equally good, the planner chooses the one in which the toucher has the shortest path over the wall to its
+    goal. In three dimensions, a plan in the plane gets vertical components.
 
     Notes
     -----
@@ -58,10 +58,10 @@ def misses(task: SteeringTask, moves: Points) -> bool:
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of algorithm 1, or None if it stalls far from the goal or needs more than ``cycles`` cycles.
+    """Return the chain of algorithm 1, or None if the chain stalls far from the goal or needs more than ``cycles`` cycles.
 
-    The chain's nominal last difference is the goal's. The difference that it really reaches is within ``tolerance`` of that, unless
-    the chain stops at ``cycles``.
+    The last difference that the chain states is the goals' difference. The difference that the chain really reaches is within
+    ``tolerance`` of the goals' difference, unless the chain stops after ``cycles``.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -113,7 +113,10 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
 
 
 def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
-    """Return a chain that ends exactly with the goal's difference, or None. With ``roadmap``, the chain may have any length."""
+    """Return a chain that ends exactly with the goal's difference, or None.
+
+    If ``roadmap`` is true, the chain may have any length.
+    """
     if query.walls.round and query.friction == inf:
         backward = antipodal_chain(query, cycles=_BACKWARD)
         if backward is not None:

@@ -20,20 +20,20 @@ class Planner(Protocol):
     -----
     A planner may have four more attributes:
 
-    - ``general``: true if the planner supports regions with obstacles and more than two particles. Otherwise such problems are
-      refused.
+    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without this attribute, such
+      problems are refused.
     - ``obstacles``: true if the planner supports regions with obstacles, for two particles.
-    - ``prefers``: "length" or "moves", the criterion for comparing two plans if goals are interchangeable.
-    - ``control(task, apparatus)``: a method that acts in a closed loop instead of planning; see
+    - ``prefers``: "length" or "moves": the measure by which two plans are compared if goals are interchangeable.
+    - ``control(task, apparatus)``: a method that sends moves and observes in a closed loop, in place of a plan. See
       `shoal.steering.simulation.apparatus`.
     """
 
     name: str
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves, float64, shape (moves, d), that bring the particles to the goal or near it.
+        """Return moves, as a float64 array of shape (moves, d), that bring the particles to the goal or near it.
 
-        Or None, if the planner finds no plan.
+        The result is None if the planner finds no plan.
         """
         ...
 

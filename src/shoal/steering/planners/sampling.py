@@ -37,12 +37,14 @@ _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for r
 
 @PLANNERS.register("sampling")
 class Sampling:
-    """A tree of states that random manoeuvres reach. It is complete when a translation leads from a state to the goal.
+    """A planner that grows a tree of states by random manoeuvres.
+
+    The tree is complete when a translation leads from one of its states to the goal.
 
     A manoeuvre brings one particle to a wall and then moves another particle. The second move corrects the relative error
-    completely, partly, or is random. Every manoeuvre is simulated, so its actual result becomes the next node. Around obstacles,
-    particles with the correct relative positions take the shortest translation path without wall contact. With more than two
-    particles, this planner is experimental.
+    completely, corrects it partly, or is random. Every manoeuvre is simulated, and its result becomes the next node of the tree.
+    Around obstacles, particles with the correct relative positions take the shortest translation path without wall contact. With
+    more than two particles, this planner is experimental.
 
     Notes
     -----
@@ -99,7 +101,7 @@ def world_of(world: Any) -> kernels.World:
 
 @dataclass
 class Tree:
-    """A search tree: states, parent nodes, and the moves from each parent."""
+    """A search tree: the states of its nodes, the parents of the nodes, and the moves from each parent."""
 
     task: SteeringTask
     world: kernels.World
@@ -117,7 +119,7 @@ class Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
-        """Return the first plan found, without unnecessary moves, or None."""
+        """Return the first plan that the search finds, without its unnecessary moves, or None."""
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
@@ -129,7 +131,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree to the next state whose relative positions are correct. Return False at the end of the search."""
+        """Grow the tree to the next state whose relative positions are correct. Return False if the search has ended."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
@@ -171,7 +173,7 @@ class Tree:
 class Translations:
     """Translation paths to the goal for particles whose relative positions are correct.
 
-    An offset is their common displacement from the goal.
+    An offset is the common displacement of all particles from their goals.
     """
 
     def __init__(self, task: SteeringTask, margins: tuple[float, ...] = MARGINS) -> None:
@@ -179,7 +181,10 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield the moves from an offset to the goal, one path per feasible margin. There are none in a convex workspace."""
+        """Yield paths from an offset to the goal as moves, one path for each margin that is possible.
+
+        In a convex workspace, there are no such paths.
+        """
         room = self._task.world.room
         for margin in self._margins if isinstance(room, Region) else ():
             if margin not in self._offsets and not self._task.late:
@@ -192,7 +197,7 @@ class Translations:
 
 @dataclass
 class FreeOffsets:
-    """Collision-free offsets that are connected to the goal.
+    """The offsets without collision from which a path leads to the goal; see `Translations`.
 
     Attributes
     ----------
@@ -216,7 +221,7 @@ class FreeOffsets:
     def path(self, offset: Points, task: SteeringTask) -> Points | None:
         """Return the bends of the shortest path from an offset to the goal; float64, shape (points, 2).
 
-        It is an A* search from the goal. It returns None if there is no path, or no time left to find it.
+        The method is an A* search from the goal. The result is None if no path exists, or if no time is left.
         """
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
@@ -247,7 +252,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets connected to the goal for which all particles keep a margin to the walls, or None if there are none."""
+    """Return the offsets, connected to the goal, at which all particles keep a margin to the walls, or None."""
     import shapely
     from shapely import affinity
 

@@ -1,4 +1,4 @@
-"""Plans with a given number of straight moves, found by simulating trial moves and computing the remaining ones."""
+"""Plans with a given number of straight moves, for which the planner simulates trial moves and computes the remaining moves."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ALL = 1_000_000
 
 
 def shooting_plan(task: SteeringTask, count: int) -> Points | None:
-    """Return a plan with ``count`` moves, 2 to 6, found by simulation; shape (count, d); None if none was found."""
+    """Return a plan with ``count`` moves (2 to 6) of shape (count, d), or None if the simulations find no plan."""
     walls = normalize_walls(task.world.room)
     d = walls.dimensions
     start, goal = walls.normalized(task.start), walls.normalized(task.aim)
@@ -62,7 +62,7 @@ def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
 
 
 def directions(d: int, count: int) -> Points:
-    """Return unit vectors in all directions."""
+    """Return unit vectors in evenly distributed directions."""
     if d == 2:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         return np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -17,7 +17,9 @@ QUIET = kernels.Noise(np.zeros((0, 2, 2)), np.zeros((0, 0, 2)), 0.0, 0.0)
 
 
 def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Generator, *, changes: int) -> Points:
-    """Return a plan for two particles shortened by ``changes`` random changes, or the same plan if it has no cycle structure.
+    """Return a plan for two particles, shortened by ``changes`` random changes.
+
+    A plan that does not consist of cycles stays unchanged.
 
     Parameters
     ----------
@@ -38,9 +40,9 @@ def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Gener
 def improved(
     task: SteeringTask, world: Any, steps: kernels.Steps, count: int, rng: np.random.Generator, *, changes: int, noise: Any = QUIET
 ) -> tuple[kernels.Steps, int, float]:
-    """Return the steps of a plan after so many random changes, how many they are, and their cost; the given ones are lost.
+    """Return the steps of a plan after random changes, their number, and their cost. The given arrays are overwritten.
 
-    The cost is the length; in noise the number of moves that it takes to arrive, on average.
+    The cost of a plan is its length. With noise, it is the mean number of moves until the particles arrive.
     """
     room, best = new_steps(), new_steps()
     goal, most = np.ascontiguousarray(task.goal), min(task.max_moves, MOST_STEPS)
@@ -55,9 +57,9 @@ def new_steps() -> kernels.Steps:
 
 
 def steps_of(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
-    """Divide a plan into steps without idle ones.
+    """Divide a plan into steps, and leave out steps without effect.
 
-    Return the steps and their number, which exceeds the arrays' length on overflow.
+    Return the steps and their number. If the number exceeds the length of the arrays, the plan has too many steps.
     """
     parts, state = [], task.start
     for move in moves[np.hypot(*moves.T) > 0]:

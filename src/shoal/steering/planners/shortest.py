@@ -15,10 +15,12 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 @PLANNERS.register("shortest")
 class Shortest:
-    """The shortest of many chains of contacts and adjustments. The plan is never longer than the plan of the planner greedy.
+    """A planner that returns the shortest of many chains of contacts and adjustments.
 
-    The planner tries all kinds of chains of one, two or three cycles. It then inserts cycles into the shortest chains, or removes
-    cycles, as long as the chains become shorter.
+    The plan is never longer than the plan of the planner greedy.
+
+    The planner tries all kinds of chains of one, two or three cycles. Then it inserts cycles into the shortest chains or removes
+    cycles, as long as this shortens the chains.
 
     Notes
     -----

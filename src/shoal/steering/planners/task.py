@@ -1,4 +1,4 @@
-"""SteeringTask, the input of a planner; and proofs that two particles in a convex workspace cannot reach a goal."""
+"""The class SteeringTask, the input of a planner. Also proofs that two particles in a convex workspace cannot reach a goal."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ class SteeringTask:
 
     @cached_property
     def aim(self) -> Points:
-        """The goal, shifted off walls that it touches by a fraction of the tolerance; float64, shape (2, d)."""
+        """The goals of both particles, shifted by a part of the tolerance off walls that they touch; float64, shape (2, d)."""
         room = self.world.room
         aim = self.goal.copy()
         center = np.zeros(room.dimensions)
@@ -118,10 +118,12 @@ class SteeringTask:
         return np.array(moves)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
-        """Return the moves of a chain, with lifts for translations that start on a wall. None if a lift is impossible.
+        """Return the moves of a chain, with small moves off a wall before translations that start on this wall.
 
-        If contacts graze their walls near corners, rounding errors may exceed the tolerance. The chain is then optimized again at a
-        larger distance from all walls.
+        The result is None if such a small move is impossible.
+
+        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. The chain is then optimized again
+        at a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self._arrives(moves, start) or self.is_sure(moves, start):
@@ -192,10 +194,10 @@ class SteeringTask:
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan without its tiny moves if the previous move can be extended instead.
+        """Return a plan in which the move before each tiny move replaces the tiny move, where this is possible.
 
-        A chain keeps the other particle at a margin from the walls. If that particle touches a wall next, its path is only this
-        margin.
+        In a chain, the particle that touches no wall keeps a margin from the walls. If it touches a wall in the next cycle, the
+        move to this wall is only as long as the margin.
         """
         size = self.world.room.size
         k = 1
@@ -212,7 +214,7 @@ class SteeringTask:
         return moves
 
     def departures(self) -> list[tuple[list[Points], Points]]:
-        """Return possible first moves with resulting states: none, or small moves that release one particle each."""
+        """Return possible first moves with resulting states: no move, or small moves that each take one particle off its walls."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.start)]
@@ -251,7 +253,7 @@ def why_unreachable(task: SteeringTask) -> str | None:
 
 
 def why_approachable(task: SteeringTask) -> str | None:
-    """Return the reason why the goal can only be approached, or None if it can be reached."""
+    """Return the reason why moves can approach the goal but not reach it, or None if it can be reached."""
     room = task.world.room
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None
@@ -271,5 +273,5 @@ def why_approachable(task: SteeringTask) -> str | None:
 
 
 def path_length(moves: Points) -> float:
-    """Return the total length of all moves."""
+    """Return the total length of all moves of a plan."""
     return float(np.linalg.norm(moves, axis=1).sum())

@@ -1,4 +1,4 @@
-"""Vertical components for a plan of the plane, so that it works in a prism or a cylinder."""
+"""Vertical components that make a plan in the plane work in a prism or a cylinder."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ _OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles fr
 
 
 def planar_task(task: SteeringTask) -> SteeringTask:
-    """Return a three-dimensional task without its heights, as a task in the base."""
+    """Return a three-dimensional task without its vertical coordinates, as a task in the base of the workspace."""
     room = task.world.room
     world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
     return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)
 
 
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
-    """Add a vertical component to each move of a plan of the plane, so that both particles reach the heights of their goals.
+    """Add a vertical component to each move of a plan in the plane, so that both particles reach the heights of their goals.
 
-    Side walls hold particles depending only on the move's component in the plane. The fraction of each move that a particle makes
-    is therefore known, and its final height is linear in the vertical components. A linear program minimizes their sum.
+    Whether a side wall holds a particle depends only on the move's component in the plane. Therefore the fraction of each move that
+    a particle makes is known. The final height of the particle is a linear function of the vertical components. A linear program
+    minimizes the sum of the vertical components.
 
     Parameters
     ----------

@@ -37,11 +37,11 @@ class Apparatus:
         self.inputs: list[Points] = []
 
     def restart(self) -> None:
-        """Discard all moves and return the particles to their start."""
+        """Discard all moves so far, and put the particles back to their starts."""
         del self.states[1:], self.inputs[:]
 
     def with_noise(self, noise: float, *, seed: int = 0) -> Apparatus:
-        """Return another apparatus with the same start and the given standard deviation of execution noise."""
+        """Return another apparatus with the same start, whose execution noise has the given standard deviation."""
         return Apparatus(self.problem.replaced(execution=noise), self.states[0], seed=seed)
 
     def look(self) -> Points:
@@ -58,7 +58,7 @@ class Apparatus:
 
 
 def executed_moves(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
-    """Return the moves after adding execution noise to the inputs; float64, shape (moves, d)."""
+    """Return the moves as executed: the inputs with execution noise; float64, shape (moves, d)."""
     if not problem.execution:
         return inputs
     return np.asarray(inputs + generators(seed)[1].normal(scale=problem.execution, size=inputs.shape))
@@ -71,10 +71,10 @@ def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
 
 
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
-    """Return the amplification of errors: final error divided by an initial error, or by the contact tolerance.
+    """Return the amplification of errors: the final error divided by the initial error, or by the contact tolerance.
 
-    The start is displaced by 1e-12 of the size along each coordinate of each particle, and the contact tolerance is once reduced to
-    this value. The amplification is large if a wall then no longer holds a particle.
+    For the measurement, each coordinate of each particle's start is displaced by 1e-12 of the size. Another run reduces the contact
+    tolerance to this value. The amplification is large if a wall no longer holds a particle after such a change.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

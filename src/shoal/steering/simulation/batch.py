@@ -23,7 +23,7 @@ SEEDS = 2**31
 
 
 class SteeringBatch:
-    """Worlds of one problem, each with its own start, goal and noise, and a move of its own a step.
+    """Worlds of one problem, each with its own start, goal and noise. In each step, every world makes its own move.
 
     Parameters
     ----------
@@ -115,7 +115,10 @@ class SteeringBatch:
         self._look(chosen)
 
     def send(self, moves: Points, where: NDArray[np.bool_] | None = None) -> None:
-        """Move the particles of each world, and look; float64, shape (worlds, dimensions), of which the chosen rows count."""
+        """Move the particles of the chosen worlds and observe.
+
+        The inputs have shape (worlds, dimensions), with a row for every world.
+        """
         chosen, problem = self._chosen(where), self.problem
         executed = np.array(moves, dtype=np.float64, order="C")
         if problem.execution:

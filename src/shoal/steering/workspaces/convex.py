@@ -20,7 +20,8 @@ TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is o
 class ConvexWorkspace:
     """A convex workspace, bounded by flat walls and optionally by a circle.
 
-    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create it. Points are (x, y) or (x, y, z), with y up.
+    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create it. Points are (x, y) or (x, y, z), with the y axis
+    upwards.
 
     Parameters
     ----------
@@ -57,12 +58,12 @@ class ConvexWorkspace:
 
     @cached_property
     def size(self) -> float:
-        """The largest extent in the plane, the reference length of relative tolerances."""
+        """The largest extent of the workspace in the plane, to which relative tolerances refer."""
         return 2 * self.radius if self.round else float(np.ptp(self.vertices, axis=0).max())
 
     @cached_property
     def normals(self) -> Points:
-        """Inward unit normals of the flat walls: sides first, then floor and ceiling; float64, shape (walls, dimensions)."""
+        """Inward unit normals of the flat walls: of the sides, then of floor and ceiling; float64, shape (walls, dimensions)."""
         along = np.roll(self.vertices, -1, axis=0) - self.vertices
         sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         if self.dimensions == 2:
@@ -84,11 +85,11 @@ class ConvexWorkspace:
 
     @cached_property
     def differences(self) -> ConvexWorkspace:
-        """The Δ configuration space: all differences of two points of a plane workspace.
+        """The Δ configuration space: all differences of the positions of two particles in a plane workspace.
 
-        It is a polygon, or a disk of twice the radius.
+        For a polygon it is a polygon, and for a disk it is a disk of twice the radius.
 
-        A polygon of n sides gives a polygon of 2n sides, minus two for each pair of parallel sides. Source: paper W, section IV.A.
+        For a polygon of n sides, it has 2n sides, minus two for each pair of parallel sides. Source: paper W, section IV.A.
 
         Examples
         --------
@@ -102,16 +103,16 @@ class ConvexWorkspace:
         return polygon(hull((self.vertices[:, None] - self.vertices[None]).reshape(-1, 2)))
 
     def wall_distances(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to each flat wall, negative outside; float64, shape (..., walls)."""
+        """Return the distance of each point to each flat wall, which is negative outside; float64, shape (..., walls)."""
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the round wall, negative outside; infinite without a round wall; shape (...)."""
+        """Return each point's distance to the round wall, negative outside, or infinity without it; float64, shape (...)."""
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest wall, negative outside; float64, shape (...)."""
+        """Return the distance of each point to the nearest wall, which is negative outside; float64, shape (...)."""
         walls = self.wall_distances(points)
         nearest = walls.min(axis=-1) if walls.shape[-1] else np.full(walls.shape[:-1], np.inf)
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
@@ -121,18 +122,18 @@ class ConvexWorkspace:
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as float64, shape (n, dimensions). A point outside raises InvalidInputError."""
+        """Return points as a float64 array of shape (n, dimensions). A point outside raises InvalidInputError."""
         return check_inside(self, points, what=what)
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return the extent of the workspace from its centre along a vector, times the vector's length."""
+        """Return the extent of the workspace from its centre in the direction of a vector, multiplied by the vector's length."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))
         return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
 
     def inset(self, margin: float) -> ConvexWorkspace:
-        """Return the workspace reduced by ``margin`` at every wall. In space, the z range is unchanged.
+        """Return the workspace reduced by ``margin`` at every wall. In three dimensions, the range of z stays unchanged.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Geometry of convex polygons: outlines are checked, turned counter-clockwise and simplified; convex hulls; clipping."""
+"""Geometry of convex polygons: checks of outlines, counter-clockwise order, simplification, convex hulls and clipping."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn 
 
 
 def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
-    """Return points of a workspace as float64, shape (n, dimensions).
+    """Return points of a workspace as a float64 array of shape (n, dimensions).
 
     Raises
     ------
@@ -36,10 +36,10 @@ def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
 
 
 def convex_outline(vertices: ArrayLike) -> Points:
-    """Return the corners of a convex polygon counter-clockwise, float64, shape (n, 2).
+    """Return the corners of a convex polygon in counter-clockwise order; float64, shape (n, 2).
 
-    Vertices may be in either order, and the outline may be closed or not. Repeated vertices and vertices on a straight side are
-    dropped.
+    The given vertices may be in either order, and the first vertex may be repeated at the end. Repeated vertices and vertices on a
+    straight side are left out.
 
     Raises
     ------
@@ -83,7 +83,10 @@ def convex_outline(vertices: ArrayLike) -> Points:
 
 
 def hull(points: Points) -> Points:
-    """Return the corners of the convex hull of points, float64, shape (n, 2). Points on a line give their two end points."""
+    """Return the corners of the convex hull of points, float64, shape (n, 2).
+
+    If all points lie on a line, the result is the two end points.
+    """
     from shapely import MultiPoint
 
     whole = MultiPoint(points).convex_hull
@@ -91,7 +94,7 @@ def hull(points: Points) -> Points:
 
 
 def clipped(corners: Points, normal: Points, most: float) -> Points:
-    """Return the corners of the part of a convex polygon with ``normal @ point <= most``."""
+    """Return the corners of the part of a convex polygon in which ``normal @ point <= most``."""
     kept = []
     depths = corners @ normal - most
     for point, following, depth, next_depth in zip(corners, np.roll(corners, -1, axis=0), depths, np.roll(depths, -1), strict=True):

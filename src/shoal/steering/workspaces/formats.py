@@ -78,7 +78,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
-    """Return the workspace that parsed JSON describes, including GeoJSON.
+    """Return the workspace that parsed JSON or GeoJSON describes.
 
     Raises
     ------

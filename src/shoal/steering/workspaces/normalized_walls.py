@@ -70,12 +70,12 @@ class NormalizedWalls:
 
     @property
     def round(self) -> bool:
-        """Whether the workspace has a circle. Its wall index follows the last flat wall."""
+        """Whether the workspace has a circle. The circle's wall index follows the index of the last flat wall."""
         return bool(self.circle[2] > 0)
 
     @property
     def shape(self) -> Shape:
-        """The walls in the form that the chain kernels use."""
+        """The walls, in the form that the kernels for chains use."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
     def normalized(self, points: Points) -> Points:
@@ -128,10 +128,10 @@ def _with_frames(
 
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> tuple[NormalizedWalls, NDArray[np.int64]] | None:
-    """Return walls with only ``count`` of the sides, and the indices of these sides; None if they enclose no area.
+    """Return the walls with only ``count`` of the sides, and the indices of these sides, or None if the sides enclose no area.
 
-    The boundary is divided into equal parts, measured half by length and half by turning angle. The longest side of each part is
-    kept.
+    The boundary is divided into equal parts. Their size is half the share of the length plus half the share of the turning angle.
+    The longest side of each part is kept.
     """
     flat = walls.normals[: walls.sides, :2]
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)

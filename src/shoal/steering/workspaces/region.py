@@ -18,7 +18,7 @@ from shoal.steering.workspaces.convex_geometry import Points, check_inside
 
 @dataclass(frozen=True, eq=False)
 class Region:
-    """A workspace with obstacles: inside an outline and outside the obstacles. Use `region` to create it.
+    """A workspace with obstacles: the points inside an outline and outside the obstacles. Use `region` to create it.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Region:
 
     @cached_property
     def size(self) -> float:
-        """The largest extent, the reference length of relative tolerances."""
+        """The largest extent of the region, to which relative tolerances refer."""
         return float(np.ptp(self.outline, axis=0).max())
 
     @cached_property
@@ -48,7 +48,7 @@ class Region:
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """All edges as coordinates (x and y) of both ends, with the free side on the left; float64, shape (edges, 4)."""
+        """All edges as coordinates (x and y) of both ends, with the free space on the left side; float64, shape (edges, 4)."""
         return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
 
     @cached_property
@@ -59,7 +59,7 @@ class Region:
         return Polygon(self.outline, self.obstacles)
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest edge, negative outside; float64, shape (...)."""
+        """Return the distance of each point to the nearest edge, which is negative outside; float64, shape (...)."""
         import shapely
 
         array = np.asarray(points, dtype=np.float64)
@@ -72,7 +72,7 @@ class Region:
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as float64, shape (n, dimensions). A point outside raises InvalidInputError."""
+        """Return points as a float64 array of shape (n, dimensions). A point outside raises InvalidInputError."""
         return check_inside(self, points, what=what)
 
     def __repr__(self) -> str:

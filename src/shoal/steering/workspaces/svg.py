@@ -1,4 +1,4 @@
-"""Workspace outlines from SVG drawings and paths, in the drawing's units, with the y axis turned up."""
+"""Workspace outlines from SVG drawings and paths, in the drawing's units, with the y axis upwards."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # attr
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
-    """Return the closed lines of a path's ``d`` attribute, with curves as many short sides; each float64, shape (n, 2).
+    """Return the closed lines of a path's ``d`` attribute, with short sides for curves; each float64, shape (n, 2).
 
     Raises
     ------
@@ -38,10 +38,11 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
-    """Return the content of a drawing: a disk for a single circle, otherwise closed lines, sorted by decreasing size.
+    """Return the content of a drawing: a disk if it is a single circle, otherwise its closed lines, sorted by decreasing size.
 
-    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. It applies groups, transforms and
-    repeated use of elements, and skips elements that are not displayed. Units are those of the drawing, with the y axis turned up.
+    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. The reader applies groups,
+    transforms and repeated use of elements. It skips elements that are not displayed. The units are those of the drawing. The y
+    axis points upwards.
 
     Raises
     ------

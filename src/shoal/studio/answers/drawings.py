@@ -1,4 +1,4 @@
-"""Drawn regions: polygons and no-go zones in metres, with or without a position on Earth; opening and writing them."""
+"""Regions that a user draws: polygons and no-go zones in metres, with or without a position on Earth."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Drawing:
     frame: LocalFrame | None
 
     def placed(self, problem: SearchProblem) -> SearchProblem:
-        """Return a problem with the drawn region, or with the drawn zones added to others, opened."""
+        """Return a problem whose place is the drawn region, or whose no-go zones include the drawn zones. The place is opened."""
         if not self.parts:
             return problem.replaced(no_go=(*problem.no_go, *self.zones))
         rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]
@@ -56,7 +56,7 @@ class Drawing:
         return problem.at_place(with_margin(region, problem.margin))
 
     def write(self, folder: Folder, stem: str) -> str:
-        """Write the parts and zones, or the zones alone, to a new GeoJSON or CSV file (metres). Return its name."""
+        """Write the drawn polygons and zones, or only the zones, to a new file: GeoJSON, or CSV in metres. Return its name."""
         suffix = ".csv" if self.frame is None else ".geojson"
         name = folder.new_name(stem, suffix)
         with atomic(folder.path(name)) as temporary:
@@ -119,7 +119,7 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
-    """Return the search that a page describes, including its drawing, with its region opened.
+    """Return the search that a page describes, with its drawing. The region of the search is opened.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Answers for all places: episodes of the folder, and problems as Python, command and file."""
+"""Answers for all pages of the studio: episodes of the folder, and problems as Python code, as commands and as files."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a problem as Python, as a command and as a file."""
+    """Return a problem in three forms: as Python code, as a command and as the text of a file."""
     return dict(copies_of(checked_problem(about["problem"], folder), seed=checked_seed(about)))
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write a problem file; return its name."""
+    """Write a problem file, and return its name."""
     problem = checked_problem(about["problem"], folder)
     name = folder.new_name(str(about.get("name") or problem.part), ".json")
     with atomic(folder.path(name)) as temporary:

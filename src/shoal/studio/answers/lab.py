@@ -1,4 +1,4 @@
-"""Answers for the place Lab: sweeps of the folder with their results, drafts of new sweeps, pictures of episodes."""
+"""Answers for the studio's page Lab: sweeps of the folder with their results, drafts of new sweeps, pictures of episodes."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def lab_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the sweeps of the folder's stores and their progress."""
+    """Return the sweeps in all stores of the folder, with their progress."""
     told: list[dict[str, Any]] = []
     for file in folder.files():
         if file["kind"] == "store":
@@ -93,7 +93,10 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 
 
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a draft of a sweep, given as fields or as TOML, in both forms; with an error if it is invalid."""
+    """Return a draft of a sweep both as fields and as TOML. The draft is given in one of these forms.
+
+    If it is invalid, return the error too.
+    """
     text = about.get("toml")
     told: dict[str, Any] = {"error": None}
     try:
@@ -115,7 +118,7 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a small figure of an episode, and its result."""
+    """Return a small figure of an episode, and the result of the episode."""
     from shoal.views import figure
     from shoal.views.drawing.notebook_figure import encode_figure
 

@@ -1,4 +1,4 @@
-"""Answers for the place Papers: the figures and their results."""
+"""Answers for the studio's page Papers: the figures and their results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shoal.studio.folder import PAPERS, Folder
 
 
 def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures of the papers, with the results of those that were reproduced in this folder."""
+    """Return the figures of the papers, with the results of the figures that were reproduced in this folder."""
     from shoal.papers.reproduce import recipes
 
     told = []

@@ -1,4 +1,4 @@
-"""Answers for the place Search: plans, separation of vehicles, simulations, drawn regions, map projection."""
+"""Answers for the studio's page Search: plans, separation of vehicles, simulations, drawn regions, map projection."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and radius in me
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a plan: the region, its tour, and each robot's path and time; metres around ``about["frame"]``."""
+    """Return a plan for a page: the region, its tour, and each robot's path and time. Metres are relative to ``about["frame"]``."""
     problem = placed_problem(folder, about)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
@@ -115,7 +115,7 @@ class _Way:
         self.layers = np.abs(heights - np.asarray(altitudes)).argmin(axis=1)
 
     def pieces(self, canvas: _Canvas) -> list[dict[str, Any]]:
-        """Return the pieces of the path, each in one layer."""
+        """Return the pieces of a path, each of which lies in one layer."""
         cuts = np.flatnonzero(np.diff(self.layers)) + 1
         found = zip(np.split(self.corners, cuts), np.split(self.layers, cuts), strict=True)
         return [{"layer": int(layer[0]), "points": canvas.points(part[:, :2])} for part, layer in found if len(part) > 1]
@@ -152,12 +152,12 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return a problem with a vehicle for missions. The default is a multirotor, as in the command."""
+    """Return the problem with a vehicle, which missions require. By default, the vehicle is a multirotor, as in the command."""
     return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a simulated search for the player. No file is written."""
+    """Simulate a search, and return its data for the player. No file is written."""
     from shoal.search.run import run
     from shoal.views.search.page import page_data
 
@@ -172,7 +172,7 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write a drawing as a file. Return its name."""
+    """Write a drawn region as a file. Return its name."""
     drawing = drawing_of(about.get("drawing"))
     if drawing is None:
         raise InvalidInputError("drawing: expected a region or zones, got nothing")
@@ -181,10 +181,11 @@ def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return polynomials between metres and degrees around a position: lists of (i, j, east or longitude, north or latitude).
+    """Return polynomials that convert metres to degrees and back around a position, as lists of (i, j, coefficient, coefficient).
 
-    The coefficients belong to x**i * y**j, where x and y are metres divided by ``reach``, or degrees from the origin. They agree
-    with the projection within 0.1 mm up to 30 km from the position, and within 2 cm up to 100 km.
+    The coefficients (of east or longitude, and of north or latitude) belong to x**i * y**j. Here x and y are metres divided by
+    ``reach``, or degrees from the origin. The polynomials agree with the projection within 0.1 mm up to 30 km from the position,
+    and within 2 cm up to 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:

@@ -17,7 +17,7 @@ _places: dict[str, Any] = {}
 
 
 def opened(problem: Any) -> Any:
-    """Return the place of a problem. The last few places are cached while their files are unchanged."""
+    """Return the opened place of a problem. The places that were opened last stay in a cache while their files are unchanged."""
     name = next(iter(problem.declarations()))
     path = getattr(problem, name)
     stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
@@ -45,7 +45,7 @@ def picture_of(pixels: NDArray[Any], kind: str) -> str:
 
 
 def picture_of_mask(mask: NDArray[np.bool_]) -> str:
-    """Return a mask as a one-bit PNG: white where True, otherwise transparent."""
+    """Return a mask as a one-bit PNG: white where the mask is True, and transparent elsewhere."""
     from PIL import Image
 
     encoded = io.BytesIO()
@@ -54,5 +54,5 @@ def picture_of_mask(mask: NDArray[np.bool_]) -> str:
 
 
 def base64_of(data: bytes) -> str:
-    """Return bytes as text for JSON."""
+    """Return bytes as base64 text for JSON."""
     return base64.b64encode(data).decode()

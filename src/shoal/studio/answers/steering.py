@@ -1,4 +1,4 @@
-"""Answers for the place Steering: plans, workspaces, the Δ configuration space."""
+"""Answers for the studio's page Steering: plans, workspaces, the Δ configuration space."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Answers for the place Vessels: maps, photographs with their vessels, painted cells."""
+"""Answers for the studio's page Vessels: maps, photographs with their vessels, painted cells."""
 
 from __future__ import annotations
 
@@ -49,14 +49,17 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a picture for pages as PNG or JPEG, at most as large as they show it."""
+    """Return a photograph as PNG or JPEG, no larger than a page shows it."""
     pixels = _pixels(*_file(folder, str(about["file"])))
     height, width = pixels.shape[:2]
     return {"width": width, "height": height, "picture": picture_of(fit_to_page(pixels), "JPEG")}
 
 
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the vessels of a photograph as a picture of the same size as `photograph`'s; with ``exact`` also the confidence."""
+    """Return the vessels of a photograph as a picture, as large as that of `photograph`.
+
+    If ``exact`` is true, return also the confidence.
+    """
     from shoal.swarm.maps.open import finder_of, vessels_in
 
     problem: Any = checked_problem(about["problem"], folder)
@@ -77,7 +80,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write painted cells as a new map file. Return its name."""
+    """Write the cells that a user has painted as a new map file. Return its name."""
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 

@@ -1,4 +1,7 @@
-"""The job that writes missions: a zip archive of mission files, their map and the check report, and a separate map for viewing."""
+"""The job that writes missions: a zip archive with the mission files, their map and the report of the check.
+
+Another copy of the map is for viewing.
+"""
 
 from __future__ import annotations
 

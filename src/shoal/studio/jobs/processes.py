@@ -1,4 +1,4 @@
-"""Processes of the studio: forked from a warm process, with a memory limit, and never outliving the server."""
+"""Processes of the studio: forked from a prepared process, with a memory limit. They end with the server."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def warm_up(module: str) -> None:
-    """Start the process from which others are forked. It imports a module with the common libraries in the background."""
+    """Start the process from which the other processes are forked.
+
+    This process imports a module with the common libraries in the background.
+    """
     _CONTEXT.set_forkserver_preload([module])
     from multiprocessing.forkserver import ensure_running
 
@@ -73,7 +76,7 @@ class Worker:
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Return the function MODULE:FUNCTION, which must be part of Shoal."""
+    """Return the function that the text MODULE:FUNCTION names. It must be part of Shoal."""
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     return found

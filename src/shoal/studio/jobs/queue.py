@@ -56,7 +56,7 @@ class _Running:
 
 
 class JobQueue:
-    """The jobs of a folder and their processes, managed in the server's event loop.
+    """The jobs of a folder and their processes, which the server's event loop manages.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class JobQueue:
         self._closing = False
 
     def add(self, kind: Any, spec: dict[str, Any], *, urgent: bool) -> dict[str, Any]:
-        """Queue a job and return it.
+        """Add a job to the queue, and return the job.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class JobQueue:
         return self.told(number)
 
     def go_on(self) -> None:
-        """Start jobs while processors are free."""
+        """Start waiting jobs while processors are free."""
         try:
             self._begin_those_with_room()
         except OutputError:  # a full disk; waiting jobs are not lost
@@ -171,11 +171,11 @@ class JobQueue:
             del self._unsaved[number]
 
     def pieces(self, number: int) -> list[dict[str, Any]]:
-        """Return the pieces of a running job that were played so far."""
+        """Return the pieces of the episode that a running job has computed so far."""
         return list(self._running[number].pieces) if number in self._running else []
 
     def told(self, number: int) -> dict[str, Any]:
-        """Return a job for browsers; empty if it does not exist.
+        """Return a job as data for browsers, or empty data if the job does not exist.
 
         Examples
         --------

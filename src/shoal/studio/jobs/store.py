@@ -1,4 +1,4 @@
-"""The store of jobs: an SQLite file in the folder, from which a server restores its jobs after a crash."""
+"""The store of jobs: an SQLite file in the folder, from which the server restores its jobs after a crash."""
 
 from __future__ import annotations
 
@@ -71,7 +71,10 @@ class JobStore:
             self._job(row)
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
-        """Queue a job and return its number. Urgent jobs, for which a user waits, start first."""
+        """Add a job to the queue, and return the number of the job.
+
+        Urgent jobs start first, because a user waits for their results.
+        """
         with told(self.path):
             return int(
                 self._connection.execute(
@@ -82,7 +85,10 @@ class JobStore:
             )
 
     def begin_next(self, *, without: Sequence[str] = ()) -> dict[str, Any] | None:
-        """Mark the next queued job as running and return it; None if there is none except of the kinds ``without``."""
+        """Mark the next waiting job as running, and return it. Skip jobs of the kinds ``without``.
+
+        Return None if no job is left.
+        """
         with told(self.path):
             row = self._connection.execute(
                 "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
@@ -101,7 +107,7 @@ class JobStore:
             )
 
     def cancel_queued(self, number: int) -> bool:
-        """Cancel a job that has not started. Return whether there was one."""
+        """Cancel a job that has not yet started. Return whether there was one."""
         with told(self.path):
             return bool(
                 self._connection.execute(
@@ -116,7 +122,7 @@ class JobStore:
         return None if row is None else self._job(row)
 
     def newest(self, most: int = 100) -> list[dict[str, Any]]:
-        """Return jobs: active ones first, then the newest."""
+        """Return jobs: first the active jobs, then the newest of the others."""
         with told(self.path):
             rows = self._connection.execute(
                 f"SELECT {_COLUMNS} FROM jobs ORDER BY state NOT IN ('running', 'queued'), id DESC LIMIT ?", (most,)

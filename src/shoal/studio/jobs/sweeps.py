@@ -1,4 +1,4 @@
-"""Jobs of the lab: run a sweep, or its missing trials; write its table or figure."""
+"""Jobs of the lab: run a sweep or its missing trials, and write its table or figure."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ FIGURES = ("png", "svg")
 
 
 def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run the missing trials of a sweep. The sweep file is written beside the store when the store has accepted the sweep."""
+    """Run the missing trials of a sweep. After the store has accepted the sweep, the sweep file is written beside the store."""
     text = check_text(spec.get("toml"), what="toml")
     sweep = checked_sweep(text, folder)
     store = check_text(spec.get("store", f"{sweep.name}.sqlite"), what="store")

@@ -1,4 +1,4 @@
-"""The work of each kind of job in its own process: play an episode, compare policies, write films and figures."""
+"""The work of each kind of job in its own process: run an episode, compare policies, write films and figures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,10 @@ FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
 def work(connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int) -> None:
-    """Run a job on several processors. Its last message is "done" with the result, or "failed" with a sentence."""
+    """Run a job in this process, on several processors if the job can use them.
+
+    The last message of the process is "done" with the result, or "failed" with a sentence.
+    """
     os.chdir(root)
 
     def say(word: str, what: Any) -> None:
@@ -44,7 +47,7 @@ def work(connection: Connection, root: str, function: str, spec: dict[str, Any],
 
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run an episode, and report its moves during the run."""
+    """Run an episode, and report its moves while it runs."""
     problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
         episode: Any = play_live(problem, seed, say)
@@ -60,7 +63,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
 
 
 def play_live(problem: Any, seed: int, say: Say) -> Any:
-    """Run an episode of a swarm. Its start, its moves and its end are reported as they happen."""
+    """Run an episode of a swarm. Its start, its moves and its end are reported immediately."""
     from shoal.core.episode import Status
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.commands import decode
@@ -98,7 +101,7 @@ def cells_to_classify(free: Any) -> int:
 
 
 def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run several policies from the same starts. The first trial of each policy is kept as an episode."""
+    """Run several policies from the same start cells. The first trial of each policy is saved as an episode."""
     from shoal.swarm.run import run
 
     policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
@@ -194,7 +197,7 @@ def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[st
 
 
 def storable(value: Any) -> Any:
-    """Return a value for JSON: non-finite numbers become None, NumPy numbers Python numbers."""
+    """Return a value for JSON: infinities and NaN become None, and NumPy numbers become Python numbers."""
     if isinstance(value, dict):
         return {str(name): storable(one) for name, one in value.items()}
     if isinstance(value, list | tuple):

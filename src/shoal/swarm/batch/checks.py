@@ -1,4 +1,4 @@
-"""Input checks for batches. Each check returns arrays or raises an error of one sentence."""
+"""Input checks for batches. Each check returns arrays, or raises an error whose message is one sentence."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def check_problems(problems: list[SwarmProblem]) -> None:
 
 
 def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return a uint8 array for the result: ``out`` after checking it, or a new array."""
+    """Return a uint8 array for a result: the array ``out`` after a check, or a new array."""
     if out is None:
         return np.empty(shape, dtype=np.uint8)
     good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape

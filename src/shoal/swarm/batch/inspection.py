@@ -1,4 +1,4 @@
-"""Observations of many worlds: boards, byte planes and sums; and the state and belief of a single world."""
+"""Observations of many worlds: boards, planes of bytes, and sums. Also the state and the belief of a single world."""
 
 from __future__ import annotations
 
@@ -49,7 +49,10 @@ class Boards(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """Sums over the particles of each world, with one row per world. A cell with more than 255 particles counts as 255."""
+    """Sums over the particles of each world, with one row per world.
+
+    A cell with more than 255 particles counts as a cell with 255 particles.
+    """
 
     probing: NDArray[np.int64]  # (worlds, commands): particles that would enter a frontier cell
     moving: NDArray[np.int64]  # (worlds, commands): particles whose next cell is not a known obstacle and holds no particle
@@ -64,7 +67,7 @@ class Measures(NamedTuple):
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Mean position of each world's particles as plane indices; float64, shape (worlds, ndim)."""
+        """Mean position of each world's particles as indices of the planes; float64, shape (worlds, ndim)."""
         return self.places / np.maximum(self.particles, 1)[:, None]
 
     @property
@@ -226,8 +229,8 @@ class Inspection:
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
         """Return which commands can have an effect according to the belief; int8, shape (worlds, commands).
 
-        Under the rules block and tilt, a command has an effect if some particle's next cell is not a known obstacle and holds no
-        particle. Under merge, the next cell may hold particles. With noise, every command may have an effect.
+        Under the rules block and tilt, a command has an effect if at least one particle's next cell is no known obstacle and holds
+        no particle. Under the rule merge, the next cell may hold particles. With noise, every command may have an effect.
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)

@@ -1,4 +1,7 @@
-"""Maps of different sizes on boards of one common shape. A smaller map occupies the first layers, rows and columns."""
+"""Maps of different sizes, stored on boards of a common shape.
+
+A smaller map occupies the first layers, rows and columns of a board.
+"""
 
 from __future__ import annotations
 
@@ -45,7 +48,7 @@ class PaddedMaps:
         return whole[: layout.layers, : layout.rows, : layout.words[1]]
 
     def padded(self, board: Board, out: Words | None = None) -> Words:
-        """Write one map's board into ``out``, a flat board of the common shape."""
+        """Write the board of one map into ``out``, a flat board of the common shape."""
         words = np.zeros(self.words, dtype=np.uint64) if out is None else out
         layout = board.layout
         words.fill(0)
@@ -53,7 +56,7 @@ class PaddedMaps:
         return words
 
     def board(self, flat: Words, index: int) -> Board:
-        """Return a copy of map ``index``'s board, cut out of the flat padded board ``flat``."""
+        """Return a copy of the board of map number ``index``, cut out of the padded flat board ``flat``."""
         layout = self.layouts[index]
         return Board(layout, self._cut(flat, layout).reshape(layout.words).copy())
 

@@ -22,7 +22,7 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, threads: int) -> None:
-    """Call ``work(thread, first, last)`` for consecutive parts of ``range(count)``. The calling thread processes the last part.
+    """Call ``work(thread, first, last)`` for consecutive parts of ``range(count)``. The calling thread works on the last part.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""WorldBatch: many simulated worlds that advance together, one command per world and step."""
+"""WorldBatch: many simulated worlds that advance together, with one command per world and step."""
 
 from __future__ import annotations
 
@@ -31,10 +31,12 @@ SEEDS = 2**31
 
 
 class WorldBatch(Inspection):
-    """Many worlds that advance together in compiled code. They share one problem, or several problems on different maps.
+    """Many worlds that advance together in compiled code.
 
-    World i starts like ``shoal.run(problem, seed=seed + i)``. Its behaviour depends only on its own seed, not on the number of
-    worlds or threads.
+    The worlds share one problem, or they have several problems on different maps.
+
+    World i starts like ``shoal.run(problem, seed=seed + i)``. The behaviour of a world depends only on its own seed, not on the
+    number of worlds or threads.
 
     Parameters
     ----------
@@ -137,7 +139,7 @@ class WorldBatch(Inspection):
     def reset(
         self, where: ArrayLike | None = None, *, seed: int | Sequence[int | None] | None = None, maps: ArrayLike | None = None
     ) -> None:
-        """Start a new episode in the selected worlds: choose a map if there are several, and place the particles.
+        """Start a new episode in each selected world: choose one of the maps, and place the particles.
 
         Parameters
         ----------
@@ -202,7 +204,7 @@ class WorldBatch(Inspection):
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
         """Send one command, or a run of equal commands, to each selected world, and then scan.
 
-        An episode without any frontier cell at its start ends with its first command.
+        If an episode has no frontier cell at its start, it ends with its first command.
 
         Parameters
         ----------

@@ -35,7 +35,7 @@ class Belief:
 
     @property
     def obstacles(self) -> Board:
-        """Cells known to be obstacles, including rim cells."""
+        """The cells that are known to be obstacles, including cells of the rim."""
         return self.known - self.open
 
     @property
@@ -53,7 +53,7 @@ class Belief:
         return states
 
     def picture(self, occupied: Board) -> NDArray[np.uint8]:
-        """Return a picture of the belief and the particles, one pixel per cell, rim included; uint8, shape (H, W, 3)."""
+        """Return a picture of the belief and the particles, one pixel per cell, including the rim; uint8, shape (H, W, 3)."""
         codes = self.states
         codes[occupied.mask] = PARTICLE
         return raster_of(codes)
@@ -61,8 +61,8 @@ class Belief:
     def observed(self, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after one push moved the particles from ``before`` to ``after``.
 
-        Consider the unknown cells that particles tried to enter. A cell is free if a particle is in it now, otherwise it is an
-        obstacle.
+        The push classifies the unknown cells that particles tried to enter. Such a cell is free if it holds a particle after the
+        push. Otherwise it is an obstacle.
         """
         tried = before.shifted(command) - self.known
         if not tried:
@@ -72,5 +72,5 @@ class Belief:
         return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
-        """Return the belief without the frontier cells that are in ``after``."""
+        """Return the belief after removing the cells of ``after`` from the frontier."""
         return Belief(self.open, self.known, self.frontier - after)

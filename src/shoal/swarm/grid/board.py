@@ -1,8 +1,8 @@
 """Boards: sets of cells packed into 64-bit words, with the operators of Python sets.
 
-A board covers a window: the workspace and a rim of one cell around it. The rim is needed because a mapping swarm must probe the
-walls at the array's edge like other walls. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` in row
-``r + 1``. In 3-D, there is also a rim layer at either end, and the rows of all layers are stored one after the other.
+A board covers a window: the workspace and a rim of one cell around it. The rim is necessary because a swarm must find the walls at
+the edge of the map like all other walls. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` in row ``r
++ 1``. In 3-D, the window also has a rim layer in front and one at the back. The rows of all layers are stored one after the other.
 """
 
 from __future__ import annotations
@@ -47,17 +47,17 @@ class GridLayout:
 
     @cached_property
     def layers(self) -> int:
-        """Number of layers with the rim; 1 in 2-D."""
+        """Number of layers including the rim, or 1 in 2-D."""
         return self.window[0] if self.ndim == 3 else 1
 
     @property
     def rows(self) -> int:
-        """Number of rows per layer with the rim."""
+        """Number of rows per layer, including the rim."""
         return self.window[-2]
 
     @property
     def columns(self) -> int:
-        """Number of columns with the rim."""
+        """Number of columns, including the rim."""
         return self.window[-1]
 
     @cached_property
@@ -79,7 +79,7 @@ class GridLayout:
         return bits.view(np.bool_).reshape(self.window)
 
     def rim(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return the mask with a rim of one False cell around it."""
+        """Return the mask with a rim of False cells, one cell wide, around it."""
         return np.pad(mask, 1)
 
     def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -124,7 +124,7 @@ class Board:
 
     @classmethod
     def full(cls, layout: GridLayout) -> Board:
-        """Return the set of all cells of the window, rim included."""
+        """Return the set of all cells of the window, including the rim."""
         return cls(layout, layout.pack(np.ones(layout.window, dtype=np.bool_)))
 
     @classmethod
@@ -135,7 +135,7 @@ class Board:
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
-        """Return the set of the given cells, shape (n, ndim).
+        """Return the set of the given cells, an int array of shape (n, ndim).
 
         Raises
         ------
@@ -154,12 +154,12 @@ class Board:
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """Boolean array of the window, including the rim."""
+        """The set as a boolean array of the window, including the rim."""
         return self.layout.unpack(self.words)
 
     @property
     def inner(self) -> NDArray[np.bool_]:
-        """Boolean array with the shape of the workspace."""
+        """The set as a boolean array with the shape of the workspace."""
         return self.layout.inner(self.mask)
 
     @cached_property
@@ -205,7 +205,7 @@ class Board:
         return not (self - other)
 
     def shifted(self, command: str) -> Board:
-        """Return the cells shifted by one in the direction of ``command``. Cells that leave the window are dropped."""
+        """Return the cells shifted by one in the direction of ``command``. Cells that would leave the window are left out."""
         return Board(self.layout, shifted_words(self.layout, self.words, command) & _window_words(self.layout))
 
     def dilated(self) -> Board:

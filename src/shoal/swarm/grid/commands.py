@@ -1,4 +1,4 @@
-"""Commands (one letter moves all particles) and the move rules."""
+"""The commands, of which each is a letter that moves all particles, and the move rules."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the offset of each command in a flat array of this shape, in the order of the letters.
+    """Return, for each command in the order of the letters, the difference of flat array indices that one step makes.
 
     Examples
     --------

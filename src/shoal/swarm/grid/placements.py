@@ -115,6 +115,6 @@ def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.
 
 @PLACEMENTS.register("left-wall")
 def left_wall(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n leftmost free cells from top to bottom, the start for the policy sweep (paper D, section III.B.2)."""
+    """Take the n leftmost free cells from top to bottom, as the policy sweep requires (paper D, section III.B.2)."""
     cells = workspace.cells
     return cells[np.lexsort((*cells.T[:-1][::-1], cells[:, -1]))[:n]]

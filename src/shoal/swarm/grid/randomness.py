@@ -1,4 +1,4 @@
-"""Random number generators of a trial. They depend only on (seed, trial)."""
+"""Random number generators of a trial. The generators depend only on the seed and the trial number."""
 
 from __future__ import annotations
 

@@ -1,9 +1,10 @@
-"""Scan rules: the number of equal commands before each scan, and the states that can be inferred from two scans.
+"""Scan rules: the number of equal commands before each scan, and the inference of states from two scans.
 
-During pushes in one direction, the particles of one row (or column) keep their order. So the i-th particle of a row before the run
-is also the i-th after it, and its displacement is known without labels. A displacement d smaller than the number of commands means
-d free cells, followed by an obstacle or a particle that was itself stopped. A stopped particle stays stopped. Two scans therefore
-determine the positions after every single command. A scan after a run gives the same information as a scan after each command.
+While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
+pushes is therefore also the i-th particle after the run. Its displacement is known although particles have no labels. If a
+particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. They are followed by
+an obstacle or by another particle that was stopped. A stopped particle stays stopped. Two scans therefore determine the positions
+after every single command. Therefore a scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ class ScanRule:
 
     @property
     def every(self) -> str:
-        """The rule as a word: the number of commands, or the name of the kind."""
+        """The scan rule as text: the number of commands, or the name of the kind of rule."""
         return str(self.step) if self.kind == "equal" else self.kind
 
     @property
@@ -81,7 +82,7 @@ class ScanRule:
         return self.kind == "equal" and self.step == 1
 
     def interval(self, streak: int) -> int:
-        """Return the length of the next run after ``streak`` runs in the same direction. Not defined for "adaptive".
+        """Return the number of commands in the next run, after ``streak`` runs in the same direction. Not defined for "adaptive".
 
         Examples
         --------

@@ -11,7 +11,7 @@ from shoal.swarm.grid.board import Board, GridLayout
 
 
 def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int = 1) -> NDArray[np.int64]:
-    """Return cells as int64, shape (n, ndim), in row-major order.
+    """Return cells as an int64 array of shape (n, ndim), in row-major order.
 
     Parameters
     ----------
@@ -63,7 +63,10 @@ class SwarmState:
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[np.int64], *, shared: bool) -> SwarmState:
-        """Return the state of particles at ``cells``, shape (n, ndim). Set ``shared`` if a cell may hold several particles."""
+        """Return the state in which the particles are at ``cells``, an array of shape (n, ndim).
+
+        Set ``shared`` if a cell may hold several particles.
+        """
         counts = None
         if shared:
             counts = np.zeros(layout.window, dtype=np.int32)

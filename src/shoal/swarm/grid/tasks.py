@@ -22,8 +22,9 @@ from shoal.swarm.maps.workspace import GridWorkspace
 class Task(Protocol):
     """The interface of tasks. `shoal.testing.check_task` tests it.
 
-    ``begin`` returns the belief at the start. ``update`` returns the belief after one push (see `GridWorld.pushes`). A task is
-    complete when the frontier of its belief is empty. Neither method may change its arguments.
+    The method ``begin`` returns the belief at the start. The method ``update`` returns the belief after one push (see
+    `GridWorld.pushes`). A task is complete when the frontier of its belief is empty. These two methods must not change their
+    arguments.
     """
 
     @property
@@ -31,7 +32,7 @@ class Task(Protocol):
         """Name of the task in summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return random target cells, drawn from ``rng``, as a mask of the workspace's cells; or None without targets."""
+        """Return random target cells, drawn from ``rng``, as a mask of the workspace's cells, or None without targets."""
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
         """Return the belief before the first command.
@@ -50,7 +51,7 @@ TASKS: Registry[type[Task]] = Registry("task")
 class Mapping:
     """Find every free cell that particles can reach, and the obstacles around these cells.
 
-    Only the particles' own cells are known at the start. Source: paper M, section III.B; docs/concepts/belief.md.
+    At the start, only the cells that hold particles are known. Source: paper M, section III.B; docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "mapping"
@@ -85,7 +86,7 @@ class Coverage:
         return workspace.free
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief with the known map. Target cells without a particle are frontier cells.
+        """Return the belief in which the whole map is known. Target cells without a particle are frontier cells.
 
         Raises
         ------
@@ -120,7 +121,7 @@ class SubsetCoverage(Coverage):
             raise InvalidInputError(f"subset: expected a share above 0 and at most 1, got {self.fraction:g}")
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Draw the random subset without replacement."""
+        """Draw the random subset of the free cells without replacement."""
         size = max(1, round(self.fraction * workspace.n_free))
         chosen = workspace.cells[rng.choice(workspace.n_free, size=size, replace=False)]
         targets = np.zeros(workspace.shape, dtype=np.bool_)
@@ -153,7 +154,7 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
 
 
 def make_task(task: str | Task) -> Task:
-    """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute"), or return a given task object."""
+    """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute"), or return a given task."""
     made = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(made, Task):
         raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")

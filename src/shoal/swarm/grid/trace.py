@@ -43,7 +43,7 @@ class Trace(NamedTuple):
 
     @classmethod
     def empty(cls, moves: int) -> Trace:
-        """Return a trace with space for a number of commands."""
+        """Return an empty trace with space for a given number of commands."""
         return cls(
             np.zeros(moves, np.int8),
             np.zeros(moves, np.int32),
@@ -98,7 +98,7 @@ class Recorder:
         self.moves, self.idle, self.last = 0, 0, (0, 0)
 
     def add(self, command: str, rows: list[Row], *, scanned: bool) -> None:
-        """Add a run of equal commands. ``scanned`` says whether a scan followed the run."""
+        """Add a run of equal commands. ``scanned`` is true if a scan followed the run."""
         self._letters.append(command * len(rows))
         self._rows += rows
         self._scanned += [False] * (len(rows) - 1) + [scanned]
@@ -112,7 +112,7 @@ class Recorder:
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return the last ``moves`` commands, which came from one run."""
+        """Return the last ``moves`` commands of the trace, which came from one run."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

@@ -40,7 +40,7 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
 
 @dataclass(frozen=True)
 class GridWorld:
-    """The dynamics of particles in a workspace under one shared command. All methods leave their arguments unchanged.
+    """The dynamics of particles in a workspace under one shared command. No method changes its arguments.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class GridWorld:
         return Board.of_mask(self.workspace.free)
 
     def initial(self, cells: ArrayLike) -> SwarmState:
-        """Return the state with particles at ``cells``, an int array of shape (n, ndim) in any order.
+        """Return the state in which the particles are at ``cells``, an int array of shape (n, ndim) in any order.
 
         Raises
         ------
@@ -104,9 +104,10 @@ class GridWorld:
     def pushes(self, state: SwarmState, command: str) -> Iterator[SwarmState]:
         """Yield the state after each push of one command.
 
-        Under block and merge, a command is one push. Under tilt, a command is a series of pushes until no particle moves. The last
-        push, in which nothing moves, is also yielded because it reveals the walls. Particles of one row keep their order. Therefore
-        an observer who sees only the first and the last state can infer all states between them.
+        Under the move rules block and merge, a command is one push. Under the move rule tilt, a command is a series of pushes until
+        no particle moves. The last push, in which no particle moves, is also included, because it reveals the walls. Particles of
+        one row keep their order. Therefore an observer who sees only the first and the last state can infer all states between
+        them.
         """
         letters = encode(command, ndim=self.workspace.ndim)
         if len(letters) != 1:

@@ -35,7 +35,7 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of a numeric array, selected by level, by label, or because the array has only two values.
+    """Return the free cells of a numeric array, which a level or a label selects. An array with only two values needs neither.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Reading and writing of map files. A new format is one entry in `FORMATS`."""
+"""Reading and writing of map files. A new format needs one entry in `FORMATS`."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def _suffix(path: Path) -> str:
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file. `read_map` reads the same cells back.
+    """Write a workspace to a map file. From this file, `read_map` reads the same cells.
 
     Parameters
     ----------

@@ -83,7 +83,7 @@ def open_map(
 def vessels_in(
     path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
 ) -> imaging.Vessels:
-    """Return the vessels in a photograph. The last result is reused while its file is unchanged.
+    """Return the vessels in a photograph. The last result is reused while the photograph's file is unchanged.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def vessels_in(
 
 
 def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
-    """Return the vessel finder of a photograph. The last finder is reused while its file is unchanged.
+    """Return the vessel finder of a photograph. The last finder is reused while the photograph's file is unchanged.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG, and folders of slices."""
+"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG, and folders of pictures, one for each slice of a volume."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def read_pixels(path: Path) -> NDArray[np.uint8]:
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     """Return the bytes of a picture with white free cells. Layers become the pages of a TIFF.
 
-    JPEG keeps black and white distinct.
+    Compression to JPEG keeps free cells and obstacles distinguishable.
     """
     from PIL import Image
 

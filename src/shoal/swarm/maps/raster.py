@@ -42,7 +42,9 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
-    """Return rows of text with two letters, the first for True cells. In 3-D, an empty line separates layers.
+    """Return rows of text in which the first of two letters stands for True cells, and the second one for False cells.
+
+    In 3-D, an empty line separates layers.
 
     Examples
     --------
@@ -74,7 +76,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file about ``side`` pixels wide. Pixels are repeated, or left out if there are too many."""
+    """Return a PNG file about ``side`` pixels wide. Cells become several pixels. If there are too many cells, some are left out."""
     from PIL import Image
 
     sheet = in_strips(raster)

@@ -1,4 +1,4 @@
-"""Shared code of all map readers: options, size limits, and one-sentence errors for damaged files."""
+"""Code that all map readers use: options, size limits, and one-sentence errors for damaged files."""
 
 from __future__ import annotations
 

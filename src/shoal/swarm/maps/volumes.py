@@ -25,8 +25,8 @@ CHUNK = 1 << 20  # bytes
 def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[float, ...]]:
     """Return the free cells (layers, rows, columns) of a NIfTI file, and the voxel size along each axis in millimetres.
 
-    The volume is rotated according to its header, as seen by a viewer in front of the body. Layer 0 is the front, row 0 the head,
-    and columns run from the body's right to its left.
+    The volume is rotated according to its header, as seen by a viewer in front of the body. Layer 0 is at the front of the body and
+    row 0 at the head. Columns run from the body's right side to its left side.
 
     Raises
     ------

@@ -68,7 +68,7 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class GridWorkspace:
-    """The free cells of a 2-D or 3-D grid. Everything outside the array is an obstacle.
+    """The free cells of a 2-D or 3-D grid. All cells outside the array are obstacles.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class GridWorkspace:
 
     @cached_property
     def n_free(self) -> int:
-        """Number of free cells (m in the papers)."""
+        """Number of free cells (called m in the papers)."""
         return int(np.count_nonzero(self.free))
 
     @cached_property
@@ -133,13 +133,13 @@ class GridWorkspace:
 
     @cached_property
     def components(self) -> NDArray[np.int32]:
-        """Label of each cell's connected component; 0 for obstacles; int32, the shape of ``free``."""
+        """For each cell, the label of its connected component, or 0 for obstacles; int32, with the shape of ``free``."""
         from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
-        """Return the workspace reduced to its largest connected component. Among equals, the first is kept."""
+        """Return the workspace reduced to its largest connected component. Of equally large components, the first one is kept."""
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)

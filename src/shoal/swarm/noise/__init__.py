@@ -1,4 +1,4 @@
-"""Noise (particles that slip or are observed wrongly), and maps with a stated confidence from noisy scans."""
+"""Noise: particles slip, or are observed wrongly. Maps from noisy scans have a stated confidence."""
 
 from __future__ import annotations
 

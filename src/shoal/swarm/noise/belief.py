@@ -23,7 +23,7 @@ NEVER = -700.0  # log-odds
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the kernels' arrays, with three more cells on each side."""
+    """Return the shape of the kernels' arrays, which have three more cells on each side than the workspace."""
     return tuple(size + 2 * PAD for size in shape)
 
 
@@ -54,13 +54,13 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float, *, prior
 
 
 def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
-    """Return the part of a kernel's array with the workspace's shape plus ``rim`` cells around it."""
+    """Return the part of a kernel's array that covers the workspace and ``rim`` cells around it."""
     cut = PAD - rim
     return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
 
 
 class NoisyBelief:
-    """The belief about each cell in log-odds. Each command and each scan updates it in place.
+    """The belief about each cell in log-odds. Each command and each scan updates the belief in place.
 
     Parameters
     ----------
@@ -113,7 +113,10 @@ class NoisyBelief:
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
-        """Update the belief with the particles seen after one command. Return the number of cells classified for the first time."""
+        """Update the belief with the cells in which particles are seen after one command.
+
+        Return the number of cells classified for the first time.
+        """
         self._show(seen)
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
@@ -123,16 +126,19 @@ class NoisyBelief:
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
     def spread(self, command: str) -> None:
-        """Update the belief with a command without a scan. Particles may have moved; the knowledge of cells stays the same."""
+        """Update the belief after a command that no scan follows.
+
+        The probable positions of the particles change. The knowledge about cells stays the same.
+        """
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
     def spread_code(self, code: np.int8) -> None:
-        """Do the same as `spread`, for a command code."""
+        """Do the same as `spread`, for a command given by its code."""
         kernels.spread_noisy(self.state, code)
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
-        """Run closest-frontier until the trace is full. Return (moves, status code); see `noisy_episode.play_noisy`."""
+        """Run the policy closest-frontier until the trace is full. Return (moves, status code); see `noisy_episode.play_noisy`."""
         played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
@@ -145,7 +151,7 @@ class NoisyBelief:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Probability that each cell is free; float64, the workspace's shape with a rim of one cell."""
+        """Probability that each cell is free; float64, with the workspace's shape and a rim of one cell."""
         return 1 / (1 + np.exp(-self.logit))
 
     @property
@@ -160,13 +166,13 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left and no cell was given up."""
+        """Whether no reachable frontier cell is left and whether no cell was given up."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 
     @property
     def undecided(self) -> int:
-        """Number of frontier cells that were given up as undecidable."""
+        """Number of frontier cells that the policy has given up as undecidable."""
         return int(self.guard.memory.undecided)
 
     @property
@@ -176,7 +182,7 @@ class NoisyBelief:
 
     @property
     def belief(self) -> Belief:
-        """The cells classified at the stated confidence, in the form that policies use."""
+        """The cells that are classified at the stated confidence, as the `Belief` that policies use."""
         field = self._field
         return Belief(
             *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))

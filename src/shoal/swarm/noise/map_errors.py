@@ -13,7 +13,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @dataclass(frozen=True)
 class MapErrors:
-    """Classification errors over the cells that a mapping without noise would classify.
+    """Classification errors among the cells that a mapping without noise would classify.
 
     Parameters
     ----------

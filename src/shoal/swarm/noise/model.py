@@ -16,7 +16,7 @@ SUREST = 0.99999
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise probabilities. Failures are independent for every particle and every move.
+    """Noise probabilities. The failures of different particles and different moves are independent.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ LOOKS = FALSE_OBSTACLE + 1
 
 @dataclass(frozen=True)
 class Moment:
-    """One moment of an episode with noise. Both arrays have the workspace's shape with a rim of one cell.
+    """One moment of an episode with noise. Both arrays have the workspace's shape and a rim of one cell.
 
     Parameters
     ----------
@@ -39,7 +39,9 @@ class Moment:
 
 
 def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return the looks of a belief. ``truth`` is the mask of free cells with the rim, if it is known.
+    """Return the kind of each cell in a picture of a belief.
+
+    ``truth`` is the mask of the free cells including the rim, if it is known.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Simulation of particles with noise: a rig, and the belief at the start of an episode."""
+"""Simulation of particles with noise: a rig with noise, and the belief at the start of an episode."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.swarm.noise.model import CONFIDENCE, Noise
 
 
 class NoisyRig:
-    """Particles under the rule block with noise: they may slip, be missed, or appear in a neighbouring cell.
+    """A simulated rig with noise under the move rule block. Particles may slip, be missed, or appear in a neighbouring cell.
 
     Each scan draws new errors.
 
@@ -67,7 +67,10 @@ class NoisyRig:
         noisy_state.move_noisy(self.state, encode(command, ndim=self.workspace.ndim)[0], self.rng)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which particles are observed; int64, shape (k, ndim). Rim cells have row or column -1, H or W."""
+        """Return the cells in which particles are observed; int64, shape (k, ndim).
+
+        Cells of the rim have the row -1 or H, or the column -1 or W.
+        """
         noisy_state.look(self.state, self.rng)
         return np.argwhere(inner_of(self.state.seen, self.shape, rim=1)) - 1
 
@@ -87,7 +90,7 @@ def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, c
 def noisy_belief(
     workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float, rng: Generator
 ) -> NoisyBelief:
-    """Return the belief after the first scan of a simulation. Its arrays also hold the true state."""
+    """Return the belief after the first scan of a simulation. The arrays of this belief also hold the true state."""
     noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
     noisy_state.look(noisy, rng)
     seen = Board(layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_)))

@@ -16,9 +16,10 @@ from shoal.swarm.policies.protocol import Decision, View
 class ClosestFrontier(Searching):
     """Find the shortest path from any particle to a frontier cell, send its commands, and repeat.
 
-    A path always classifies its target: if a particle on the path is blocked, the blocking particle is on the path one cell
-    further. The number of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. (Theorem 2 of paper M states
-    m(m+1)/2, which ignores the walls.) Source: paper M, algorithm 3; docs/concepts/policies.md describes the tie rules.
+    A path always classifies its target cell. If another particle blocks the moving particle, this other particle is one cell
+    further on the path. The number of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. Theorem 2 of paper M
+    states m(m+1)/2, because it ignores the walls. Source: paper M, algorithm 3. docs/concepts/policies.md describes the rules for
+    ties.
     """
 
     kind: ClassVar[str] = "closest-frontier"

@@ -1,4 +1,4 @@
-"""Base classes of the built-in policies: the code by which kernels identify a policy, and the tie rule."""
+"""Base classes of the built-in policies: the number by which kernels identify a policy, and the rule for ties."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.swarm.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class Compiled:
-    """Base class of the built-in policies. Kernels can run them without Python code."""
+    """Base class of the built-in policies. Kernels can run these policies without Python code."""
 
     kind: ClassVar[str]
     code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes.policy_episode

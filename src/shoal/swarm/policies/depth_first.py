@@ -25,13 +25,13 @@ class _Trail:
 
 @dataclass(frozen=True)
 class DepthFirst(Compiled):
-    """Drive the first particle in row-major order.
+    """Move one particle, the first in row-major order, through the workspace.
 
-    It probes unknown neighbours, otherwise enters an unvisited cell, otherwise backtracks.
+    The particle probes an unknown neighbour. If there is none, it enters an unvisited cell. If there is none either, it goes back.
 
     The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. With a single particle, this is at most
-    twice the optimal tour of the cells. No strategy has a better competitive ratio than 2 on general grid graphs. Other particles
-    that move along can only help. Source: paper M, section III.B.1.
+    twice the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio than this factor 2. The
+    other particles also move, and can only help. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"
@@ -40,7 +40,7 @@ class DepthFirst(Compiled):
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command: a probe, a step or a step back."""
+        """Return the next command: a probe of a neighbour, a step, or a step back."""
         if memory is None:
             cell = tuple(view.occupied.cells[0].tolist())
             trail = _Trail(cell, {cell})

@@ -1,4 +1,4 @@
-"""Policy elect-particle: plan for one elected particle. A particle that blocks its path takes its place."""
+"""Policy elect-particle: plan the moves of one elected particle. A particle that blocks the path is elected instead."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ class _Elected:
 
 @dataclass(frozen=True)
 class ElectParticle(Searching):
-    """Elect a random particle, follow the shortest path to the nearest frontier cell, and replan when that cell is classified.
+    """Elect a random particle, follow the shortest path to the nearest frontier cell, and plan again when that cell is classified.
 
-    If another particle blocks the elected particle, it is where the elected particle should be. It then becomes the elected
-    particle. Without this rule the paper's algorithm can cycle forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
+    If another particle blocks the elected particle, this particle is already in the cell that the elected particle wants to enter.
+    The blocking particle then becomes the elected particle. Without this rule, the algorithm of paper M can repeat the same moves
+    forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"

@@ -15,7 +15,7 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class Manual(Compiled):
-    """Send the given commands. The episode is stalled if they end before the task is complete.
+    """Send the given commands. If the commands end before the task is complete, the episode is stalled.
 
     Parameters
     ----------

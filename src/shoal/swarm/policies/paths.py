@@ -1,4 +1,4 @@
-"""Shortest paths of particles to the frontier, used by the searching policies."""
+"""Shortest paths of particles to the frontier, which the searching policies use."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int)
 
 
 def slides_of(layout: GridLayout) -> tilt_search.Slides:
-    """Return the working memory of the search under the rule tilt."""
+    """Return the working memory of a frontier search under the rule tilt."""
     rows, words = layout.words
     size = rows * words * 64
     return tilt_search.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
@@ -59,8 +59,9 @@ def path_to_frontier(
 ) -> str:
     """Return the shortest commands that move a particle from ``sources`` to a frontier cell, or "" if no path exists.
 
-    Breadth-first search through cells known to be free. Cells of equal distance are expanded in the order ``ties``, and their
-    neighbours in the order ``neighbours``. The target is the first frontier cell found.
+    The function searches breadth-first through cells that are known to be free. It expands cells of equal distance in the order
+    ``ties``. It visits the neighbours of a cell in the order ``neighbours``. The target is the first frontier cell that the search
+    finds.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def path_to_frontier(
 def route_to_frontier(
     belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
 ) -> tuple[str, tuple[int, ...]]:
-    """Return the path of `path_to_frontier` and its start cell. The start cell has no meaning under "tilt"."""
+    """Return the path of `path_to_frontier` and its start cell. Under the rule "tilt", the start cell has no meaning."""
     layout = sources.layout
     space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
     field = new_field(

@@ -50,13 +50,13 @@ class Policy(Protocol):
     """The interface of policies. `shoal.testing.check_policy` tests it.
 
     ``decide(view, memory, rng)`` returns ``(commands, memory)``. All commands are sent before the next decision, or until the task
-    is complete. An empty text means that the policy can make no progress. The memory is None at the first decision. A policy object
-    never changes, so one object can play many episodes.
+    is complete. If the policy can make no progress, ``commands`` is an empty text. The memory is None at the first decision. A
+    policy object never changes. Therefore one object can serve many episodes.
     """
 
     @property
     def name(self) -> str:
-        """Name with options, for summaries and files."""
+        """Name of the policy with its options, for summaries and files."""
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
         """Return the next commands and the memory for the next decision."""

@@ -1,4 +1,4 @@
-"""Policy random-moves: a uniformly random command at each step."""
+"""Policy random-moves: each command is drawn uniformly at random."""
 
 from __future__ import annotations
 

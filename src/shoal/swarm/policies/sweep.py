@@ -20,13 +20,13 @@ class _Phase:
 
 @dataclass(frozen=True)
 class WallSweep(Compiled):
-    """Move left to the wall. Alternate up and right until no particle moves right, then alternate down and left.
+    """Move left to the wall. Alternate the commands up and right until no particle moves right. Then alternate down and left.
 
     Repeat while cells are classified.
 
-    On a rectangle k cells tall, with k particles along its left wall (placement left-wall), the policy needs 4m/k moves. It is not
-    suited to other shapes. If a whole cycle classifies no cell, the policy stops and the episode is stalled. Source: paper D,
-    section III.B.2.
+    On a rectangle k cells tall, with k particles along its left wall (placement left-wall), the policy needs 4m/k moves for m free
+    cells. The policy is not suitable for other shapes. If a whole cycle classifies no cell, the policy stops, and the episode ends
+    as stalled. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"
@@ -35,7 +35,7 @@ class WallSweep(Compiled):
     dimensions: ClassVar[tuple[int, ...]] = (2,)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command of the cycle."""
+        """Return the next command of the sweep's cycle."""
         now = _Phase() if memory is None else self._noticed(memory, view)
         if now.phase == 3:
             if now.gain == 0:

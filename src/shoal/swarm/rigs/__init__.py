@@ -1,4 +1,4 @@
-"""Closed-loop control of a real or simulated rig: send commands, receive positions.
+"""Closed-loop control of a real or simulated rig: send commands, and receive positions.
 
 A *rig* is a device, or its simulation, that moves particles and observes their positions. Every policy works with every rig.
 """

@@ -1,4 +1,4 @@
-"""Mapping with a rig: run any policy in the closed loop of the simulations, and replay the log."""
+"""Mapping with a rig: run any policy in the same closed loop as simulations, and replay the log."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """The result of driving a rig. It is true as a bool if the map is complete.
+    """The result of driving a rig. ``bool(drive)`` is true if the map is complete.
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ class Drive:
         return f"{REASONS[self.status]} after {self.moves} moves{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
-        """Return the number of wrongly classified cells: walls classified as free, and free cells classified as walls.
+        """Return the numbers of wrongly classified cells: walls classified as free, and free cells classified as walls.
 
         Raises
         ------
@@ -198,11 +198,11 @@ class _RecordedRuns:
 
     @property
     def due(self) -> bool:
-        """Whether a scan followed the last run."""
+        """Whether a scan followed the last run of commands in the log."""
         return self._at in self._rig.scans
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run; see `Decider`."""
+        """Return the next run of commands; see `Decider`."""
         commands, first = self._rig.commands, self._at
         if first == len(commands):
             return None
@@ -217,7 +217,7 @@ class _RecordedRuns:
 
 
 def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
-    """Replay the commands of a recorded rig, and verify that the final map and the status equal those of the log.
+    """Replay the commands of a log, and verify that the final map and the status equal the recorded ones.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The log of a rig run: a file of JSON lines, written during the run, from which the run can be replayed."""
+"""The log of a rig run: a file of JSON lines, written during the run. From this file, the run can be replayed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LARGEST_LOG = 2**31  # bytes
 
 
 class DriveLog:
-    """A log that is written line by line, so that a crash loses nothing that was already recorded.
+    """A log that is written line by line, so that a crash loses no line that was already recorded.
 
     The file is created when the rig reports its first positions.
 
@@ -75,7 +75,7 @@ class DriveLog:
         self._write({"kind": "scan", "move": move, "cells": cells.tolist(), "time": self._time()})
 
     def event(self, what: str, details: dict[str, Any]) -> None:
-        """Record an event on the connection."""
+        """Record an event of the connection, such as its loss."""
         entry = {"kind": "event", "event": what} | details
         if self._file is None:
             self._waiting.append(entry)
@@ -83,7 +83,7 @@ class DriveLog:
             self._write(entry | {"time": self._time()})
 
     def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
-        """Record the status, and the map unless the run was interrupted. Close the file."""
+        """Record the status and, unless the run was interrupted, the map. Close the file."""
         if self._file is None:
             return
         found = {} if belief is None else {"moves": moves} | map_digest(belief)
@@ -102,7 +102,7 @@ class DriveLog:
 
 
 def map_digest(belief: Belief) -> dict[str, Any]:
-    """Return a fingerprint of the map: cell counts, and a checksum of the belief about each cell."""
+    """Return a digest of the map: the numbers of cells of each state, and a checksum of the belief about each cell."""
     return {
         "free": len(belief.open),
         "obstacles": len(belief.obstacles),
@@ -203,7 +203,7 @@ class RecordedRig:
         return self.problem.rule
 
     def send(self, command: str) -> None:
-        """Accept the next command of the log.
+        """Accept a command, which must be the next command of the log.
 
         Raises
         ------
@@ -216,7 +216,7 @@ class RecordedRig:
         self._at += 1
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells observed after the commands sent so far."""
+        """Return the cells that the recorded rig observed after the commands sent so far."""
         if self._at not in self.scans:
             raise RigError(f"the log: expected a scan after move {self._at}, got none")
         return np.array(self.scans[self._at], dtype=np.int64).reshape(-1, len(self.shape))

@@ -1,7 +1,8 @@
 """Messages between Shoal and a rig, protocol version 1: one JSON object per line, with a checksum as its last member.
 
-Requests are numbered consecutively. A rig that receives the same number again repeats its answer without acting again. A request
-that is repeated after a lost connection is therefore never carried out twice. docs/concepts/rigs.md describes every message.
+Requests are numbered consecutively. If a rig receives the same request number again, it repeats its answer but does not act again.
+Therefore a rig never carries out a request twice, even if the request is repeated after a lost connection. docs/concepts/rigs.md
+describes every message.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ class _Message(BaseModel):
 
 
 class Hello(_Message):
-    """Begin a session, or resume it after a lost connection."""
+    """Begin a session with a rig, or resume it after a lost connection."""
 
     type: Literal["hello"] = "hello"
     protocol: int = PROTOCOL
@@ -56,7 +57,7 @@ class Stop(_Message):
 
 
 class Welcome(_Message):
-    """Answer to hello: the rig's description, and the number of the last request carried out."""
+    """Answer to hello: the description of the rig, and the number of the last request that the rig carried out."""
 
     type: Literal["welcome"] = "welcome"
     protocol: int
@@ -89,13 +90,13 @@ class Stopped(_Message):
 
 
 class Again(_Message):
-    """Report that the last line was damaged and request it again."""
+    """Report that the last line was damaged, and request this line again."""
 
     type: Literal["again"] = "again"
 
 
 class Refusal(_Message):
-    """The rig cannot carry out the request. The text gives the reason."""
+    """The answer of a rig that cannot carry out the request. The text gives the reason."""
 
     type: Literal["error"] = "error"
     seq: int | None = None
@@ -109,7 +110,7 @@ _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator=
 def encode_message(message: Message) -> bytes:
     r"""Return the line of a message: JSON, checksum, newline.
 
-    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, written as eight hexadecimal digits.
+    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
 
     Examples
     --------

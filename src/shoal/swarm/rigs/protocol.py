@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Rig(Protocol):
     """A device, or its simulation, that moves particles and observes them.
 
-    A rig is at rest between two commands, so a policy may take any time.
+    A rig is at rest between two commands. Therefore a policy may compute for any time.
     """
 
     @property

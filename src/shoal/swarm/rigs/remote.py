@@ -64,8 +64,9 @@ class LinkCounts:
 class RemoteRig:
     """A rig that uses the protocol of `shoal.swarm.rigs.messages` over a connection.
 
-    Requests are numbered. An unanswered request is repeated under the same number, until ``patience`` seconds pass without any
-    answer. A lost connection is reopened and the session resumed. A rig carries out each number only once.
+    Requests are numbered. An unanswered request is repeated under the same number. After ``patience`` seconds without any answer,
+    an error is raised. A lost connection is opened again, and the session continues. A rig carries out each request number only
+    once.
 
     Parameters
     ----------
@@ -163,7 +164,7 @@ class RemoteRig:
             raise RigError(str(error)) from None
 
     def stop(self) -> None:
-        """Stop the rig in any situation. The stop is repeated until the rig confirms it.
+        """Stop the rig, even after an error. The request to stop is repeated until the rig confirms it.
 
         Raises
         ------
@@ -321,7 +322,7 @@ class RemoteRig:
 
 
 def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE, on_event: OnEvent | None = None) -> RemoteRig:
-    """Connect to the rig that ``spec`` names.
+    """Connect to the rig that the text ``spec`` names.
 
     Parameters
     ----------

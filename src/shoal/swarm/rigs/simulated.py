@@ -11,7 +11,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 class SimulatedRig:
-    """Simulated particles in a workspace. Motion and observation are free of errors.
+    """Simulated particles in a workspace. This rig moves and observes particles without errors.
 
     Parameters
     ----------

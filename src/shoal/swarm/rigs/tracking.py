@@ -1,4 +1,7 @@
-"""The particles of a rig in the closed loop: send commands, convert positions to a belief, and refuse impossible positions."""
+"""The particles of a rig in the closed loop: they carry out commands, and their observed positions become a belief.
+
+Impossible positions are refused.
+"""
 
 from __future__ import annotations
 
@@ -60,22 +63,28 @@ class RigSwarm(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether no frontier cell is left that particles could classify."""
+        """Whether the particles can classify no frontier cell any more."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """Process ``steps`` equal commands without a scan, like `update`. Return None without any change if a scan is needed."""
+        """Update the belief after ``steps`` equal commands without a scan, like `update`.
+
+        If a scan is necessary, return None and change nothing.
+        """
 
     @abstractmethod
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Process a scan after ``steps`` equal commands. Return (classified, frontier, travelled) of each command."""
+        """Update the belief with a scan after ``steps`` equal commands.
+
+        Return (classified, frontier, travelled) for each command.
+        """
 
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the rig observes particles; int64, shape (n, ndim)."""
         return check_cells(self.rig.observe(), self.rig.shape, what="positions")
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send a run of commands. Observe afterwards unless the outcome is already known."""
+        """Send a run of commands. After the commands, observe unless the outcome is already certain."""
         for _ in range(steps):
             self.moves += 1
             if self.log is not None:
@@ -200,18 +209,18 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left."""
+        """Whether the particles can reach no frontier cell any more."""
         return self._noisy.finished
 
     def predict(self, command: str, steps: int) -> list[Row]:
-        """See `RigSwarm`. Particles may have moved, and no cell is classified."""
+        """See `RigSwarm`. The estimated positions of the particles change, and no cell is classified."""
         for _ in range(steps):
             self._noisy.spread(command)
         self._take_over()
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """See `RigSwarm`. The travelled distance is unknown and reported as 0."""
+        """See `RigSwarm`. The travelled distance is unknown. It is reported as 0."""
         rows = self.predict(command, steps - 1)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)

@@ -1,6 +1,6 @@
 """Connections to a rig: a serial port, TCP, or a program's standard input and output.
 
-They transmit lines and may be lost any time.
+A connection transmits lines of text, and may be lost at any time.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Transport(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connection in any state."""
+        """Close the connection, whatever its state is."""
 
 
 @contextmanager
@@ -103,7 +103,7 @@ def _opened(end: T | None) -> T:
 
 
 class SerialTransport(Transport):
-    """A serial port, accessed by pyserial.
+    """A serial port, which the library pyserial opens.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class TcpTransport(Transport):
 
 
 class ProcessTransport(Transport):
-    """A program's standard input and output. The program is started here, and restarted if it ends.
+    """A program's standard input and output. This object starts the program, and starts it again if it ends.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ class ProcessTransport(Transport):
         return data
 
     def close(self) -> None:
-        """Close the program's input, wait briefly, and then terminate the program."""
+        """Close the program's input, wait for a short time, and then terminate the program."""
         if self._child is None:
             return
         if self._child.stdin is not None:
@@ -239,7 +239,7 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
 
 
 def open_transport(spec: str) -> Transport:
-    """Return the closed connection that ``spec`` names; see `shoal.swarm.rigs.open_rig`.
+    """Return the connection that ``spec`` names, not yet opened; see `shoal.swarm.rigs.open_rig`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The closed loop in compiled code for built-in policies. It equals the Python loop move by move."""
+"""The closed loop in compiled code for built-in policies. It gives the same result as the Python loop, move by move."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NOISY_PIECE = 256  # moves with noise between two points at which progress is sh
 
 
 class Game(Protocol):
-    """A policy that runs in compiled code. Each call fills one trace."""
+    """The state of a policy that runs in compiled code. Each call fills one trace."""
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Continue until the trace is full or the episode ends, for at most ``limit`` moves. Return (moves, status code)."""
@@ -49,16 +49,16 @@ class Game(Protocol):
 
     @property
     def largest(self) -> int:
-        """Maximum number of moves of one call."""
+        """Maximum number of moves that one call may compute."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode that was stopped. The end of an interrupted run is observed."""
+        """Return the status of an episode that was stopped early. If a run of commands was interrupted, observe its end."""
 
 
 def compiled_loop(
     game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
 ) -> tuple[Trace, Status]:
-    """Run an episode in compiled code, in pieces of a fraction of a second. ``scanned`` holds the scans of a replay."""
+    """Run an episode in compiled code, in pieces of a fraction of a second. For a replay, ``scanned`` holds the recorded scans."""
     room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     while moves < max_moves and ended == RUNNING:
@@ -82,7 +82,7 @@ def compiled_loop(
 
 
 def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
-    """Return the initial memory of the policy depth-first."""
+    """Return the initial memory of the policy depth-first for its path."""
     return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
 
 
@@ -99,7 +99,7 @@ Fixed commands need neither.
 
 
 class SearchGame:
-    """A run of one of the papers' policies in compiled code (kernels/episodes).
+    """A run of a policy of the papers in compiled code (kernels/episodes).
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class SearchGame:
             choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Run one piece; see `Game`. Random numbers are drawn here, outside the kernel."""
+        """Run one piece; see `Game`. This method draws the random numbers, outside the kernel."""
         if self.code == policy_episode.RANDOM:
             trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
         played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)
@@ -148,11 +148,14 @@ class SearchGame:
 
     @property
     def largest(self) -> int:
-        """Maximum number of moves of one piece. It is smaller for larger boards, whose moves take longer."""
+        """Maximum number of moves that one call may compute.
+
+        The maximum is smaller for larger boards, because their moves take longer.
+        """
         return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
-        """Observe the end of an interrupted run, unless its outcome was already known; see `Game`."""
+        """If a run of commands was interrupted, observe its end unless the outcome was already certain; see `Game`."""
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
@@ -195,7 +198,7 @@ class PlannerGame:
 
     @property
     def largest(self) -> int:
-        """Maximum number of moves of one piece; see `SearchGame`."""
+        """Maximum number of moves that one call may compute; see `SearchGame`."""
         return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
@@ -234,7 +237,7 @@ class NoisyGame:
         return self.belief.remaining
 
     def cut(self, trace: Trace) -> Status:
-        """Return complete or limit, depending on whether the task was just finished."""
+        """Return the status complete if the task is finished, otherwise the status limit."""
         return Status.COMPLETE if self.belief.finished else Status.LIMIT
 
 
@@ -246,12 +249,12 @@ def is_compiled(task: Any) -> bool:
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return the number of moves that takes about a fraction of a second."""
+    """Return the number of moves that one call to compiled code may compute, which takes a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
 def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule in the kernels' form. Without a rule, the log determines the scans."""
+    """Return a scan rule in the form that kernels use. Without a rule, the recorded log determines the scans."""
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
@@ -283,7 +286,7 @@ def policy_state_of(
     scanning: ScanRule | None = EVERY_MOVE,
     space: Any = None,
 ) -> policy_episode.PolicyState:
-    """Return the initial memory of a built-in policy, or of one that follows ``plan``."""
+    """Return the initial memory of a built-in policy, or of a policy that follows the commands ``plan``."""
     search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
@@ -295,7 +298,7 @@ def policy_state_of(
 
 
 def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
-    """Choose the particle that a policy drives: elect-particle a random one, depth-first the first, other policies none."""
+    """Choose the particle that a policy moves: a random particle for elect-particle, the first for depth-first, otherwise none."""
     if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells

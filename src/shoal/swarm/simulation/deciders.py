@@ -29,11 +29,11 @@ NOISY_TIMES = 20
 
 
 class Decider(Protocol):
-    """Chooses the runs of an episode."""
+    """Chooses the runs of commands of an episode."""
 
     @property
     def due(self) -> bool:
-        """Whether a scan must follow the last run. Otherwise the scan may be skipped if its outcome is known."""
+        """Whether a scan must follow the last run of commands. If not, the scan may be left out if its outcome is certain."""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return a command and its number of repetitions, or None if no commands are left."""
@@ -53,8 +53,8 @@ def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool
 class PlannedRuns:
     """Divides the plans of a policy into runs.
 
-    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells, so its run may be
-    longer than the plan.
+    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells. Therefore its run may
+    be longer than this part.
     """
 
     due = True
@@ -65,7 +65,7 @@ class PlannedRuns:
         self.plan, self.at, self.streak, self.last = "", 0, 0, ""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run; see `Decider`."""
+        """Return the next run of commands; see `Decider`."""
         if self.at >= len(self.plan):
             (self.plan, self.memory), self.at = decided(self.policy, view, self.memory, self.rng), 0
             if not self.plan or idle >= PATIENCE:
@@ -89,7 +89,7 @@ class PlannedRuns:
 
 
 class AdaptiveRuns:
-    """The adaptive scan rule. Kernels choose the runs, exactly as in compiled episodes.
+    """The adaptive scan rule. The same kernels choose the runs as in compiled episodes.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class AdaptiveRuns:
         self.scan_planner = scan_planner_of(layout, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run; see `Decider`."""
+        """Return the next run of commands; see `Decider`."""
         memory, belief = self.policy_state.memory, view.belief
         memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
         # the belief replaces the true state, because no kernel called here moves particles
@@ -128,11 +128,11 @@ class AdaptiveRuns:
 
 
 class ReplannedRuns:
-    """Runs with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
+    """Runs of commands with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
 
-    A scan follows every ``every`` commands and the end of each plan. A plan without memory is then discarded. A policy is stopped
-    if it classifies no new cell for too many moves, so every episode ends. The limit is `NOISY_TIMES` times the number of moves
-    that closest-frontier may need across all known free cells.
+    A scan follows after each ``every`` commands, and after the end of each plan. After a scan, the rest of a plan is discarded if
+    its policy has no memory. If a policy classifies no new cell for too many moves, it is stopped. Therefore every episode ends.
+    The limit is `NOISY_TIMES` times the largest number of moves that closest-frontier may need to cross all known free cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:
@@ -171,7 +171,10 @@ class ReplannedRuns:
 
 
 def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
-    """Ask a policy for its decision. An invalid answer or an exception gives an error of one sentence."""
+    """Call a policy, and return its decision.
+
+    If the policy returns an invalid answer or raises an exception, raise an error of one sentence.
+    """
     try:
         answer = policy.decide(view, memory, rng)
     except ShoalError:

@@ -53,7 +53,10 @@ def write(
     start: NDArray[np.int64],
     targets: NDArray[np.bool_] | None,
 ) -> None:
-    """Write an episode. ``told`` holds its fields that are not arrays. See `shoal.swarm.episode.SwarmEpisode.save`."""
+    """Write an episode. ``told`` holds the fields of the episode that are not arrays.
+
+    See `shoal.swarm.episode.SwarmEpisode.save`.
+    """
     target = Path(path)
     if target.suffix != ".npz":
         raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
@@ -79,7 +82,7 @@ def write(
 
 
 def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
-    """Return problem, fields, trace, start and targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
+    """Return the problem, the other fields, the trace, the start and the targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
         raise InvalidInputError(

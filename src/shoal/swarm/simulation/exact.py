@@ -1,4 +1,4 @@
-"""A simulated swarm without noise. Every step returns new data and changes no argument."""
+"""A simulated swarm without noise. Every step returns new data, and does not change its arguments."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.swarm.grid.world import GridWorld
 
 
 class ExactSwarm:
-    """Particles in a world, and the belief of a task; see `shoal.swarm.simulation.loop.Controlled`.
+    """Particles in a simulated world without noise, with the belief of a task; see `shoal.swarm.simulation.loop.Controlled`.
 
     Parameters
     ----------
@@ -68,10 +68,10 @@ class ExactSwarm:
 
 
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
-    """Return the number of particles that moved one cell in a push.
+    """Return the number of particles that moved by one cell in a push.
 
-    In a queue, the first particle stays and the others close up, so their order identifies the particles. The sum of the occupied
-    cells' coordinates along the command's direction therefore gives the total distance.
+    Particles in a row keep their order. Therefore their order identifies them, although they have no labels. The change of the sum
+    of the occupied cells' coordinates, along the command's direction, is the total distance.
     """
     axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
     sign = 1 if command in "rdo" else -1

@@ -1,4 +1,4 @@
-"""The closed loop in Python (observe, decide, send, record), used by simulations, noise and rigs."""
+"""The closed loop in Python (observe, decide, send, record), which simulations, noise and rigs use."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ OnTrace = Callable[[Trace], None]
 
 
 class Controlled(Protocol):
-    """The swarm that the loop controls. It carries out commands, and estimates the map and the particles' cells.
+    """The swarm that the loop controls. It carries out commands, and knows the map and the particles' cells.
 
-    Policies see ``belief`` and ``state``. For a rig or with noise, both are estimates.
+    Policies see ``belief`` and ``state``. For a rig or with noise, the map and the particles' cells are estimates.
     """
 
     @property
@@ -39,7 +39,7 @@ class Controlled(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether the task is done, given that the frontier is empty."""
+        """Whether the task is done when the frontier is empty."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
         """Send ``steps`` equal commands, observe, and update belief and state.
@@ -69,7 +69,8 @@ def closed_loop(
 ) -> tuple[Trace, Status]:
     """Run until no frontier cell is left, the policy has no more commands, or the maximum number of moves is reached.
 
-    No decision is made between two scans. The scan at the end of a run of equal commands determines the effect of each command.
+    The policy makes no decision between two scans. The scan at the end of a run of equal commands determines the effect of each
+    command.
 
     Parameters
     ----------

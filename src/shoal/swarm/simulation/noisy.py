@@ -12,7 +12,7 @@ from shoal.swarm.noise.belief import NoisyBelief
 
 
 class NoisySwarm:
-    """Particles whose true state is stored in their belief's arrays; see `shoal.swarm.simulation.loop.Controlled`.
+    """Particles with noise, whose true state is stored in the arrays of their belief; see `shoal.swarm.simulation.loop.Controlled`.
 
     Parameters
     ----------
@@ -33,11 +33,11 @@ class NoisySwarm:
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left and no cell was given up."""
+        """Whether the particles can reach no frontier cell any more, and no cell was given up."""
         return self.noisy.finished
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send commands, and scan after the last one if ``scan`` is true; see `shoal.swarm.simulation.loop.Controlled`."""
+        """Send commands, and scan after the last command if ``scan`` is true; see `shoal.swarm.simulation.loop.Controlled`."""
         code, rows = encode(command, ndim=self.noisy.layout.ndim)[0], []
         for step in range(1, steps + 1):
             travelled, classified = int(noisy_state.move_noisy(self.noisy.state, code, self.rng)), 0

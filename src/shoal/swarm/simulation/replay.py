@@ -31,7 +31,7 @@ from shoal.swarm.simulation.exact import ExactSwarm
 
 
 class End(NamedTuple):
-    """The final state of a replay."""
+    """The state at the end of a replay."""
 
     state: SwarmState
     belief: Belief
@@ -40,20 +40,20 @@ class End(NamedTuple):
 
 
 class Replay(Protocol):
-    """An episode replayed from its commands and scans."""
+    """A replay of an episode from its commands and scans."""
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command."""
 
     def moments(self) -> Iterator[Moment]:
-        """Yield the observable quantities at the start and after each command, for episodes with noise."""
+        """Yield the observable quantities of an episode with noise, at the start and after each command."""
 
     @property
     def end(self) -> End:
-        """State and belief at the end, and the replayed trace."""
+        """The state and the belief at the end, and the trace of the replay."""
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first wrong scan, or None if all scans fit the rule."""
+        """Return a description of the first scan that does not follow the scan rule, or None."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,8 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        The belief is the one after the last scan. If the outcome of all later commands was already known, it is the newest belief.
+        The belief is that of the last scan. If the outcome of all later commands was already certain, the belief includes this
+        outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -116,7 +117,10 @@ class ExactReplay:
         return End(swarm.state, swarm.belief, recorder.trace, first)
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first wrong scan, or None. No decision may fall between a run and its scan."""
+        """Return a description of the first scan that does not follow the scan rule, or None.
+
+        The policy must not decide between a run and its scan.
+        """
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
             return f"no scan after move {int(np.argmin(scanned)) + 1}, although there should be one after every move"
@@ -139,9 +143,9 @@ class _BeliefReplay(ABC):
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and the particles' cells with the rim.
+        """Yield the belief, which changes in place, and the particles' cells as an array with the rim.
 
-        For a rig these are the observed cells.
+        For a rig, these cells are the observed cells.
         """
 
     @abstractmethod
@@ -160,9 +164,9 @@ class _BeliefReplay(ABC):
             yield Moment(particles, looks_of(belief, truth))
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first wrong scan, or None.
+        """Return a description of the first scan that does not follow the scan rule, or None.
 
-        Unlike without noise, a plan may change direction before its scan.
+        With noise, a plan may change direction before its scan.
         """
         unseen, most = 0, scanning.step
         for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
@@ -174,7 +178,7 @@ class _BeliefReplay(ABC):
 
 @dataclass(frozen=True)
 class NoisyReplay(_BeliefReplay):
-    """A replay with the same noise again.
+    """A replay with the same noise as in the episode.
 
     Parameters
     ----------
@@ -219,7 +223,7 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief at the end with its probabilities, and the other final values."""
+        """The belief at the end of the replay with its probabilities, and the other values at the end."""
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned
@@ -275,7 +279,10 @@ class ObservedReplay(_BeliefReplay):
 
     @cached_property
     def end(self) -> End:
-        """See `Replay`. The classified and travelled columns are copied from the trace, because scans do not determine them."""
+        """See `Replay`.
+
+        The columns ``classified`` and ``travelled`` are copies from the trace, because the scans do not determine them.
+        """
         frontier: list[int] = []
         belief: Any = None
         for belief, _ in self.beliefs():

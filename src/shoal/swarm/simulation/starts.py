@@ -1,4 +1,4 @@
-"""The start of an episode: random start cells and targets, and the swarm to control."""
+"""The start of an episode: random start cells and targets, and the swarm that the closed loop controls."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ from shoal.swarm.simulation.noisy import NoisySwarm
 
 
 def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """Return start cells, int64, shape (n, ndim), and the task's random target mask or None. Given start cells are not drawn."""
+    """Return the start cells (int64, shape (n, ndim)), and the mask of the task's random targets or None.
+
+    If the problem gives the start cells, no cells are drawn.
+    """
     workspace = problem.place
     if problem.start is None:
         start = place(workspace, problem.particles, problem.placement, rng)
@@ -27,7 +30,7 @@ def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64]
 def swarm_of(
     problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, noise_rng: Generator
 ) -> ExactSwarm | NoisySwarm:
-    """Return the swarm at the start of an episode. ``noise_rng`` is the generator of its noise."""
+    """Return the swarm at the start of an episode. ``noise_rng`` is the random generator of the noise."""
     if problem.noise is not None:
         return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, noise_rng), noise_rng)
     world = GridWorld(problem.place, problem.rule)

@@ -56,7 +56,7 @@ def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.
 def check_case(
     workspace: GridWorkspace, start: ArrayLike, task: str, targets: NDArray[np.bool_] | None, rule: str
 ) -> NDArray[np.int64]:
-    """Return the start cells. Refuse a task, targets or a rule without bounds."""
+    """Return the start cells. Refuse a task, targets or a move rule for which no bounds are known."""
     if rule not in ("block", "merge"):
         raise InvalidInputError(f"rule: expected block or merge, where a particle moves at most one cell a command, got {rule}")
     if task not in ("mapping", "coverage"):

@@ -1,4 +1,4 @@
-"""Minimum numbers of moves of small coverage tasks, proved by exhaustive search."""
+"""Minimum numbers of moves of small coverage tasks, found by a complete search, which proves them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_STATES = 2_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The minimum number of moves, proved by search.
+    """The minimum number of moves of a task, proved by a complete search.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def optimum(
     rule: str = "block",
     most_states: int = MOST_STATES,
 ) -> Optimum:
-    """Return the minimum number of moves that covers all free cells, or the targets, by A* search.
+    """Return the minimum number of moves that covers all free cells, or all targets. The method is an A* search.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ class SmallWorld:
         return staying | self.shifted(moving, offset)
 
     def balls(self, cell: int) -> list[int]:
-        """Return the cells within 0, 1, 2, ... moves of a cell."""
+        """Return the sets of cells that lie within 0, 1, 2, ... moves of a cell."""
         found = [1 << cell]
         while True:
             wider = found[-1]

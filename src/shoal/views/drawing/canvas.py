@@ -1,4 +1,4 @@
-"""A fast antialiased canvas for frames, based on matplotlib's renderer without figures and artists."""
+"""A fast antialiased canvas for frames, based on matplotlib's renderer alone, without its figures and artists."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Canvas:
         self._kept = self._pixels.copy()
 
     def keep(self) -> None:
-        """Store the current drawing as the background of all frames."""
+        """Store the current drawing as the background of all following frames."""
         self._kept[...] = self._pixels
 
     def clear(self) -> None:
@@ -68,14 +68,14 @@ class Canvas:
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
     def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
-        """Draw several lines at once. This is faster, and crossings are not darker."""
+        """Draw several lines at once. One call for all lines is faster, and crossings are not darker than the lines."""
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
 
     def area(
         self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
     ) -> None:
-        """Fill the inside of rings. Rings with opposite orientation are holes."""
+        """Fill the inside of rings. Rings whose orientation is opposite to that of the outer ring are holes."""
         kept = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
         if kept:
             self._draw(_path(kept, closed=True), fill, edge, width, alpha, None)
@@ -90,12 +90,12 @@ class Canvas:
         width: float = 0,
         alpha: float = 1.0,
     ) -> None:
-        """Draw a disc, or a ring if there is no fill."""
+        """Draw a disc, or only its border if no fill colour is given."""
         x, y = np.asarray(place)
         self._draw(_CIRCLE.transformed(Affine2D().scale(radius).translate(x, y)), fill, edge, width, alpha, None)
 
     def text(self, place: ArrayLike, words: str, colour: Colour, size: float, *, bold: bool = False, align: float = 0.0) -> float:
-        """Write a text with its baseline at ``place``. ``align`` is 0 for left, 0.5 for centred, 1 for right.
+        """Write a text with its baseline at ``place``. ``align`` is 0 for left-aligned, 0.5 for centred, 1 for right-aligned.
 
         Return the text's width.
         """

@@ -20,7 +20,7 @@ BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072b2", "#d55e00", "#009e73", "#aa4499", "
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure of the given size in inches that notebooks can display."""
+    """Return an empty figure that notebooks can display. The size is in inches."""
     from shoal.views.drawing.notebook_figure import NotebookFigure  # needs matplotlib, which is slow to import
 
     return NotebookFigure(figsize=(width, height), dpi=150, layout="constrained", facecolor="white")
@@ -36,12 +36,12 @@ def padded_figure(width: float, height: float) -> Figure:
 
 
 def set_title(axes: Axes, text: str) -> None:
-    """Set a literal title, because a "$" in a file name must not start a formula."""
+    """Set the title as literal text, so that a "$" in a file name does not start a formula."""
     axes.set_title(text, fontsize=11, color=INK, loc="left", fontweight="bold", parse_math=False)
 
 
 def plain_axes(axes: Axes) -> None:
-    """Reduce the frame to two sides, with a pale grid behind the data."""
+    """Reduce the frame of the axes to two sides, and draw a pale grid behind the data."""
     axes.spines[["top", "right"]].set_visible(False)
     axes.tick_params(colors=MUTED, labelcolor=INK)
     axes.grid(color=GRID, lw=0.6)
@@ -49,7 +49,7 @@ def plain_axes(axes: Axes) -> None:
 
 
 def bare_axes(axes: Axes) -> None:
-    """Reduce the frame to small tick labels, with equal scales of both axes."""
+    """Remove the frame of the axes except small tick labels, and give both axes the same scale."""
     axes.set_aspect("equal")
     axes.margins(0.04)
     axes.tick_params(colors=MUTED, labelcolor=MUTED, labelsize=8)

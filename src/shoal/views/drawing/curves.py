@@ -1,4 +1,4 @@
-"""Curves of means with confidence bands and published curves behind them; and curves of frontier cells by move."""
+"""Charts with curves: means with confidence bands before published curves, and numbers of frontier cells by move."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: b
 
 
 def add_note(figure: Figure, note: str) -> None:
-    """Write a note below a figure, or above it if the legend is below."""
+    """Write a note below a figure, or above the figure if its legend is below."""
     note = fill(note, width=int(17 * figure.get_figwidth()))
     if note and figure.legends:
         figure.suptitle(note, fontsize=8, color=MUTED, x=0.01, ha="left")
@@ -208,7 +208,7 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of curves of different lengths as float64. A curve that has ended counts as 0."""
+    """Return the median of curves of different lengths as float64. After its end, a curve counts as 0."""
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve

@@ -43,7 +43,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a film: whole pixels per cell if possible, and even sides as video requires.
+    """Return (width, height) of a film: whole pixels per cell if possible, and even numbers, as video requires.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
 
 
 def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
-    """Yield the frames and report the progress."""
+    """Yield the frames of a film, and report the progress."""
     for done, frame in enumerate(frames, start=1):
         yield frame
         if on_frame is not None:
@@ -107,9 +107,9 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 
 
 def palette_of(frames: list[Frame]) -> bytes:
-    """Return up to 256 colours, as red, green and blue bytes, for a GIF of such frames.
+    """Return up to 256 colours, as bytes of red, green and blue, for a GIF of the given frames.
 
-    The most frequent colours are kept exactly.
+    The most frequent colours stay exactly the same.
     """
     from PIL import Image as Pillow
 
@@ -133,7 +133,7 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None) -> None:
-    """Write uint8 frames of shape (H, W, 3) as a GIF. Small frames are enlarged to about ``side`` without interpolation."""
+    """Write uint8 frames of shape (H, W, 3) as a GIF. Small frames are enlarged to about ``side`` pixels, without interpolation."""
     from PIL import Image as Pillow
 
     colours = Pillow.new("P", (1, 1))
@@ -151,7 +151,7 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
 
 
 def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int) -> None:
-    """Write frames as H.264 with our own ffmpeg process. ``quality`` is the constant rate factor.
+    """Write frames as H.264 with a separate ffmpeg process. ``quality`` is ffmpeg's constant rate factor.
 
     The messages and the exit code of ffmpeg show whether the film is complete.
     """

@@ -1,4 +1,4 @@
-"""LiveWindow: a window for live pictures."""
+"""LiveWindow: a window for pictures of a running episode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class LiveWindow:
-    """A window with one picture. Without a display nothing is shown and no error is raised.
+    """A window with one picture. Without a display, the class shows nothing and raises no error.
 
     Parameters
     ----------

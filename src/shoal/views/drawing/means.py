@@ -1,4 +1,4 @@
-"""The figure of a sweep: means with intervals against its first numeric axis, or one row per point."""
+"""The figure of a sweep: means with confidence intervals against its first numeric axis, or in one row per point."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PointMean:
 
 
 def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
-    """Return the figure of a sweep's means, with a line for each combination of the other axes, or a row for each point.
+    """Return the figure of a sweep's means, as a line for each combination of the other axes, or as a row for each point.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A matplotlib figure that notebooks display, whether or not pyplot is imported."""
+"""A matplotlib figure that notebooks display even if pyplot is not imported."""
 
 from __future__ import annotations
 

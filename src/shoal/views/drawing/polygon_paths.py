@@ -11,7 +11,7 @@ Ring = NDArray[np.float64]
 
 
 def rings_of(area: Any) -> list[list[Ring]]:
-    """Return the rings of each part of an area, the outer ring first; float64, shape (n, 2)."""
+    """Return the rings of each part of an area, beginning with the outer ring; each float64, shape (n, 2)."""
     return [
         [np.asarray(ring.coords)[:, :2] for ring in (part.exterior, *part.interiors)]
         for part in getattr(area, "geoms", [area])
@@ -20,6 +20,6 @@ def rings_of(area: Any) -> list[list[Ring]]:
 
 
 def hole_in(frame: Ring, ring: Ring) -> Ring:
-    """Return a ring with the orientation opposite to the surrounding frame, which makes the ring a hole."""
+    """Return a ring with the orientation opposite to the surrounding frame, so that the ring becomes a hole."""
     areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
     return ring if areas[0] * areas[1] < 0 else ring[::-1]

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def bar_length(most: float) -> float:
-    """Return the largest of 1, 2 and 5 times a power of ten that is at most ``most``.
+    """Return the largest number up to ``most`` that is 1, 2 or 5 times a power of ten.
 
     Examples
     --------

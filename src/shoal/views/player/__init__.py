@@ -1,9 +1,9 @@
 """The player: a self-contained HTML page that plays an episode of any part.
 
 Styles, scripts and the page template are in ``shared/``, and files for a single part in the folder of that part. The page of a
-swarm episode simulates the episode from its start and its commands. The file is therefore small: about 70 kB, of which the episode
-takes a few kB. With noise the page cannot simulate, and contains the observable data of each move. The pages of steering episodes
-and searches contain trajectories of straight segments.
+swarm episode simulates the episode from its start and its commands. Therefore the file is small: about 70 kB, of which the
+episode's data are a few kB. A page cannot simulate noise. With noise, it contains the observable data of each move instead. The
+pages of steering episodes and searches contain trajectories of straight segments.
 """
 
 from __future__ import annotations
@@ -68,9 +68,9 @@ def render(part: str, data: Mapping[str, Any]) -> str:
 
 
 def served_page(part: str, *, volume: bool = False, recorded: bool = False, more: tuple[str, ...] = (), files: str = "") -> str:
-    """Return the page for a server.
+    """Return the player's page for a server, without an episode.
 
-    Styles and scripts are links to ``files``, and a script supplies the episode, also while it grows.
+    Its styles and scripts are links to ``files``. A script supplies the episode, and can do so while the episode runs.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def served_page(part: str, *, volume: bool = False, recorded: bool = False, more
 
 
 def files_of(part: str, *, volume: bool = False, recorded: bool = False) -> tuple[list[str], list[str]]:
-    """Return the styles and scripts of a player. See `served_page` for the parameters."""
+    """Return the names of the styles and scripts of a player. See `served_page` for the parameters."""
     if part != "swarm":
         scripts = [name.format(part=part) for name in (*_TRAJECTORIES, *_FRAME)]
         colours = ["search/colours.css"] if part == "search" else []

@@ -34,9 +34,9 @@ _ARROWS = 14  # maximum number of arrows on a route
 def routes_figure(episode: SearchEpisode) -> Figure:
     """Return the figure of a search: the region and the path of each robot in its colour.
 
-    A square with a number marks a robot's start, a cross its death, and a diamond a finding with its confidence. A cell has the
-    colour of the robot that searched it first. Cells of another robot's part are darker with an outline, and the path through them
-    is thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
+    A square with a number marks a robot's start, a cross the place where the robot failed, and a diamond a finding with its
+    confidence. A cell has the colour of the robot that searched it first. Cells that it searched for another robot are darker, with
+    an outline, and its path through them is thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
     """
     history = SearchHistory(episode)
     left, right, bottom, top = history.sides
@@ -119,7 +119,7 @@ def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:
-    """Return the colour of each cell at a time; white for unsearched cells; float64, shape (n, 3), by tour index.
+    """Return the colour of each cell at a given time, by tour index; white for unsearched cells; float64, shape (n, 3).
 
     A discovered obstacle has its own colour.
     """
@@ -244,7 +244,7 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
 
 
 def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Return points moved apart until the distance of any two is at least about ``least``; float64, shape (n, 2).
+    """Return points moved apart until any two of them are at least about ``least`` apart; float64, shape (n, 2).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Frames of search films: moving robots, searched cells, deaths and takeovers."""
+"""Frames of search films: moving robots, searched cells, failed robots and takeovers."""
 
 from __future__ import annotations
 
@@ -63,7 +63,10 @@ class SearchFilm:
         self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
-        """Return the times of the frames in cell times. The final time is repeated."""
+        """Return the times of the frames in units of the time that a robot of speed 1 needs for one cell.
+
+        The final time is repeated.
+        """
         seconds = float(np.clip(self.history.end / 8, _SHORTEST, SECONDS))
         rest = round(_REST * rate)
         count = min(round(seconds * rate), longest - rest)

@@ -1,4 +1,4 @@
-"""The history of a search episode for drawing: positions over time, owners of cells, and activities of robots."""
+"""The history of a search episode for drawing: positions over time, the robot of each cell, and activities of robots."""
 
 from __future__ import annotations
 
@@ -27,13 +27,13 @@ ROBOTS = (
 
 
 def robot_colour(robot: int) -> str:
-    """Return the colour of a robot counted from 0. Twelve colours repeat, and the numbers distinguish the robots."""
+    """Return the colour of a robot counted from 0. The twelve colours repeat. Robots of the same colour differ by their numbers."""
     return ROBOTS[robot % len(ROBOTS)]
 
 
 @dataclass(frozen=True, slots=True)
 class Activity:
-    """A period in which a robot did one thing.
+    """A period in which a robot had one activity.
 
     Parameters
     ----------
@@ -54,7 +54,8 @@ class Activity:
 class SearchHistory:
     """An episode with derived data for drawing.
 
-    The parts are those on which all robots agree that know each other. A robot that was dead from the beginning has no part.
+    The parts are those that the robots compute when all of them know one another. A robot that was dead from the beginning has no
+    part.
 
     Parameters
     ----------
@@ -69,14 +70,14 @@ class SearchHistory:
 
     @cached_property
     def end(self) -> float:
-        """Time of the last event in cell times; above 0."""
+        """Time of the last event in units of the time that a robot of speed 1 needs for one cell; above 0."""
         moments = [state[0] for log in self.episode.trace.robots for state in log.states]
         moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """Owner of each cell by tour index (0: none), and the order of the robots around the tour."""
+        """The robot to whose part each cell belongs (0: none), by tour index. Also the order of the robots around the tour."""
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
@@ -99,10 +100,10 @@ class SearchHistory:
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """Return the owner of each cell in which a robot stopped to search, 0 for its own work; int64, shape (k,).
+        """For each cell where a robot stopped, return the robot to whose part it belongs, or 0 for its own part; int64, shape (k,).
 
-        With a wider footprint, the stop counts as own work if any newly seen cell was its own; otherwise the most frequent owner
-        counts.
+        With a footprint wider than one cell, a stop counts as own work if the robot sees any new cell of its own part there.
+        Otherwise the part with the most newly seen cells counts.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -123,7 +124,7 @@ class SearchHistory:
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """Time of the first search of each cell by a robot that does not lie (infinite if never), and that robot (0 if none)."""
+        """For each cell, the time of the first search by a robot that does not lie (or infinity), and its number (or 0)."""
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.trace.robots, start=1):
             if number not in self.liars and log.cells.size:
@@ -139,7 +140,7 @@ class SearchHistory:
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """Which cells were first searched by a robot that took them over; bool, by tour index."""
+        """Whether the robot that searched a cell first had taken it over from another robot; bool, by tour index."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]
@@ -148,11 +149,11 @@ class SearchHistory:
         return found
 
     def searched(self, time: float) -> int:
-        """Return the number of cells searched until a time."""
+        """Return the number of cells that were searched up to a given time."""
         return int(np.count_nonzero(self.first[0] <= time))
 
     def death(self, robot: int) -> float:
-        """Return the time of a robot's death, or infinity."""
+        """Return the time at which a robot failed, or infinity."""
         return death_of(self.episode.trace.robots[robot])
 
     @cached_property
@@ -180,15 +181,15 @@ class SearchHistory:
         return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
 
     def on_picture(self, points: Floats) -> Floats:
-        """Return points of the region in drawing coordinates in metres, where rows of cells are horizontal whatever their angle.
+        """Return points of the region in drawing coordinates in metres, in which rows of cells are horizontal.
 
-        A third column contains the layer. Points without it are in the lowest layer.
+        A third column of the points contains the layer. Points without this column are in the lowest layer.
         """
         return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
 
     @cached_property
     def panels(self) -> LayerPanels:
-        """The panels in which the layers are drawn."""
+        """The panels of the drawing, one for each layer."""
         return LayerPanels(self.episode.plan)
 
     @cached_property
@@ -198,7 +199,7 @@ class SearchHistory:
 
     @property
     def north(self) -> float | None:
-        """Direction of north from up in the drawing, in degrees clockwise; None for a region without a position on Earth."""
+        """Direction of north in the drawing, in degrees clockwise from up, or None for a region without a position on Earth."""
         return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle
 
     def place_of(self, finding: Finding) -> Floats:
@@ -208,18 +209,18 @@ class SearchHistory:
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return values given in tour order, one per cell, as an array of the panel's shape."""
+        """Return an array of the panels' shape from values in tour order, one value per cell."""
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of the cells in metres."""
+        """The left, right, bottom and top edges of the cells in the drawing, in metres."""
         return self.panels.extent
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top in metres of the cells and of the paths from outside launch points."""
+        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside."""
         left, right, bottom, top = self.extent
         x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
         seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))
@@ -227,7 +228,7 @@ class SearchHistory:
         return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
 
     def outline(self, robot: int) -> Floats:
-        """Return the border segments of the cells that a robot was first to search for other robots; shape (k, 2, 2), metres."""
+        """Return the border of the cells that a robot searched for others, as segments in metres; shape (k, 2, 2)."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.panels.step

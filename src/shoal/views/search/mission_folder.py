@@ -27,7 +27,7 @@ MAP = "map.png"
 
 
 class MissionFolder:
-    """A folder for the missions of a plan, which assume that no fault occurs.
+    """A folder for the missions of a plan. The missions assume that no fault occurs.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
-        """Run the search with the missions' delays, which keep robots apart."""
+        """Run the search with the delays of the missions, which keep the vehicles apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}

@@ -1,4 +1,4 @@
-"""The map of missions: all paths by altitude layer, launch and rally points, zones, fence and nearest approach."""
+"""The map of missions: all paths by altitude, launch and rally points, zones, fence and nearest approach."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PAD = 0.04  # relative to the longer side
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return the map of missions, with one colour per altitude and a different lightness per robot.
+    """Return the map of missions, with one colour for each altitude, and a different lightness for each robot.
 
     A triangle marks a launch point, a square a landing point, and a cross in a ring a rally point. Hatched red areas are no-go
     zones, and the dotted line is the fence. A black ring marks the nearest approach.

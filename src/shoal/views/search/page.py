@@ -34,7 +34,7 @@ def player_page(episode: SearchEpisode) -> str:
 
 
 def page_data(episode: SearchEpisode) -> dict[str, object]:
-    """Return the data of the page for JSON. Arrays are base64 texts of little-endian numbers.
+    """Return the data of the page for JSON. In these data, arrays are base64 texts of little-endian numbers.
 
     Returns
     -------
@@ -144,7 +144,7 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
 
 
 def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
-    """Return a trajectory without moments of straight uniform motion, within a tolerance in metres."""
+    """Return a trajectory without points that interpolation replaces within a tolerance in metres."""
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
         return trajectory

@@ -22,11 +22,12 @@ _FINE = 2  # squares per side of the smallest cell, if layers have different cel
 
 
 class LayerPanels:
-    """Positions of all layers' cells in a drawing, as squares in rows.
+    """The positions of the cells of all layers in a drawing. Cells are squares in rows.
 
-    Layers with different cells are divided into smaller squares.
+    If the layers differ in cell size or orientation, they are divided into smaller squares.
 
-    Rows of cells of the lowest layer are horizontal. Panels go from left to right and down, starting with the lowest layer.
+    Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. They are ordered from left to right,
+    and then downwards.
 
     Parameters
     ----------
@@ -64,26 +65,26 @@ class LayerPanels:
         return np.stack([layers % self.columns * self._apart[1], -(layers // self.columns) * self._apart[0]], axis=1) * self.step
 
     def place(self, points: Floats, layers: Floats | Numbers) -> Floats:
-        """Return the drawing positions of the region's points in given layers, in metres; float64, shape (n, 2)."""
+        """Convert points of the region in given layers to positions in the drawing, in metres; float64, shape (n, 2)."""
         turned = self._turned(points)
         return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns of squares."""
+        """Numbers of rows and columns of squares in the whole drawing."""
         down = ceil(len(self.layers) / self.columns)
         rows, columns = (self._apart * (down - 1, self.columns - 1) + self._panel).tolist()
         return rows, columns
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom and top of all squares in metres."""
+        """The left, right, bottom and top edges of all squares in metres."""
         left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
         return left, left + self.shape[1] * self.step, top - self.shape[0] * self.step, top
 
     @cached_property
     def numbers(self) -> Numbers:
-        """Tour index of the cell that contains each square, -1 for none; int64, of `shape`."""
+        """For each square, the tour index of the cell that contains it, or -1; int64, of shape `shape`."""
         found = np.full(self.shape, -1, dtype=np.int64)
         position = self.plan.tour.position
         rows, columns = self._panel.tolist()
@@ -105,19 +106,19 @@ class LayerPanels:
 
     @cached_property
     def parts(self) -> list[list[Floats]]:
-        """The rings of each part of the region in each layer in drawing coordinates, the outer ring first."""
+        """The rings of each part of the region in each layer, in drawing coordinates. The outer ring is the first."""
         shapes = [(self.shape_of(layer.region.area, number)) for number, layer in enumerate(self.layers)]
         return [rings for shape in shapes for rings in rings_of(shape)]
 
     def shape_of(self, shape: Any, layer: int) -> Any:
-        """Return a Shapely geometry of the region in the drawing coordinates of a layer."""
+        """Convert a Shapely geometry of the region to the drawing coordinates of a layer."""
         from shapely.affinity import translate
 
         return translate(rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist())
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
-        """Label and upper left corner of each panel; empty for a single layer."""
+        """Label and upper left corner of each panel; without labels for a single layer."""
         if len(self.layers) == 1:
             return []
         ups, (left, _, _, top) = self.plan.altitudes, self.extent

@@ -25,10 +25,13 @@ def draw_heading(figure: Figure, words: str) -> None:
 
 
 def timeline_figure(episode: SearchEpisode) -> Figure:
-    """Return the timeline of a search, with one row per robot and time in cell times.
+    """Return the timeline of a search, with one row per robot.
 
-    Full colour: the robot searched its own part. Hatched: it searched the part of the robot whose number is shown. Grey: it waited.
-    Pale: it listened. Dotted: it was paused. Cross: it died. Dot: it declared the search complete.
+    The time unit is the time that a robot of speed 1 needs for one cell.
+
+    A full colour means that the robot searched its own part. A hatched colour means that the robot searched the part of another
+    robot, whose number is shown. Grey: it waited. Pale: it listened. Dotted: it was paused. Cross: it died. A dot means that the
+    robot declared the search complete.
     """
     history = SearchHistory(episode)
     rows = history.n_robots

@@ -23,10 +23,11 @@ _GROUND, _OUTSIDE = "#ffffff", "#e3e6ea"
 
 
 def tour_figure(tour: Tour) -> Figure:
-    """Return the figure of a tour, from dark (first) to bright (last), with grey for non-cells.
+    """Return the figure of a tour, from dark (first cell) to bright (last cell). Positions without a cell are grey.
 
-    A ring marks the first cell and a square the last. The closing edge is dashed, and steps over gaps are thin. A tour of more than
-    40,000 cells is drawn as a picture whose colours show visiting times. A 3-D tour is seen from above.
+    A ring marks the first cell and a square marks the last cell. The closing edge is dashed, and steps across gaps are thin lines.
+    A tour of more than 40,000 cells is drawn as a picture in which the colour of a cell shows the time of its visit. A 3-D tour is
+    seen from above.
     """
     metrics = tour.metrics()
     sides = " × ".join(str(side) for side in reversed(tour.shape))

@@ -17,7 +17,7 @@ Numbers = NDArray[np.int64]
 
 
 def death_of(log: RobotLog) -> float:
-    """Return the time of a robot's death, or infinity."""
+    """Return the time at which a robot failed, or infinity."""
     return next((moment for moment, state in log.states if state == "dead"), inf)
 
 
@@ -37,11 +37,11 @@ class RobotTrajectory:
     points: Floats
 
     def at(self, time: float) -> Floats:
-        """Return the position at a time; float64, shape (2,)."""
+        """Return the position at a given time; float64, shape (2,)."""
         return np.array([np.interp(time, self.times, column) for column in self.points.T])
 
     def until(self, time: float) -> Floats:
-        """Return the path up to a time; float64, shape (n, 2)."""
+        """Return the path up to a given time; float64, shape (n, 2)."""
         return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
 
 
@@ -57,15 +57,16 @@ class RobotWays:
         self.episode = episode
 
     def stop_ends(self, robot: int) -> Numbers:
-        """Return the route indices of a robot's start and of the ends of its searches, cell by cell; int64, shape (k + 1,)."""
+        """Return the route indices of a robot's start, and of the end of its search in each cell; int64, shape (k + 1,)."""
         log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
         ends = cell_spans(self.episode.plan, route, log)[:, 1] if len(log.cells) else np.zeros(0, dtype=np.int64)
         return np.concatenate([[0], ends])
 
     def of(self, robot: int) -> Floats:
-        """Return the route of a robot in metres, with a column for the layer if there are several; float64, shape (k, 2) or (k, 3).
+        """Return a robot's route in metres, with a third column if there are several layers; float64, shape (k, 2) or (k, 3).
 
-        Between two cells, the layer with the nearest altitude counts; if both are equally near, the second cell's layer.
+        Between two cells, a point is in the layer of the nearer altitude. If both altitudes are equally near, it is in the layer of
+        the second cell.
         """
         plan, route, log = self.episode.plan, self.episode.routes[robot], self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):
@@ -103,7 +104,10 @@ class RobotWays:
         return rates
 
     def trajectory(self, robot: int) -> RobotTrajectory:
-        """Return the route of a robot over time. It reaches each cell when it has searched it, and departs as late as possible."""
+        """Return the route of a robot over time.
+
+        In the drawing, a robot arrives in each cell at the time at which it has searched the cell. It departs as late as possible.
+        """
         log = self.episode.trace.robots[robot]
         if not len(log.cells):
             return self._first_leg(robot)

@@ -34,7 +34,7 @@ def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
 
 
 def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
-    """Return the outlines of a plane workspace and of its obstacles; each float64, shape (n, 2)."""
+    """Return the outlines of a plane workspace and of its obstacles; each an array of float64, shape (n, 2)."""
     if isinstance(workspace, Region):
         return list(workspace.rings)
     if workspace.round:
@@ -44,7 +44,10 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 
 
 def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray) -> None:
-    """Draw each particle's path, start (a square) and goal (a circle). ``at`` converts points to the axes."""
+    """Draw each particle's path, start (a square) and goal (a circle).
+
+    The function ``at`` converts points to the coordinates of the axes.
+    """
     size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
         way, colour = episode.states[:, particle], colour_of(particle)

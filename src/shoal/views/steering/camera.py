@@ -18,7 +18,7 @@ ABOVE = 0.42  # elevation of the camera in radians
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Central projection from a camera that points at a centre.
+    """A central projection, from a camera that points at a centre.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Camera:
 
     @property
     def toward(self) -> NDArray[np.float64]:
-        """Unit vector from the centre to the camera."""
+        """The unit vector that points from the centre to the camera."""
         return np.array([cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)])
 
     @property
@@ -51,7 +51,7 @@ class Camera:
         return np.asarray(self.center + FAR * self.reach * self.toward)
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return x (right), y (up) and the magnification relative to the centre, shape (..., 3)."""
+        """Return x (right), y (up) and the magnification relative to the centre, as an array of shape (..., 3)."""
         away = np.asarray(points, dtype=np.float64) - self.center
         right = np.array([-sin(self.azimuth), cos(self.azimuth), 0.0])
         toward = self.toward
@@ -90,13 +90,13 @@ class Frame3D:
         return cls(low, high, workspace.round, workspace.open_ends)
 
     def facing(self, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which sides have their outside turned to the camera; bool, shape (n,)."""
+        """Return which sides of the workspace show their outside to the camera; bool, shape (n,)."""
         along = np.roll(self.floor, -1, axis=0) - self.floor
         outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
         return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
 
     def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-        """Return the edges behind the content, and the edges in front of it; each float64, shape (2, 3)."""
+        """Return the edges behind the contents of the workspace, and the edges in front of them; each float64, shape (2, 3)."""
         facing = self.facing(eye)
         above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
         behind: list[NDArray[np.float64]] = []
@@ -115,7 +115,7 @@ class Frame3D:
 
 
 def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Camera:
-    """Return a camera that sees the whole workspace and all states of its particles."""
+    """Return a camera that sees the whole workspace and its particles in all states of an episode."""
     low, high = min(0.0, float(states[..., 2].min())), max(workspace.height, float(states[..., 2].max()))
     reach_flat = workspace.radius if workspace.round else float(np.hypot(*(workspace.vertices - workspace.center).T).max())
     center = np.array([*workspace.center, (low + high) / 2])
@@ -123,7 +123,7 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
 
 
 def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
-    """Return the extent of a workspace in the picture to the right, up and down, over all directions of view."""
+    """Return how far a workspace extends in the picture to the right, upwards and downwards, over all directions of view."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)

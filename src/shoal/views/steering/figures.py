@@ -22,10 +22,11 @@ REACH_COLOURS = ("#08306b", "#2171b5", "#4292c6", "#6baed6", "#9ecae1", "#c6dbef
 
 
 def plan_figure(episode: SteeringEpisode) -> Figure:
-    """Return the figure of a plan: the workspace with the particles' paths, and the path of Δ.
+    """Return the figure of a plan: the workspace with the particles' paths, and the path of the difference Δ.
 
-    Moves are numbered at their end points. In the ideal world, the set that the start reaches in two moves is shaded in the Δ
-    configuration space. A 3-D plan is drawn in perspective with its shadow on the floor, beside the heights by move.
+    Each move has its number at its end point. In the ideal world, a shaded area of the Δ configuration space shows the differences
+    that two moves reach from the start. A 3-D plan is drawn in perspective with its shadow on the floor. Beside it, a chart shows
+    the heights after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2
@@ -82,7 +83,9 @@ def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
 
 
 def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None) -> Figure:
-    """Return a figure of the sets that 2, 4, ... moves reach in the Δ configuration space, beside the workspace with the start.
+    """Return a figure of the sets that 2, 4, ... moves reach in the Δ configuration space.
+
+    The workspace with the start is beside it.
 
     Parameters
     ----------

@@ -151,7 +151,7 @@ def _short(length: float) -> str:
 
 
 def draw_arrow(canvas: Canvas, tail: NDArray[np.float64], tip: NDArray[np.float64], width: float, *, centred: bool) -> None:
-    """Draw an arrow. A centred arrow has its midpoint at ``tail``."""
+    """Draw an arrow. If the arrow is centred, ``tail`` is its midpoint."""
     if centred:
         half = (tip - tail) * 0.9
         tail, tip = tail - half, tail + half

@@ -22,7 +22,7 @@ _OLD = 0.3  # opacity of the paths of earlier moves
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle of the canvas in pixels."""
+    """A rectangle on the canvas, in pixels."""
 
     left: float
     top: float
@@ -31,7 +31,7 @@ class Box:
 
 
 class PlaneView:
-    """Mapping of plane points to a canvas, as large as possible and centred in a box."""
+    """The mapping of points in the plane to a canvas. The drawing is centred in a box and as large as possible."""
 
     def __init__(self, outline: NDArray[np.float64], box: Box) -> None:
         low, high = outline.min(axis=0), outline.max(axis=0)
@@ -40,12 +40,12 @@ class PlaneView:
         self._center = np.array([box.left + box.width / 2, box.top + box.height / 2])
 
     def at(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return pixel coordinates, x right and y down; shape (..., 2)."""
+        """Return pixel coordinates of shape (..., 2), in which x points to the right and y down."""
         return np.asarray(self._center + (np.asarray(points)[..., :2] - self._middle) * self.scale * np.array([1, -1]))
 
 
 def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shape that marks a holding wall: a line in 2-D, the corners of a face in 3-D, and a part of a round wall."""
+    """Return the shape that marks a wall which holds a particle: a line in 2-D, a face in 3-D, or a part of a round wall."""
     if isinstance(workspace, Region):
         return np.asarray(workspace.edges[wall].reshape(2, 2))
     sides = len(workspace.vertices)
@@ -75,7 +75,7 @@ class PlanePanel:
         self._outlines = [self._view.at(outline) for outline in outlines]
 
     def draw_background(self) -> None:
-        """Draw the constant parts: walls, starts, goals."""
+        """Draw the parts that are the same in all frames: walls, starts and goals."""
         canvas, unit = self._canvas, self._unit
         for k, ring in enumerate(self._outlines):
             canvas.area([ring], OBSTACLE if k else FLOOR, edge=INK, width=2 * unit)
@@ -102,7 +102,7 @@ class PlanePanel:
 
 
 class SpacePanel:
-    """The 3-D workspace seen by a turning camera."""
+    """The 3-D workspace, seen by a camera that turns around it."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -114,10 +114,10 @@ class SpacePanel:
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
 
     def draw_background(self) -> None:
-        """Draw nothing, because all parts turn."""
+        """Draw nothing, because all parts of this panel turn."""
 
     def draw(self, moment: FilmMoment, turn: float) -> None:
-        """Draw everything from back to front. The camera has the azimuth ``turn``."""
+        """Draw all parts of the panel from back to front. The azimuth of the camera is ``turn``."""
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
         here = points_at(self._episode, self._trajectories, moment)
@@ -170,7 +170,7 @@ class SpacePanel:
 
 
 class DeltaPanel:
-    """The Δ configuration space: Δ with its path and its goal, and the set that two moves can reach."""
+    """The Δ configuration space: the difference Δ with its path and its goal, and the set that two moves can reach."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -180,7 +180,7 @@ class DeltaPanel:
         self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(episode)]
 
     def draw_background(self) -> None:
-        """Draw the outline. Its content is drawn over it."""
+        """Draw the outline. The other parts of the panel are drawn over it."""
         self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:
@@ -203,14 +203,14 @@ class DeltaPanel:
 
 
 def points_at(episode: SteeringEpisode, trajectories: list[MoveTrajectory], moment: FilmMoment) -> NDArray[np.float64]:
-    """Return the positions of the particles at a moment."""
+    """Return the positions of the particles at a moment of the film."""
     return trajectories[moment.move].at(moment.share) if trajectories else np.asarray(episode.states[0])
 
 
 def draw_trails(
     canvas: Canvas, trajectories: list[MoveTrajectory], moment: FilmMoment, at: Any, unit: float, *, shadow: bool = False
 ) -> None:
-    """Draw the paths of the particles, paler for earlier moves, and grey for shadows."""
+    """Draw the paths of the particles. Earlier moves are paler, and shadows are grey."""
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
         ways = trajectory.points if old else trajectory.until(moment.share)

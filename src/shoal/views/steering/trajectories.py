@@ -54,18 +54,18 @@ class MoveTrajectory:
         return float(np.linalg.norm(self.sent))
 
     def at(self, share: float) -> Points:
-        """Return the positions of the particles after a fraction of the move; float64, shape (n, d)."""
+        """Return the positions of the particles after a given fraction of the move; float64, shape (n, d)."""
         piece = self._piece(share)
         first, last = self.shares[piece], self.shares[piece + 1]
         part = min(max((share - first) / (last - first), 0.0), 1.0)
         return np.asarray(self.points[piece] + part * (self.points[piece + 1] - self.points[piece]))
 
     def until(self, share: float) -> Points:
-        """Return the path up to a fraction of the move; float64, shape (keys, n, d)."""
+        """Return the path up to a given fraction of the move, at its key points; float64, shape (keys, n, d)."""
         return np.concatenate([self.points[: self._piece(share) + 1], self.at(share)[None]])
 
     def holders(self, share: float) -> tuple[tuple[int, int], ...]:
-        """Return the pairs (particle, wall) in contact after a fraction of the move."""
+        """Return the pairs (particle, wall) that are in contact after a given fraction of the move."""
         return self.held[self._piece(share)]
 
     def _piece(self, share: float) -> int:
@@ -73,7 +73,7 @@ class MoveTrajectory:
 
 
 def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
-    """Return the motion within each move, with the world of the episode and the noise of its seed.
+    """Return the motion within each move, computed with the world of the episode and the noise of its seed.
 
     Examples
     --------
@@ -144,14 +144,16 @@ def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points,
 
 @dataclass(frozen=True)
 class FilmMoment:
-    """A moment of a film: the index of the move, from 0, and its completed fraction."""
+    """A moment of a film: the index of the current move, counted from 0, and the completed fraction of this move."""
 
     move: int
     share: float
 
 
 class FilmSchedule:
-    """The schedule of a film. The duration of a move is proportional to its length; pauses follow each move and the end.
+    """The schedule of a film. In a film, the duration of a move is proportional to its length.
+
+    A pause follows each move and the end.
 
     Parameters
     ----------
@@ -178,7 +180,7 @@ class FilmSchedule:
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
-        """Return the moment at a time. Moves begin and end smoothly."""
+        """Return the moment of the film at a given time. Moves begin and end smoothly."""
         if not self.lasting:
             return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
@@ -186,7 +188,7 @@ class FilmSchedule:
         return FilmMoment(move, part * part * (3 - 2 * part))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
-        """Return the moments of a film's frames, and the frame rate: ``rate``, or less for long films."""
+        """Return the moments of a film's frames, and the frame rate: the rate is ``rate``, or less for long films."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
@@ -197,7 +199,7 @@ def room_of(episode: SteeringEpisode) -> Any:
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
-    """Return whether a Δ configuration space can be drawn: for two particles in a convex plane workspace."""
+    """Return whether a Δ configuration space can be drawn. It exists for two particles in a convex plane workspace."""
     workspace = episode.problem.place
     return isinstance(workspace, ConvexWorkspace) and workspace.dimensions == 2 and episode.problem.n_particles == 2
 
@@ -209,9 +211,9 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
 
 
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
-    """Return for each move the set of Δ that two moves reach from its start: outlines and holes, to be filled by the even-odd rule.
+    """For each move, return the set of differences that two moves reach from its start, as rings for the even-odd fill rule.
 
-    The result is empty if walls do not hold without slipping, because the set is valid in the ideal world only.
+    The set is valid only in the ideal world. If particles can slip along walls, the result is empty.
     """
     from shapely import Polygon, union_all
 

@@ -71,14 +71,14 @@ def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return the code of each cell without noise, a code of `PLAIN`; uint8, with a rim of one cell on each side."""
+    """Return the colour code of each cell without noise, a code of `PLAIN`; uint8, with a rim of one cell on each side."""
     codes = belief.states
     codes[state.occupied.mask] = PLAIN.particle
     return codes
 
 
 def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
-    """Yield the code of each cell at the start and after each move; uint8, with the rim."""
+    """Yield the colour code of each cell at the start and after each move; uint8, with the rim."""
     if episode.noisy:
         for moment in episode.moments():
             yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
@@ -88,7 +88,7 @@ def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
 
 
 def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
-    """Return the code of each cell after ``moves`` moves; uint8, with the rim."""
+    """Return the colour code of each cell after ``moves`` moves; uint8, with the rim."""
     if moves == episode.moves and palette_of_cells(episode) is PLAIN:
         return codes_of(*episode.final())  # the whole replay in compiled code
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)

@@ -28,9 +28,9 @@ _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obst
 
 
 def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
-    """Return the figure of a map: particles, frontier, free cells, obstacles, unknown cells.
+    """Return the figure of a map: its particles, frontier cells, free cells, obstacles and unknown cells.
 
-    Very wide maps are cut into strips that are stacked like lines of text. A 3-D map is seen from a corner, with slices on the
+    Very wide maps are cut into strips that are stacked like lines of text. A 3-D map is shown from a corner, with slices on the
     right.
 
     Parameters
@@ -72,7 +72,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
 def map_panels(
     shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None, wide: float = 9.0
 ) -> Figure:
-    """Return a figure with plane maps side by side, as in paper M, Fig. 1. Each map shows an episode after some moves.
+    """Return a figure with plane maps side by side, as in paper M, Fig. 1. Each map shows an episode after a given number of moves.
 
     Parameters
     ----------

@@ -42,7 +42,7 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
-    """Return the numbers of moves (0 is the start) shown in a film of at most ``at_most`` frames, including the first and last.
+    """Return the numbers of moves after which a film of at most ``at_most`` frames shows the episode, including start and end.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
 def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE) -> Iterator[NDArray[np.uint8]]:
     """Yield the picture after each number of moves in ``shown``; uint8, shape (H, W, 3).
 
-    In 2-D, a picture has one pixel per cell. In 3-D, it is a rotating view of ``side`` pixels with slices.
+    In 2-D, a picture has one pixel per cell. In 3-D, a picture is a rotating view of ``side`` pixels with slices.
     """
     wanted = set(shown.tolist())
     workspace = episode.workspace
@@ -80,7 +80,7 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = 
 def pictures_with_legend(
     episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield pictures enlarged by whole pixels, with a caption: the move, the arrow of its command, and a legend of colours."""
+    """Yield enlarged pictures with a caption: the number of the move, the arrow of its command, and a legend of colours."""
     blank: Image.Image | None = None
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
@@ -131,10 +131,10 @@ def _font(width: int) -> ImageFont.FreeTypeFont:
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
-    """Return a strip for the foot of a picture: a tape with one column per move and a black mark for each scan.
+    """Return a strip for the bottom of a picture. It has one column for each move and a black mark for each scan.
 
-    The current move is in the middle, with a mark below it. The picture above shows the belief after the last scan. The strip is
-    uint8 of shape (rows, width, 3), in colours of the palette.
+    The current move is in the middle of the strip, with a mark below it. The picture above the strip shows the belief after the
+    last scan. The strip is a uint8 array of shape (rows, width, 3), in colours of the palette.
 
     Examples
     --------

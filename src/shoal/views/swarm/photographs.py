@@ -1,4 +1,4 @@
-"""Pictures of a photograph's vessels: the mask, and its outline on the photograph."""
+"""Pictures of a photograph's vessels: the mask of the vessels, and its outline on the photograph."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def mask_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the photograph with the outline of the mask, drawn beside the vessels, not over them; uint8, shape (H, W, 3)."""
+    """Return the photograph with the mask's outline, which does not cover the vessels; uint8, shape (H, W, 3)."""
     drawn = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
     wide = max(1, round(max(mask.shape) / 1000))
     drawn[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
@@ -30,7 +30,7 @@ def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> N
 
 
 def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the photograph on the left and its vessels, white on black, on the right; uint8, shape (H, 2 W + gap, 3)."""
+    """Return a picture with the photograph on the left and its vessels in white on the right; uint8, shape (H, 2 W + gap, 3)."""
     gap = np.full((mask.shape[0], max(1, mask.shape[1] // 50), 3), 255, dtype=np.uint8)
     colours = photograph if photograph.ndim == 3 else np.dstack([photograph] * 3)
     return np.hstack([colours, gap, np.dstack([mask_picture(mask)] * 3)])

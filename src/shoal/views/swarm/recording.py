@@ -1,4 +1,4 @@
-"""Encoding of the moments of an episode with noise for the player: particles, and changed cells."""
+"""Encoding of the moments of an episode with noise for the player: its particles, and the cells that changed."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ HEAVIEST = 40_000_000
 
 
 def packed_moments(frames: Iterable[Moment]) -> bytes:
-    """Return moments as bytes: for each its particles, and then the cells whose look changed, each with its new look.
+    """Return moments as bytes.
 
-    Both lists begin with their length. Cells are indices into the grid with its rim, encoded as differences from the previous
-    index. Lengths and differences are base-128 numbers, lowest bits first; the high bit of a byte is set if more bytes follow.
-    Initially all cells look unknown.
+    For each moment, the bytes list the particles, and then the cells with a new colour code and this code.
+
+    Each of these lists begins with its length. Cells are indices into the grid with its rim, encoded as differences from the
+    previous index. Lengths and differences are base-128 numbers, with the lowest bits first. The high bit of a byte is set if more
+    bytes follow. Initially all cells look unknown.
 
     Raises
     ------

@@ -23,9 +23,9 @@ _BARS = 60
 
 
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
-    """Return the distributions of first gap, last gap, largest gap and spread, as in paper M, Fig. 5.
+    """Return the distributions of first gap, last gap, largest gap and spread, as in paper M, figure 5.
 
-    Lines are exact values. Bars show the Monte Carlo sample, if there is one.
+    Lines are exact values. Bars show the Monte Carlo sample, if one is given.
     """
     figure = new_figure(7.6, 5.2)
     first = line.first_distribution
@@ -75,7 +75,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return the distributions of the numbers of moves that find both ends and that cover all cells, as in paper M, Fig. 6.
+    """Return the distributions of the numbers of moves that find both ends and that cover all cells, as in paper M, figure 6.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return the check of theorem 1 of paper M: the larger of both ratios against the largest distance, 10^k.
+    """Return the figure that checks theorem 1 of paper M: the larger of both ratios against the largest distance, 10^k.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return both ratios of schedules against the distance of the wall, for distances of any size.
+    """Return a figure of the move ratios and scan ratios of schedules against the wall's distance, which can have any size.
 
     Parameters
     ----------
@@ -168,10 +168,11 @@ def _float(ratio: Fraction) -> float:
 
 
 def telling_distances(schedule: ScanSchedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
-    """Return distances that show a schedule's ratios.
+    """Return the distances at which a chart shows a schedule's ratios.
 
-    These are both sides of each scan. If there are many scans, only the worse side is used, so that the line connects the peaks. If
-    there are still too many, ten distances per decade are used.
+    The result contains the distances just before and just after each scan. If there are many scans, only the distances with the
+    worse ratio are used, so that the line connects the peaks. If there are still too many distances, ten distances per decade are
+    used.
     """
     scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), at_most + 1)]
     if len(scans) <= teeth:

@@ -28,7 +28,7 @@ LEAST_LINE = 13  # pixels per line of text
 
 @dataclass(frozen=True)
 class Slices:
-    """The slices of a volume: the layer, row and column with most free cells."""
+    """The slices of a volume: the layer, the row and the column with the most free cells."""
 
     layer: int
     row: int
@@ -43,7 +43,7 @@ class Slices:
 
 @dataclass(frozen=True)
 class Fit:
-    """The visible part of a volume in a rotated view: the smallest part that contains the drawn cells from every direction.
+    """The visible part of a volume in a rotated view: the smallest part that contains the drawn cells for every direction of view.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Fit:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
-        """Return the fit of the free cells of a workspace and the walls around them."""
+        """Return the visible part for the free cells of a workspace and the walls around them."""
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
         places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
@@ -177,7 +177,7 @@ def _splat(
 
 
 def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN) -> list[NDArray[np.uint8]]:
-    """Return the three slices with one pixel per cell, rim included: from the front, from above, from the right."""
+    """Return the three slices with one pixel per cell, including the rim: from the front, from above, and from the right."""
     front = codes[slices.layer + 1]
     above = codes[::-1, slices.row + 1]  # the front is at the bottom
     right = codes[:, :, slices.column + 1].T
@@ -185,7 +185,7 @@ def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalett
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
-    """Return the width of a sheet for an array of codes of the given shape."""
+    """Return the width of a sheet (see `sheet`) for an array of colour codes of the given shape."""
     return side + GAP + _room(shape, side, spacing)[1]
 
 

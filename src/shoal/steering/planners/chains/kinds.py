@@ -53,7 +53,7 @@ def bounds_of(
     touchers: NDArray[np.int64], on: NDArray[np.int64], start: Points, goal: Points, walls: NormalizedWalls,
     lengths: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return lower bounds on the lengths of all chains of some kinds; float64, shape (kinds,).
+    """Return lower bounds on the lengths of all chains of the given kinds; float64, shape (kinds,).
 
     Parameters
     ----------

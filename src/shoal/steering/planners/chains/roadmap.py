@@ -1,4 +1,4 @@
-"""Chains of many cycles: the chain with fewest cycles on a roadmap of extreme differences."""
+"""Chains of many cycles: paths with the fewest cycles on a roadmap of extreme differences."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DIRECTIONS = 48  # on a disk
 
 
 def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends exactly with the goal's difference, or None if the roadmaps contain none.
+    """Return a chain in the plane that ends exactly with the goal's difference, or None if the roadmaps contain no such chain.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""The shortest chains of up to three cycles, by branch and bound over all kinds, or from many initial guesses on a round wall."""
+"""The shortest chains of up to three cycles: by branch and bound over all kinds or, for a round wall, from many initial guesses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
 
 
 def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with this number of cycles, all shorter than the bound."""
+    """Yield chains with a given number of cycles. Each chain is shorter than the bound and than the chain before it."""
     if not query.walls.round:
         few = between_few_sides(query)
         yield from _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)

@@ -1,4 +1,4 @@
-"""Chains over polygons with many corners: search over a few sides first, then over the sides near the contacts found."""
+"""Chains over polygons with many corners: search over a few sides first, and then over the sides near its contacts."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 
 
 def between_few_sides(query: ChainQuery) -> ChainQuery:
-    """Return the query with a few of the walls, or the query itself if it has few walls or the few would not enclose an area."""
+    """Return the query with only a few of its walls. Return the query itself if it has few walls, or if these enclose no area."""
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found[0])
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Move a chain's contacts from the few walls to the nearest of all walls. The stored length of the result is out of date."""
+    """Move a chain's contacts from the few walls of the first search to the nearest walls of the polygon.
+
+    The result keeps the old stored length, which is then wrong.
+    """
     if few is query:
         return chain
     walls, d = query.walls, query.walls.dimensions
@@ -64,7 +67,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved to neighbouring sides as long as this shortens the chain."""
+    """Return a chain whose contacts were moved to neighbouring sides while this shortened the chain."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

@@ -1,4 +1,4 @@
-"""What a closed loop knows of the places of the particles."""
+"""The belief of a closed loop about the positions of the particles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SURE, SATISFIED = 0.95, 0.5  # share of the states that have arrived: of a run t
 
 
 class PositionBelief:
-    """States that the particles may be in, all equally likely: a particle filter.
+    """A particle filter: many possible states of the particles, all equally likely.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class PositionBelief:
         self._settle(self._anew(seen))
 
     def update(self, move: Points, seen: Points) -> None:
-        """Follow a move, and learn from what is seen after it."""
+        """Update the belief after a move and the observation that follows the move."""
         states = self._followed(move, seen) if self.noise.measurement else None
         self._settle(self._anew(seen) if states is None else states)
 
@@ -54,7 +54,10 @@ class PositionBelief:
         return None if 1 / np.sum(weights**2) < LIKELY else states[self.rng.choice(STATES, STATES, p=weights)]
 
     def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
-        """Return whether the particles are surely at their goals; less certainty is enough if a larger share of moves is used."""
+        """Return whether the particles are at their goals with enough certainty.
+
+        The more moves are used up, the less is required.
+        """
         near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
         return bool(near >= SURE - (SURE - SATISFIED) * share)
 

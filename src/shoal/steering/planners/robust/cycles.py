@@ -1,4 +1,4 @@
-"""The closed loop in convex workspaces: make a contact, adjust from the observation, and plan again."""
+"""The closed loop in convex workspaces: make a contact, observe, adjust, and plan again."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limi
 class Cycles:
     """One run in a convex workspace, one cycle at a time.
 
-    The move to a contact overshoots the wall by the possible error due to noise and unknown gain, so the wall certainly holds the
-    toucher. The adjustment uses the camera's observation. It makes the difference that the remaining moves will turn into the
-    goal's difference, and always pushes into the wall. The loop estimates the gain of the field from the observed motion of the
-    particles.
+    The move to a contact overshoots the wall by the possible error due to noise and unknown gain. Therefore the wall certainly
+    holds the toucher. The adjustment is computed from the camera's observation. It produces the difference from which the remaining
+    moves lead to the goals' difference. It always pushes the toucher into the wall. The loop estimates the gain of the field from
+    the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:

@@ -1,4 +1,4 @@
-"""The closed loop in the plane: of many plans the one that arrives soonest in simulated noise, its first move, and again."""
+"""The closed loop in the plane: make the first move of the plan that arrives soonest in simulations, and plan again."""
 
 from __future__ import annotations
 
@@ -28,10 +28,11 @@ CYCLE = 3  # moves that mend a wrong difference, at the least
 
 
 class Replanning:
-    """One run of the closed loop.
+    """One run of the closed loop in the plane.
 
-    A plan is a sequence of steps of which each leads to its target from wherever the particles are, so that it answers to noise.
-    Plans are judged by the moves that they take on average in simulated noise, with an estimate of what is left at their end.
+    A plan is a sequence of steps. Each step leads to its target from any positions of the particles, so that it corrects the
+    effects of noise. Plans are compared by their mean number of moves in simulations with noise. If a plan ends before the goals,
+    an estimate of the remaining moves is added.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Replanning:
         self.exact = Translations(task)
 
     def run(self) -> None:
-        """Go on until the particles are seen at their goals, or the moves are used up."""
+        """Run until the particles are observed at their goals, or the maximum number of moves is reached."""
         plan, expected = None, 0.0
         move = np.zeros(2)
         while (sent := len(self.apparatus.inputs)) < self.task.max_moves:

@@ -1,4 +1,4 @@
-"""Disk cache of generated maps. A command can reuse a map instead of generating it again."""
+"""Disk cache of generated maps. A command can reuse a stored map instead of generating the map again."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from shoal.swarm.maps.generators.names import generate
 
 
 def generate_cached(spec: str) -> NDArray[np.bool_]:
-    """Return the map of the given name, from the user's cache folder if possible; otherwise from `generate`.
+    """Return the map of the given name, from the user's cache folder if possible, and otherwise from `generate`.
 
-    Only maps with slow generators are cached. The cache folder is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``. Maps from
-    another version of the generators are ignored. A read-only folder only disables the cache.
+    Only maps of slow generators are cached. The cache folder is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``. Maps from another
+    version of the generators are ignored. If the folder is read-only, maps are generated without the cache.
     """
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:

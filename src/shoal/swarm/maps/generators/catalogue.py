@@ -1,4 +1,4 @@
-"""The catalogue of map generators: name, size, example and function. A new generator is one entry here."""
+"""The catalogue of map generators: name, size, example and function. A new generator needs one entry in this catalogue."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Generator:
 
 
 def draw_line(count: int) -> NDArray[np.bool_]:
-    """Return a straight corridor one cell wide, shape (1, count). Source: paper M, Fig. 7 (map "linear", count 5000)."""
+    """Return a straight corridor one cell wide, shape (1, count). Source: paper M, figure 7 (map "linear", count 5000)."""
     return np.ones((1, count), dtype=np.bool_)
 
 

@@ -1,4 +1,4 @@
-"""Cave maps: random cells smoothed by a cellular automaton. Only the largest connected part is kept."""
+"""Cave maps: random cells smoothed by a cellular automaton. Only the largest connected part of the cave is kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Largest connected part of a map, and removal of empty borders. Several generators and the vessel finder use both."""
+"""Largest connected part of a map, and removal of empty borders. Several generators and the vessel finder use both functions."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
 """H-tree maps: bars that fork at right angles. After every two levels the bars become half as long.
 
-The paper's map has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953; its bars have half-lengths 32, 32,
-16, 16, 8, 8, 4, 4, 2, 2. This tree is cut down to 5000 cells branch by branch, starting at one corner. On this map the
-closest-frontier policy reproduces the published means within 10 %. A tree with one more level, of half-length 1, has loops because
-bars touch, and the same cut makes the means up to 38 % too low.
+The paper's map has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells. Its bars have the
+half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. This tree is cut down to 5000 cells branch by branch, starting at one corner. On this
+map, the mean moves of the closest-frontier policy agree with the published means within 10 %. A tree with one more level, of
+half-length 1, has loops because its bars touch. Cut in the same way, this tree gives means that are up to 38 % too low.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ DOWN_UP = np.array([[1, 0], [-1, 0]])
 
 
 def draw_htree(count: int) -> NDArray[np.bool_]:
-    """Return an H-tree with exactly ``count`` free cells. It has no loops, and its corridors are one cell wide.
+    """Return an H-tree with exactly ``count`` free cells. The tree has no loops, and its corridors are one cell wide.
 
-    The generator takes the smallest regular tree with enough cells. It then cuts off the branches of the lower left corner, each
-    from its tips, until ``count`` cells remain.
+    The generator takes the smallest regular tree with enough cells. Then it removes branches, beginning in the lower left corner
+    and at the tips of each branch, until ``count`` cells remain.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     InvalidInputError
         If the map would have more than ``MAX_CELLS`` cells, obstacles included.
 
-    Source: paper M, Fig. 7 (map "H-tree").
+    Source: paper M, figure 7 (map "H-tree").
     """
     halves = half_lengths(count)
     width, height = 1 + 2 * sum(halves[::2]), 1 + 2 * sum(halves[1::2])
@@ -53,7 +53,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
 
 
 def half_lengths(count: int) -> tuple[int, ...]:
-    """Return the half-lengths of the bars, level by level, of the smallest tree with at least ``count`` cells.
+    """Return the half-lengths of the bars at each level of the smallest tree with at least ``count`` cells.
 
     >>> half_lengths(5000)
     (32, 32, 16, 16, 8, 8, 4, 4, 2, 2)
@@ -65,12 +65,12 @@ def half_lengths(count: int) -> tuple[int, ...]:
 
 
 def tree_size(halves: tuple[int, ...]) -> int:
-    """Return the number of cells of the whole tree. Level k has 2^(k+1) half bars."""
+    """Return the number of cells of the whole tree. Level k of the tree has 2^(k+1) half bars."""
     return 1 + sum(half << (level + 1) for level, half in enumerate(halves))
 
 
 def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
-    """Return the tree with these half-lengths, cut down to ``count`` cells.
+    """Return the tree whose bars have the given half-lengths, cut down to ``count`` cells.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     """Return a maze carved by a randomized depth-first search.
 
-    Rooms lie at even rows and columns, with walls between them. An even size leaves a last row or column without rooms, where
-    random short dead ends are added.
+    Rooms lie at even rows and columns, with walls between them. If a size is even, the last row or column contains no rooms. Random
+    short dead ends are added there.
 
     Parameters
     ----------

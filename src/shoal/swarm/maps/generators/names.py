@@ -13,7 +13,7 @@ from shoal.swarm.maps.generators.catalogue import GENERATORS, Generator
 
 
 def is_spec(text: str) -> bool:
-    """Return whether ``text`` is a map name, that is, whether the part before the first colon names a generator.
+    """Return whether ``text`` is a map name. In a map name, the part before the first colon is the name of a generator.
 
     >>> is_spec("maze:61x41"), is_spec("maze"), is_spec("maze.png")
     (True, True, False)

@@ -2,7 +2,7 @@
 
 Attraction points fill the outline of an organ. The network grows towards nearby points and removes the points that it has reached
 (Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with increasingly dense points give
-trunks, branches and twigs. Twigs that end close to another vessel are then joined to that vessel. These joints form the closed
+trunks, branches and twigs. Then twigs that end close to another vessel are joined to this vessel. These joints form the closed
 loops of a leaf or a capillary bed.
 
 Coordinates are real (x, y) pairs in units of a cell, with the organ's centre at the origin.
@@ -47,7 +47,7 @@ class VesselNetwork:
 
 @dataclass(frozen=True)
 class OrganOutline:
-    """A smooth closed curve around the origin, given as radius by angle."""
+    """A smooth closed curve around the origin, given as a radius for each angle."""
 
     radius: float
     stretch: float
@@ -60,7 +60,7 @@ class OrganOutline:
         return np.asarray(self.radius * (1 + wave))
 
     def at(self, angle: float, share: float) -> Points:
-        """Return the point at fraction ``share`` of the distance from the centre to the outline."""
+        """Return the point on the line from the centre to the outline, at the fraction ``share`` of its length."""
         limit = share * self.limit(np.array([angle]))
         return np.array([limit[0] * np.cos(angle) * self.stretch, limit[0] * np.sin(angle) / self.stretch])
 
@@ -95,7 +95,7 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
     """Return each node's index in depth-first order and the size of its subtree, each of shape (nodes,).
 
-    A node and all its descendants have the consecutive indices ``first`` to ``first + size - 1``.
+    In this order, a node with index ``first`` and its descendants have the indices ``first`` to ``first + size - 1``.
     """
     up = parents.tolist()
     size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)

@@ -29,11 +29,12 @@ def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
 
 
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
-    """Return a vessel network with loops: a tree in which some twigs are joined to twigs of other branches.
+    """Return a vessel network with loops: a vessel tree in which some twigs are joined to twigs of other branches.
 
-    The tips are spread over an ellipsoid. A branch grows from the inlet towards the centre of its tips. A plane along the branch
-    then divides the tips into two groups, and a new branch supplies each group. This repeats down to single tips. The radii follow
-    Murray's law, r0³ = r1³ + r2³, because the cube of a radius is proportional to the number of supplied tips.
+    The tips of the network are distributed in an ellipsoid. A branch grows from the inlet towards the centre of its tips. A plane
+    along the branch then divides the tips into two groups, and a new branch supplies each group. The division continues until each
+    group is a single tip. The cube of a branch's radius is proportional to the number of tips that it supplies. Therefore the radii
+    follow Murray's law, r0³ = r1³ + r2³.
 
     Parameters
     ----------

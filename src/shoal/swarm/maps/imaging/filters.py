@@ -1,7 +1,7 @@
-"""Filters that respond to vessels: background subtraction, line detectors of several lengths, ridge filters of several widths.
+"""Filters that respond to vessels: background subtraction, line detectors of several lengths, and ridge filters of several widths.
 
 The parameters are for eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. For thicker vessels,
-the filters also run on the picture at half size, quarter size, and so on.
+the filters also run on reduced pictures: at half the size, a quarter of the size, and so on.
 """
 
 from __future__ import annotations
@@ -51,7 +51,10 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
-    """Subtract the background, a wide median. Pixels outside the field of view mirror the pixels inside."""
+    """Subtract the background, which is the median over a wide window.
+
+    For the median, pixels outside the field of view are mirror images of the pixels inside.
+    """
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
     step = max(1, int(deviation / 5))
@@ -92,7 +95,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return, for each pixel, the highest mean along a line through it over all angles."""
+    """Return, for each pixel, the highest mean along a line through this pixel, over all angles of the line."""
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 

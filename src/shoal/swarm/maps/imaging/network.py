@@ -50,7 +50,8 @@ def segment_vessels(
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
     """Return the largest connected network of a mask of shape (H, W) as grid cells. Thin vessels stay connected.
 
-    The map is the network's bounding box. Its larger side has at most ``width`` cells, or 160 if ``width`` is None.
+    The map has the extent of the network's bounding box. The longer side of the map has at most ``width`` cells, or 160 if
+    ``width`` is None.
 
     Raises
     ------

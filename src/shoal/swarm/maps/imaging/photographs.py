@@ -1,4 +1,4 @@
-"""Photographs as numeric arrays: one grey channel and the field of view, at the size that the filters expect."""
+"""Photographs as numeric arrays: one grey channel and the field of view, scaled to the size that the filters expect."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Photograph(NamedTuple):
 
     @property
     def has_surround(self) -> bool:
-        """Whether some pixels lie outside the field of view."""
+        """Whether the photograph has pixels outside the field of view."""
         return not self.view.all()
 
 
 def read_photograph(image: ArrayLike) -> Photograph:
-    """Return the picture's channel with the best contrast of blood, scaled to 0 to 1, and the field of view.
+    """Return the picture's channel with the best contrast of blood, with values from 0 to 1. Return also the field of view.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
 
 
 def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
-    """Return a picture in another size. A picture is smoothed before it is reduced."""
+    """Return a picture in another size. Before a picture is reduced, it is smoothed."""
     from PIL import Image
 
     floats = Image.fromarray(np.asarray(picture, dtype=np.float32))

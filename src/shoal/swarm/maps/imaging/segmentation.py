@@ -1,4 +1,4 @@
-"""Vessel segmentation of a photograph, with a confidence."""
+"""Vessel segmentation of a photograph, with a confidence that the picture shows vessels."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class Vessels:
 
     @property
     def warning(self) -> str | None:
-        """A warning sentence if the picture may not show vessels; otherwise None."""
+        """A sentence that warns if the picture may show no vessels, otherwise None."""
         if self.confidence >= SURE:
             return None
         return f"the picture may show no vessels: confidence {self.confidence:.2f} of 1 (compare the overlay)"
@@ -95,7 +95,9 @@ def find_vessels(
 
 
 class VesselFinder:
-    """A photograph with its filter responses. The filters run once, and vessels can then be found for many pairs of thresholds.
+    """A photograph with its filter responses.
+
+    The filters run once, and then the finder can find vessels for many pairs of thresholds.
 
     Parameters
     ----------
@@ -129,7 +131,9 @@ class VesselFinder:
         )
 
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
-        """Return the mask for other thresholds and the lines that `find` chose last, resized to ``shape``.
+        """Return the mask of vessels for other thresholds, resized to ``shape``.
+
+        The line detectors are those that `find` chose last.
 
         Fast, without a confidence.
         """
@@ -175,7 +179,7 @@ class _Filtered:
 
 
 def photograph_response(image: ArrayLike) -> Grey:
-    """Return the vessel response of each pixel of a photograph with dark vessels, such as an eye; shape (H, W)."""
+    """Return the vessel response of each pixel of a photograph with dark vessels, such as a photograph of an eye; shape (H, W)."""
     picture = read_photograph(image)
     levels = _levels(picture, THICKEST[picture.has_surround])
     flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))

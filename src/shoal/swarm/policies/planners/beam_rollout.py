@@ -1,4 +1,7 @@
-"""Policy beam-rollout, the best planner. It simulates plans to completion with two base policies and a longer-range prediction."""
+"""Policy beam-rollout, the best planner.
+
+It simulates plans to the end of the task with two base policies, and its prediction extends farther.
+"""
 
 from __future__ import annotations
 
@@ -38,11 +41,11 @@ TUNING = Tuning(
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
-    """The policy rollout with three extensions. The policy name ``best`` stands for this planner.
+    """The policy rollout with three extensions. ``best`` is another name for this planner.
 
-    First, plans are simulated to the end of the task from the first move on. Second, plans are also completed carefully: a careful
-    completion probes cells that would be left behind before it moves on. Third, the prediction extends as far as all predicted
-    cells are likely to be free together. Source: docs/concepts/planners.md.
+    First, plans are simulated to the end of the task from the first move on. Second, a second base policy also completes plans,
+    carefully: before it moves on, it probes cells that it would leave behind. Third, the prediction extends farther. It stops where
+    the predicted cells are no longer likely to be all free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -53,9 +56,10 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the budget and the tuning for a number of particles.
 
-        The extra budget of few or many particles is spent on variations. With many particles, part of it also makes the beam wider
-        and deeper. More particles also classify all cells sooner. Therefore plans are simulated to the end from a larger frontier
-        on, and early classification has less weight.
+        With few or with many particles, the budget is larger, and the extra part is spent on variations. With many particles, a
+        part of the budget also makes the beam wider and deeper. The more particles there are, the sooner all cells are classified.
+        Therefore, with many particles, plans are simulated to the end while the frontier is larger. Early classification then has
+        less weight.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

@@ -1,4 +1,4 @@
-"""Policy greedy-classify: send the command that classifies most frontier cells immediately."""
+"""Policy greedy-classify: send the command that immediately classifies the most frontier cells."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 
 @dataclass(frozen=True)
 class GreedyClassify(PlannerPolicy):
-    """Send the command that classifies most frontier cells.
+    """Send the command that is predicted to classify the most frontier cells.
 
     If no command classifies a cell, send the path to the nearest frontier cell.
 
-    Every episode ends, as for closest-frontier, because each command or path classifies a cell. Source: docs/concepts/planners.md.
+    Each command or path classifies a cell. Therefore every episode ends, as with closest-frontier. Source:
+    docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "greedy-classify"

@@ -37,13 +37,13 @@ PLACES = 64  # states stored along a plan
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """The planner beam-rollout with a wider search. Annealing starts from its plan."""
+    """The planner beam-rollout with a wider search, for the first plan. Annealing starts from its plan."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the full budget and the tuning, independent of the number of particles."""
+        """Return the full budget and the tuning, for any number of particles."""
         return (self.budget, *self.tuning)
 
 
@@ -66,7 +66,7 @@ class Offline:
 
     @property
     def name(self) -> str:
-        """The registered name, and the budget if it is not the default."""
+        """The registered name of the policy, with the budget if it differs from the default."""
         return self.kind if self.budget == PLAN_BUDGET else f"{self.kind}:budget={self.budget:g}"
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
@@ -90,10 +90,9 @@ def plan_coverage(
     attempts: int = 1,
     seed: int = 0,
 ) -> str:
-    """Return commands that move at least one particle onto every free cell, or every target, of a known map.
+    """Return commands that move at least one particle onto every free cell of a known map, or onto every target cell.
 
-    The planner beam-rollout, with the true map as its prediction, makes an initial plan. Simulated annealing then shortens the
-    plan.
+    The planner beam-rollout makes an initial plan. Its prediction is the true map. Simulated annealing then shortens the plan.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Base classes of the planners. Planners observe every move and keep their memory in kernel arrays."""
+"""Base classes of the planners. These policies (planners) observe every move and keep their memory in arrays for kernels."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class PlannerPolicy(Compiled):
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command. The memory holds everything that the planner has learnt and the last command."""
+        """Return the next command. The memory holds the last command and all that the planner has learnt."""
         belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
         field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
         if memory is None:

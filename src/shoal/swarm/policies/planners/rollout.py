@@ -1,4 +1,4 @@
-"""Policy rollout: complete candidate plans with a base policy in the predicted world, and send the best plan's first command."""
+"""Policy rollout: complete candidate plans with a base policy in a predicted world, and send the first command of the best plan."""
 
 from __future__ import annotations
 
@@ -40,9 +40,10 @@ P1 = Tuning(
 class Rollout(Budgeted):
     """Simulate several plans in the predicted world and send the first command of the best plan.
 
-    The candidates are the rest of the last plan, all single commands, the best leaves of a beam search, and variations of the best
-    candidate. A greedy base policy completes each candidate. If 450 moves classify no cell, the planner sends a whole path to the
-    nearest frontier cell, so every episode ends. Source: docs/concepts/planners.md describes the prototype.
+    The candidates are the rest of the last plan, all single commands, the best leaves of a beam search, and random variations of
+    the best candidate. A greedy base policy completes each candidate. If 450 moves classify no cell, the planner sends all commands
+    of the shortest path to a frontier cell. Therefore every episode ends. Source: docs/concepts/planners.md describes the
+    prototype.
     """
 
     kind: ClassVar[str] = "rollout"

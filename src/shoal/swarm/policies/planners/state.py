@@ -30,7 +30,10 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 
 
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
-    """Return an empty prior with the given number of lattice models, with or without the learned network."""
+    """Return a prior that has not learned anything yet.
+
+    It has a given number of lattice models, and optionally the learned network.
+    """
     weights = np.zeros(occupancy_prior.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
     weights[occupancy_prior.LEARNED] = 0.5 if learned else 0.0
@@ -106,19 +109,19 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
 
 
 def seed_of(rng: Generator) -> int:
-    """Draw the seed of a planner's own random generator."""
+    """Draw a seed for the random generator of a planner."""
     return int(rng.integers(1, 2**62))
 
 
 class Pace:
-    """Converts a time per move into a budget of simulated moves, based on the speed measured so far."""
+    """Converts a time limit per move into a budget of simulated moves. The conversion uses the speed that was measured so far."""
 
     def __init__(self, milliseconds: float) -> None:
         self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the budget for a number of moves, and measure the time that the block needs to play them."""
+        """Set the budget for a number of moves, and measure the time in which the block computes these moves."""
         if not self.milliseconds:
             yield
             return

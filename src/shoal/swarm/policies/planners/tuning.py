@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Tuning(NamedTuple):
-    """Tuning parameters of a planner. docs/concepts/planners.md explains their values."""
+    """The tuning parameters of a planner. docs/concepts/planners.md explains the values."""
 
     end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
     horizon: float  # horizon of plans to the end, in moves

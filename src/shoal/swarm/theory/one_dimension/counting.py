@@ -1,14 +1,14 @@
 """Exact counting of particle placements on a line, with integers only.
 
-A placement is given by the n + 1 gaps around n particles, with m - n empty cells in total. Let a be the first gap, b the last, t =
-a + b, and g(1) ... g(n-1) the inner gaps. Then (see `positions.coverage_moves`) full coverage takes
+A placement is given by the n + 1 gaps around n particles, with m - n empty cells in total. Let a be the first gap, b the last gap,
+t = a + b, and g(1) ... g(n-1) the inner gaps. Then (see `positions.coverage_moves`) full coverage takes
 
-    a + 1 + max(t + 2, g(i), but g(i) - 1 for the first i with g(i) > 0)
+    a + 1 + max(t + 2, g(1), ..., g(n-1))
 
-moves. It takes one move less for a clump, where all g(i) are 0. The maximum is at most g for the placements with t <= g - 2 (t + 1
-ways to split t) and inner gaps of at most g, where the first nonzero gap may be g + 1. Generating functions turn this count into
-sums of binomials. Let G = (1 - x^(g+1)) / (1 - x) represent one gap, and T be the sum of (t+1) x^t for t <= g - 2. The count is
-then the coefficient of x^(m-n) in
+moves. Here the first g(i) above 0 counts as g(i) - 1. If all g(i) are 0 (a clump), full coverage takes one move less. The maximum
+is at most g if t <= g - 2 and all inner gaps are at most g, where the first nonzero gap may be g + 1. There are t + 1 ways to
+divide t into a and b. Generating functions turn this count into sums of binomials. Let G = (1 - x^(g+1)) / (1 - x), which stands
+for one gap. Let T be the sum of (t+1) x^t for t <= g - 2. The number of placements is then the coefficient of x^(m-n) in
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """
@@ -44,7 +44,7 @@ def signed_binomials(n: int, at_most: int) -> list[int]:
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return, for g = 0 .. cells - particles, the number of placements without a gap above g, end gaps included."""
+    """Return the numbers of placements in which no gap, end gaps included, exceeds g = 0 .. cells - particles."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):
@@ -68,7 +68,7 @@ def coverage_total(cells: int, particles: int) -> int:
 
 
 class CoverageCounts:
-    """For g >= 2, counts the placements for which the maximum defined in the module's docstring is at most g."""
+    """Counts, for g >= 2, the placements for which the maximum in the module's docstring is at most g."""
 
     def __init__(self, cells: int, particles: int) -> None:
         n = particles
@@ -130,8 +130,8 @@ class CoverageCounts:
 def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int:
     """Return the papers' formula for full coverage, summed over all placements.
 
-    The formula is a + 2 + max(t + 1, largest inner gap + ``extra``). Its maximum is at most g if t <= g - 1 and all inner gaps are
-    at most g - ``extra``.
+    The formula is a + 2 + max(t + 1, largest inner gap + ``extra``). The maximum in this formula is at most g if t <= g - 1 and all
+    inner gaps are at most g - ``extra``.
     """
     empty, placements = cells - particles, comb(cells, particles)
     total = comb(cells + 1, particles + 1) + placements

@@ -81,7 +81,7 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Line:
-    """n particles on a line of m cells, with all placements equally likely. Commands go first left, then right.
+    """n particles on a line of m cells, with all placements equally likely. All commands go first to the left, then to the right.
 
     Parameters
     ----------
@@ -124,8 +124,8 @@ class Line:
     def boundary(self) -> Mean:
         """Expected number of moves until both ends are found.
 
-        Exact value: 3(1+m)/(1+n) - (m-n+1)/C(m,n), paper M, eq. 2. Printed value: paper D, eq. 2, which lacks the last term, the
-        clumps.
+        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value is that of paper D, eq. 2. It lacks the
+        last term, which counts clumps.
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -135,7 +135,7 @@ class Line:
     def boundary_float(self) -> float:
         """The exact mean of `boundary` as a float, for lines of any length.
 
-        In large swarms the clumps contribute less than rounding.
+        In large swarms, the term for clumps is smaller than rounding errors.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -145,9 +145,9 @@ class Line:
     def coverage(self) -> Mean:
         """Expected number of moves until every cell was visited and both ends are found.
 
-        The printed value is the papers' formula.
+        The printed value is that of the papers' formula.
 
-        The computing time grows with m sqrt(m) operations on integers of up to m bits. It is a millisecond for m = 100 and up to
+        The computation needs about m sqrt(m) operations on integers of up to m bits. It takes a millisecond for m = 100, and up to
         half a minute for m = 10,000.
         """
         return Mean(
@@ -157,10 +157,10 @@ class Line:
 
     @cached_property
     def published_coverage(self) -> Fraction:
-        """The published curve of full coverage: the papers' formula with each gap counted as a difference of positions.
+        """The published curve of full coverage: the papers' formula, in which each gap is measured as a difference of positions.
 
-        This counts one cell too many a second time. Source: paper M, Fig. 7 (its 1-D curve). Where particles fill all cells, the
-        curve has the correct value of 2 moves.
+        Each gap is then one cell too long, in addition to the error of the formula. Source: paper M, figure 7 (the 1-D curve). If
+        particles fill all cells, the curve has the correct value of 2 moves.
         """
         if self.particles == self.cells:
             return Fraction(2)
@@ -170,7 +170,7 @@ class Line:
     def largest_gap(self) -> Mean:
         """Expected number of empty cells in the largest of all n + 1 gaps.
 
-        The printed value is one more, because the papers use differences of positions.
+        The printed value is larger by one, because the papers use differences of positions.
         """
         exact = self.largest_gap_distribution.mean
         return Mean(exact, exact + 1)
@@ -188,7 +188,7 @@ class Line:
     def first_distribution(self) -> Distribution:
         """Distribution of p_1, the position of the first particle.
 
-        It is the number of moves left until the wall is found. m + 1 - p_n has the same distribution.
+        This position is the number of moves to the left until the wall is found. The value m + 1 - p_n has the same distribution.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))

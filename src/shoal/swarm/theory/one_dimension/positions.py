@@ -9,7 +9,7 @@ from shoal.core.errors import InvalidInputError
 
 
 def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
-    """Return positions as int64, shape (..., n).
+    """Return positions as an int64 array of shape (..., n).
 
     Raises
     ------
@@ -30,10 +30,10 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
 
 
 def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the number of moves until both ends of the line are found, moving left first.
+    """Return the number of moves until both ends of the line are found, if the particles first move to the left.
 
-    The number is ``2 p_1 + cells - p_n + 1``. It is one less if the particles form one clump, because the last move to the left
-    then holds all of them.
+    The number is ``2 p_1 + cells - p_n + 1`` for sorted positions p_1 to p_n. It is one less if the particles form one clump,
+    because then no particle moves in the last move to the left.
 
     Parameters
     ----------
@@ -65,11 +65,11 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
 
 def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the number of moves until every cell has held a particle and both ends are found, moving left first.
+    """Return the number of moves until every cell has held a particle and both ends are found, first to the left.
 
-    Particle i moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then ``R = cells - (p_n - L_n) + 1`` moves to the right find the
-    other end, and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` moves close the gap behind particle i. The total is p_1 plus the largest
-    of these numbers.
+    Particle i at the position p_i moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then ``R = cells - (p_n - L_n) + 1`` moves
+    to the right find the other end, and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` moves close the gap behind particle i. The total is
+    p_1 plus the largest of these numbers of moves.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Monte Carlo simulation on a line: random placements, evaluated in compiled code."""
+"""Monte Carlo simulation on a line: random placements, whose numbers of moves are computed in compiled code."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Values = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class LineSample:
-    """Random placements and their numbers of moves. Every array is int32, shape (trials,).
+    """Random placements and their numbers of moves. Every array is an int32 array of shape (trials,).
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def sample(
     workers: int | None = None,
     on_trials: Callable[[int], None] | None = None,
 ) -> LineSample:
-    """Draw equally likely placements and evaluate them.
+    """Draw equally likely placements, and compute their numbers of moves.
 
     Parameters
     ----------

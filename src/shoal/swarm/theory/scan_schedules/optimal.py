@@ -27,7 +27,7 @@ _LAST_STEPS = 50
 
 
 class OptimalSchedule(ScanSchedule):
-    """The optimal schedule for its prices; see `optimal_schedule`.
+    """The optimal schedule for given prices; see `optimal_schedule`.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ class OptimalSchedule(ScanSchedule):
         self.schedule = schedule
 
     def positions(self) -> Iterator[int]:
-        """Yield the positions up to the first one beyond the maximum distance."""
+        """Yield the scan positions up to the first position beyond the maximum distance."""
         for position in self.schedule.positions():
             yield min(position, self.max_distance + 1)
             if position > self.max_distance:
@@ -72,10 +72,11 @@ class OptimalSchedule(ScanSchedule):
 def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -> OptimalSchedule:
     """Return the schedule with the smallest worst-case weighted ratio over the distances 0 .. max_distance.
 
-    Let c be the price of a scan, v the price of a move, and x_0 = 0. A schedule with positions x_1 < x_2 < ... keeps a ratio r if
-    every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan never restricts the following ones.
-    Therefore, scanning as late as allowed decides whether r is possible. A bisection finds an interval that contains the smallest
-    r. Then schedules with a strictly smaller ratio are searched in exact fractions until there is none.
+    Let c be the price of a scan, v the price of a move, and x_0 = 0 the position of the scan at the start. A schedule with
+    positions x_1 < x_2 < ... keeps a ratio r if every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later
+    scan never restricts the scans that follow. Therefore r is possible exactly if the schedule that always scans as late as allowed
+    keeps r. A bisection finds an interval that contains the smallest r. Then, with exact fractions, schedules with smaller and
+    smaller ratios are computed until none is left.
 
     Parameters
     ----------
@@ -184,7 +185,7 @@ class _Latest:
         return positions
 
     def ratio(self, positions: list[int]) -> Fraction:
-        """Return the worst-case ratio of positions that reach the end."""
+        """Return the worst-case ratio of scan positions that reach the maximum distance."""
         best, below = (0, 1), 0
         for scans, position in enumerate(positions, start=2):
             over, under = self.scan * scans + self.move * position, self.move * (below + 1) + 2 * self.scan

@@ -1,7 +1,7 @@
-"""Scan schedules on a line: the moves after which to scan while a particle moves towards a wall at unknown distance.
+"""Scan schedules on a line: the numbers of moves after which a particle is scanned on its way to a wall at unknown distance.
 
-The particle is scanned once at the start. A wall at distance D stops it after D moves. A scan after x moves detects the wall if x >
-D. The optimum is D + 1 moves and 2 scans, which requires knowledge of D.
+The particle is scanned once at the start. A wall at distance D stops it after D moves. A scan after x moves detects a wall at
+distance D if x > D. For a known distance D, the optimum is D + 1 moves and 2 scans.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Price = int | float | str | Decimal | Fraction
 
 @dataclass(frozen=True)
 class Cost:
-    """The cost of finding the wall, as exact integers.
+    """The numbers of moves and scans until the wall is found, as exact integers.
 
     Parameters
     ----------
@@ -43,12 +43,12 @@ class Cost:
 
     @property
     def move_ratio(self) -> Fraction:
-        """Number of moves divided by the optimum D + 1."""
+        """Number of moves divided by the optimum D + 1, for a wall at distance D."""
         return Fraction(self.moves, self.distance + 1)
 
     @property
     def scan_ratio(self) -> Fraction:
-        """Number of scans divided by the optimum 2."""
+        """Number of scans divided by the optimum of 2 scans."""
         return Fraction(self.scans, 2)
 
     def weighted_ratio(self, *, scan_cost: Price, move_cost: Price) -> Fraction:
@@ -89,7 +89,7 @@ class ScanSchedule(ABC):
 
     @abstractmethod
     def positions(self) -> Iterator[int]:
-        """Yield the number of moves before each scan, ascending from 1, without the scan at the start."""
+        """Yield the number of moves before each scan, in increasing order, without the scan at the start."""
 
     def cost(self, distance: int) -> Cost:
         """Return the number of moves and scans until a wall at this distance is found.
@@ -113,8 +113,8 @@ class ScanSchedule(ABC):
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
         """Return the largest weighted ratio over all distances 0 .. max_distance.
 
-        The cost is constant between two scans while the optimum grows. Therefore only the smallest distance after each scan
-        matters.
+        Between two scans, the cost is constant while the optimum grows with the distance. Therefore only the smallest distance
+        after each scan matters.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class ScanSchedule(ABC):
 
 
 class EqualSteps(ScanSchedule):
-    """A scan after every k moves.
+    """The schedule with a scan after every k moves.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ class EqualSteps(ScanSchedule):
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
         """Return the worst ratio.
 
-        It occurs at the start or at the last scan before the maximum distance; see `ScanSchedule.worst`.
+        The worst distance is 0, or the position of the last scan up to the maximum distance; see `ScanSchedule.worst`.
         """
         check_distance(max_distance)
         ends = (0, max_distance // self.step * self.step)
@@ -181,7 +181,7 @@ class EqualSteps(ScanSchedule):
 
 
 class EveryStep(EqualSteps):
-    """A scan after each move, with the cost (D + 1, D + 2).
+    """The schedule with a scan after each move. For a wall at distance D, it costs D + 1 moves and D + 2 scans.
 
     Examples
     --------
@@ -195,7 +195,9 @@ class EveryStep(EqualSteps):
 
 
 class Powers(ScanSchedule):
-    """Scans after 1, k, k^2, ... moves: at most k D moves (D > 0) and about log D / log k scans.
+    """The schedule with scans after 1, k, k^2, ... moves.
+
+    A wall at distance D > 0 costs at most k D moves and about log D / log k scans.
 
     Parameters
     ----------
@@ -232,9 +234,10 @@ class Powers(ScanSchedule):
 
 
 class Hyperexponential(ScanSchedule):
-    """The i-th scan after i^i moves: 1, 4, 27, 256, ...
+    """The schedule with the i-th scan after i^i moves: 1, 4, 27, 256, ...
 
-    Both ratios grow as log D / log log D. No schedule has a smaller growth of both.
+    Its move ratio and its scan ratio grow as log D / log log D with the distance D. No other schedule lets both ratios grow more
+    slowly.
 
     Notes
     -----
@@ -255,7 +258,7 @@ class Hyperexponential(ScanSchedule):
 
 
 class Custom(ScanSchedule):
-    """Scans after given numbers of moves. The schedule ends after the last scan.
+    """A schedule with scans after given numbers of moves. The schedule ends after the last scan.
 
     Parameters
     ----------
@@ -289,7 +292,7 @@ class Custom(ScanSchedule):
 
 
 class OneJump(Custom):
-    """One scan after a jump that is long enough to reach the wall, with the cost (M, 2).
+    """The schedule with one scan after M moves, which are enough to reach the wall. The cost is M moves and 2 scans.
 
     Parameters
     ----------

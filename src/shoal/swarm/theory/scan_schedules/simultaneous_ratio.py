@@ -1,4 +1,4 @@
-"""Theorem 1 of paper M in numbers: the smallest bound that both ratios of a schedule can keep at once."""
+"""Theorem 1 of paper M in numbers: the smallest bound that the move ratio and the scan ratio of one schedule can both keep."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, ch
 
 @dataclass(frozen=True)
 class Bracket:
-    """The best simultaneous ratio for distances up to a limit.
+    """The smallest possible bound on both ratios of a schedule, for distances up to a limit.
 
     Parameters
     ----------
@@ -26,10 +26,11 @@ class Bracket:
 
 
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
-    """Return the smallest c for which some schedule keeps both ratios (moves and scans) at or below c up to a distance.
+    """Return the smallest c for which one schedule keeps its move ratio and its scan ratio at or below c.
 
-    With j scans after the first one, the scan ratio is (j + 1) / 2. The smallest possible move ratio falls as j grows; it belongs
-    to jumps as long as the ratio allows. The best j is where both ratios cross, so a search over j is exact.
+    With j scans after the first one, the scan ratio is (j + 1) / 2. The smallest possible move ratio falls as j grows. It is
+    reached by jumps that are as long as the ratio allows. The best j is where both ratios cross. Therefore a search over j gives
+    the exact result.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
 
 
 def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
-    """Return the larger of move ratio and scan ratio, maximized over the distances 0 .. max_distance.
+    """Return the larger one of the move ratio and the scan ratio, maximized over the distances 0 .. max_distance.
 
     Raises
     ------
