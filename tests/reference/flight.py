@@ -27,7 +27,7 @@ def way_of_plan(path):
     last = mission["items"][-1]
     assert last["command"] in (20, 21)
     end = (west, south) if last["command"] == 20 else (last["params"][5], last["params"][4])
-    up = [] if mission["vehicleType"] == 10 else [(west, south, points[0][2])]
+    up = [(west, south, points[0][2])] if mission["vehicleType"] == 2 else []  # a fixed wing climbs on its way to the first one
     down = [] if mission["vehicleType"] == 10 else [(*end, points[-1][2])]
     return [(west, south, 0.0), *up, *points, *down, (*end, 0.0)]
 

@@ -13,7 +13,7 @@ from tests.reference.missions import read_beside, read_plan
 from shoal.cli import run as command
 from shoal.core import notices
 from shoal.core.errors import InvalidInputError
-from shoal.search import open_region
+from shoal.search import LocalFrame, open_region
 from shoal.search.allocation.plan import plan_search
 from shoal.search.flight.flight import Flight
 from shoal.search.flight.separation import conflicts, nearest_approach
@@ -358,6 +358,44 @@ def test_a_fixed_wing_lands_against_the_wind_on_a_slope_that_it_can_sink():
     (over,) = missions_of([*lanes[:3], (200, -200)], None, vehicle=wing, landing=(100, 300), blocked=wall)
     assert not shapely.linestrings(over.way_in(None)[:, :2]).intersects(wall)
     assert Flight(wing, np.zeros(2), ending="land").flown(np.array([(-440.0, 0.0, 80.0)])).points[-2, 2] == 80
+
+
+def test_a_fixed_wing_takes_off_against_the_wind_on_a_slope_that_it_can_climb(tmp_path):
+    wing, lanes = vehicle_of("fixed-wing,wind_speed=5,wind_from=90"), [(900, 0), (1800, 0), (1800, 60), (900, 60)]
+    (free,) = missions_of(lanes, None, home=(0, 0), vehicle=wing)
+    far = 11 * 80 / 3  # 11 m/s over ground, 3 m/s up
+    assert free.way_in(None)[:3] == pytest.approx(np.array([(0, 0, 0), (0, 0, 0), (far, 0, 80)]))
+    assert trajectory(free.way_in(None)[:3], wing).duration == pytest.approx(80 / 3)
+    write_missions([free], tmp_path)
+    assert not lint(tmp_path, vehicle=wing)
+    assert {one.rule for one in lint(tmp_path, vehicle=vehicle_of("fixed-wing,wind_speed=5,wind_from=90,climb_speed=2.9"))} == {
+        "climb"
+    }
+    (aside,) = missions_of(lanes, None, home=(0, 0), vehicle=wing, blocked=shapely.box(100, -10, 120, 10))
+    assert not shapely.linestrings(aside.way_in(None)[:, :2]).intersects(shapely.box(100, -10, 120, 10))
+    (near,) = missions_of([(-40, 0), (-900, 0)], None, home=(0, 0), vehicle="fixed-wing,turn_radius=20")  # nearer up in circles
+    assert near.heights_above_home[0] == pytest.approx(40)
+    assert near.waypoints[:30, 0].min() > -16 * 40 / 3 - 50
+    around = shapely.box(-20, -20, 20, 20).boundary.buffer(1)
+    with pytest.raises(
+        InvalidInputError, match="launch: expected a way free of no-go zones and of higher ground on which it climbs by"
+    ):
+        missions_of(lanes, None, home=(0, 0), vehicle=wing, blocked=around)
+
+
+@pytest.mark.parametrize("suffix", [".plan", ".waypoints"])
+def test_a_multirotor_climbs_over_home_as_high_as_its_file_says(suffix, tmp_path):
+    """And then on the way to the first waypoint, for files of others."""
+    (mission,) = missions_of([(60, 0), (60, 80)], LocalFrame(8.5, 47.4), home=(0, 0), vehicle="multirotor")
+    ways = []
+    for take_off in (None, 10.0, 45.0):
+        write_missions([replace(mission, take_off=take_off)], tmp_path)
+        read = read_mission(tmp_path / f"robot-01{suffix}")
+        assert read.take_off == take_off
+        ways.append(read.way_in(LocalFrame(8.5, 47.4))[:3])
+    assert [way[1, 2] for way in ways] == [30, 10, 45]
+    assert all(way[2, 2] == 30 and np.abs(way[0]).max() < 0.01 for way in ways)
+    assert trajectory(ways[1], vehicle_of("multirotor")).duration < trajectory(ways[0], vehicle_of("multirotor")).duration
 
 
 def test_later_sorties_begin_when_their_vehicle_is_back(region):

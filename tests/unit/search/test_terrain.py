@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image, TiffImagePlugin
 from pyproj import Transformer
-from tests.reference.flight import bilinear, way_of_plan
+from tests.reference.flight import bilinear, ground_speed, legs_of, seconds_of, usable_seconds, way_of_plan
 from tests.reference.missions import READERS
 
 from shoal.cli import run
@@ -73,7 +73,8 @@ def hills(tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("vehicle", "error"), [("multirotor,endurance=500", 2.0), ("fixed-wing", 5.0), ("multirotor,endurance=25", 1.0)]
+    ("vehicle", "error"),
+    [("multirotor,endurance=500", 2.0), ("fixed-wing,climb_speed=30,sink_speed=30", 5.0), ("multirotor,endurance=25", 1.0)],
 )
 def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_path):
     """Every metre of every leg of the files, as computed from the grid by other code."""
@@ -103,6 +104,31 @@ def test_missions_keep_their_height_above_a_mountain(vehicle, error, hills, tmp_
     assert (asked.lowest, asked.highest) == pytest.approx((read.lowest, read.highest), abs=0.03)
     assert worst > error / 2, "no more waypoints than are needed"
     assert checked > 9000
+
+
+def test_a_fixed_wing_rises_before_the_mountain_as_fast_as_it_can_and_no_faster(hills, tmp_path):
+    path, _ = hills
+    wing, ground = vehicle_of("fixed-wing,turn_radius=20,wind_speed=4,wind_from=250"), open_terrain(path)
+    asked = {"vehicle": wing, "altitude_frame": "ground", "terrain": ground, "terrain_error": 5.0}
+    missions = missions_of(LANES, FRAME, home=(-600, -600), link=101.0, **asked)
+    told = {name: value for name, value in wing.to_dict(defaults=True).items() if value is not None}
+    for file in write_missions(missions, tmp_path, formats=["plan"]):
+        way = way_of_plan(file)
+        for (bearing, _, length, up), leg in zip(legs_of(way[:-1]), pairwise(way), strict=False):
+            lasting = length / ground_speed(bearing, 16.0, 4.0, 250.0) if length else 0.0
+            assert -2.0 * lasting - 0.02 <= up <= 3.0 * lasting + 0.02, leg
+        assert seconds_of(way, told) <= usable_seconds(told)
+    seen = clearance_of(missions, ground, FRAME)
+    assert 8 < seen.lowest < 80 < 120 < seen.highest  # lowest where it climbs in circles after take-off
+    ups = missions[0].altitudes  # heights above ground differ: files say so
+    assert ups[np.argmax(ups >= 75) :].min() >= 75
+    assert not [one for one in lint(tmp_path, vehicle=wing) if one.severity == "error"]
+    write_missions(
+        missions_of(LANES, FRAME, home=(-600, -600), link=101.0, **asked | {"vehicle": "fixed-wing,climb_speed=30,sink_speed=30"}),
+        tmp_path,
+    )
+    found = lint(tmp_path, vehicle=wing)
+    assert {one.rule for one in found if one.severity == "error"} == {"climb"}
 
 
 def test_formats_say_what_altitudes_count_from(hills, tmp_path):

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from math import ceil, cos, pi, sin
+from math import atan2, ceil, cos, inf, pi, sin
 from typing import Any
 
 import numpy as np
@@ -12,8 +14,8 @@ import numpy as np
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, profile_of
-from shoal.search.flight.timing import Trajectory, trajectory
+from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, limited_climbs, profile_of
+from shoal.search.flight.timing import Trajectory, climbs_apart, leg_seconds, trajectory, whole_way
 from shoal.search.flight.turning import NEAR, KnownCurves, circled, room_beside, turned_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline_checks import Points, text_of
@@ -27,8 +29,10 @@ ENDINGS = ("return", "land", "loiter")
 
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
-_APPROACHES = 12  # number of directions among which a landing is chosen
-_TOUCHING = 0.9  # final part of an approach, which may be near the ground
+_DIRECTIONS = 12  # number of directions among which those of a take-off and a landing are chosen
+_TOUCHING = 0.9  # upper part of a climb or an approach; the rest may be near the ground
+_SAFE = 40.0  # metres: height at which a fixed wing may turn after take-off
+_HAIR = 0.01  # metres
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +124,8 @@ class Flight:
     def waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a path; float64, shape (m, 3): metres east, north, and above home.
 
-        Home itself is not a waypoint. Over terrain, the point above home is the first and the last waypoint.
+        Home itself is not a waypoint. Over terrain, the point above home is the first and the last waypoint. For a fixed wing, the
+        end of its straight climb after take-off is the first waypoint.
 
         Parameters
         ----------
@@ -150,36 +155,50 @@ class Flight:
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
         """Return the waypoints of a path with turns, and with circles for changes of altitude."""
+        base = float(self.elevation or 0.0) if self.altitude_frame == "sea" else 0.0
         if self.glides:
-            descent = self._approach(whole[-2])
+            descent = self._approach(whole[-2], ups[-1] - base)
             before = whole[:-1] if self._passes(whole[-2], descent) else whole  # or over the landing point: the way there is free
             whole = np.vstack([before, descent, whole[[-1, -1]]])  # its last leg is flown straight
             ups = np.append(ups, np.full(len(whole) - len(ups), ups[-1]))
         away = [np.hypot(*(whole - whole[end]).T) > NEAR for end in (0, -1)]
         begin, end = (int(np.argmax(far)) if far.any() else len(far) for far in (away[0], away[1][::-1]))
         ups = np.concatenate([np.full(begin, ups[begin - 1]), ups[begin : len(ups) - end], np.full(end, ups[-end])])[: len(ups)]
+        climb = self._departure(whole[min(begin, len(whole) - 1)], ups[0] - base)
+        whole = np.vstack([whole[[0, 0]], climb, whole[begin - (begin > 1) :]])  # its first leg is flown straight
+        ups = np.append(np.full(len(whole) - len(ups) + begin, ups[0]), ups[begin:])
         changes = np.flatnonzero(np.diff(ups)) + 1
         changes = changes[np.insert(np.diff(whole[changes], axis=0).any(axis=1), 0, np.ones(min(len(changes), 1)))]
         stretches = turned_way(
             whole, self.radius, link=self.link, blocked=self.blocked, area=self.area, known=self._known, cuts=changes.tolist()
         )
+        last = stretches[-1][-2:]
         if self.glides:
             stretches[-1] = stretches[-1][:-1]
         levels = [*ups[changes - 1].tolist(), float(ups[-1])]
         flown = [self._at(stretch, up) for stretch, up in zip(stretches, levels, strict=True)]
-        climbs = [self._circles(one[-2:], float(other[0, 2])) for one, other in pairwise(flown)]
-        found = np.vstack([flown[0], *(piece for pair in zip(climbs, flown[1:], strict=True) for piece in pair)])
-        if self._follows:
-            return found
-        # the end is also a waypoint
-        kept = [np.hypot(*(way[k, :2] - place)) <= NEAR for k, place in ((0, self.home), (-1, self.end))]
-        return found[int(not kept[0]) : len(found) - int(not (kept[1] or self.glides))]
+        circles = [self._circles(one[-2:, :2], one[-1], other[0, 2])[1:-1] for one, other in pairwise(flown)]
+        found = np.vstack([flown[0], *(piece for pair in zip(circles, flown[1:], strict=True) for piece in pair)])
+        first, found = found[:2, :2], found[1:]
+        if found[0, 2] > (most := self._rooms(first)[0][0]) + _HAIR:
+            found = np.vstack([self._circles(first, np.append(first[1], most), found[0, 2])[:-1], found])
+        if not self.glides:
+            kept = self._follows or np.hypot(*(way[-1, :2] - self.end)) <= NEAR  # the end is also a waypoint
+            return found if kept else found[:-1]
+        if found[-1, 2] > (most := self._rooms(last)[1][0]) + _HAIR:
+            found = np.vstack([found, self._circles(last, found[-1], most)[1:]])
+        return found
 
-    def _circles(self, arriving: Floats, top: float) -> Floats:
-        """Return the path in circles from the end of a leg to another height above it, without its first and last point."""
-        place, toward = arriving[-1], np.diff(arriving[:, :2], axis=0)[0]
+    def _rooms(self, way: Points) -> tuple[Floats, Floats]:
+        """Return by how many metres the vehicle can climb, and sink, on each leg of a level path."""
+        lasting = leg_seconds(np.column_stack([way, np.zeros(len(way))]), self.vehicle, rate=self.rate)
+        return lasting * (self.vehicle.climb_speed or inf), lasting * (self.vehicle.sink_speed or inf)
+
+    def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
+        """Return the path in circles, in the direction of a leg, from a place to another height above or below it."""
+        toward = leg[1] - leg[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
-        sense = room_beside(start, self.radius, blocked=self.blocked, area=self.area)
+        sense = self._sense(start)
         if not sense:
             raise InvalidInputError(
                 f"turn_radius: expected room to climb in a circle of {self.radius:.4g} m, got none at {text_of(place[:2])}"
@@ -188,24 +207,68 @@ class Flight:
         length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
         way = circled(start, sense, max(1, ceil(length / (2 * pi * self.radius))), self.radius)
         far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
-        return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])[1:-1]
+        return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])
 
-    def _approach(self, last: Points) -> Points:
+    @cached_property
+    def _around(self) -> Points:
+        """Points around a place, at the distance to which a turn there leads."""
+        angles = np.linspace(0.0, 2 * pi, _DIRECTIONS, endpoint=False)
+        return 2 * self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
+
+    def _sense(self, start: Floats) -> str:
+        """Return to which side of a place and heading there is room for a circle: L, R, or none."""
+        return room_beside(start, self.radius, blocked=self.blocked, area=self.area)
+
+    def _directions(self, toward: Points) -> Iterator[tuple[Points, float]]:
+        """Yield directions, first against the wind or, without wind, toward a place; and the ground speed in each."""
+        ahead = -self.vehicle.wind_vector if self.vehicle.wind else toward
+        for number in range(_DIRECTIONS):
+            heading = atan2(ahead[1], ahead[0]) + (-1) ** number * ((number + 1) // 2) * 2 * pi / _DIRECTIONS
+            course = np.array([cos(heading), sin(heading)])
+            yield course, float(self.vehicle.ground_speed([course])[0]) * self.rate
+
+    def _departure(self, then: Points, up: float) -> Points:
+        """Return the end of the straight climb after take-off, from which the path continues to a point.
+
+        If circles on the way up make the path shorter, or there is no room for the whole climb, only its first part is straight.
+        """
+        import shapely
+
+        around = 2 * pi * self.radius
+        safe, least = (float(self.vehicle.vertical_seconds(height)) for height in (min(_SAFE, up), 0.0))
+        whole = float(self.vehicle.vertical_seconds(up))
+        bounded = self.area is not None and shapely.intersects_xy(self.area, *self.home)
+        for lengths, inside in (((whole, safe), bounded), ((least,), bounded), ((whole, safe, least), False)):
+            for course, speed in self._directions(then - self.home):
+                found = []
+                for lasting in lengths:
+                    far = max(lasting * speed, 2 * self.radius)
+                    end, height = self.home + course * far, min(up, far / speed * float(self.vehicle.climb_speed or inf))
+                    leaves = inside and not shapely.covers(self.area, shapely.linestrings([self.home, end]))
+                    if not leaves and self._free(self.home, end, course) and self._clear(self.home, end, height):
+                        found.append((float(np.hypot(*(then - end))) + around * (lasting < whole), end))
+                if found:
+                    return min(found, key=lambda one: one[0])[1]
+        raise InvalidInputError(
+            f"launch: expected a way free of no-go zones and of higher ground on which it climbs by {up:g} m from "
+            f"{text_of(self.home)}, got none in any direction"
+        )
+
+    def _approach(self, last: Points, up: float) -> Points:
         """Return the start of the approach to a landing: against the wind, or as close to that as space allows."""
-        up = self.vehicle.height
-        lasting, best = float(self.vehicle.vertical_seconds(-up)), None
-        toward = -self.vehicle.wind_vector if self.vehicle.wind else self.end - last
-        heading = float(np.arctan2(toward[1], toward[0]))
-        for number in range(_APPROACHES):
-            aside = (-1) ** number * ((number + 1) // 2) * 2 * pi / _APPROACHES
-            course = np.array([cos(heading + aside), sin(heading + aside)])
-            best = self.end - course * max(lasting * float(self.vehicle.ground_speed([course])[0]) * self.rate, 2 * self.radius)
-            if self._passes(best, self.end) and self._clear(best, up):
-                return best
+        lasting = float(self.vehicle.vertical_seconds(-up))
+        for course, speed in self._directions(self.end - last):
+            best = self.end - course * max(lasting * speed, 2 * self.radius)
+            if self._free(self.end, best, course) and self._clear(self.end, best, up):
+                return np.asarray(best)
         raise InvalidInputError(
             f"landing: expected a way free of no-go zones and of higher ground on which it sinks by {up:g} m to "
             f"{text_of(self.end)}, got none from any direction"
         )
+
+    def _free(self, low: Points, high: Points, course: Points) -> bool:
+        """Return whether a leg avoids blocked areas, and there is room to turn at its upper end."""
+        return self._passes(low, high) and bool(self._sense(np.append(high, atan2(course[1], course[0]))))
 
     def _passes(self, one: Points, other: Points) -> bool:
         """Return whether a straight leg avoids blocked areas."""
@@ -213,17 +276,21 @@ class Flight:
 
         return self.blocked is None or not shapely.intersects(self.blocked, shapely.linestrings([one, other]))
 
-    def _clear(self, begin: Points, up: float) -> bool:
-        """Return whether an approach that begins at an altitude stays above the ground."""
+    def _clear(self, low: Points, high: Points, up: float) -> bool:
+        """Return whether a leg from the ground to a height above it, or back, stays above the ground.
+
+        The ground must be known there, and be low where a turn at the upper end leads.
+        """
         if self.terrain is None:
             return True
         shares = np.linspace(0.0, _TOUCHING, 64)[:, None]
         try:
-            ground = self.terrain.at((1 - shares) * begin + shares * self.end, self.frame)
-            base = float(self.terrain.at(self.end[None], self.frame)[0])
+            around = self.terrain.at(high + self._around, self.frame)
+            ground = self.terrain.at((1 - shares) * high + shares * low, self.frame)
+            base = float(self.terrain.at(low[None], self.frame)[0])
         except InvalidInputError:
             return False  # where the height of the ground is unknown
-        return bool((base + (1 - shares[:, 0]) * up > ground).all())
+        return bool((base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all())
 
     def _at(self, way: Points, up: float) -> Floats:
         """Return the waypoints of a path at one altitude, over terrain if there is one."""
@@ -233,8 +300,13 @@ class Flight:
         profile = profile_of(terrain, way, self.frame, error=self.terrain_error)
         base = float(self.elevation or 0.0)
         if self.altitude_frame == "ground":
+            if self.vehicle.radius:  # others may climb where they stand
+                profile = replace(profile, heights=limited_climbs(profile.heights, *self._rooms(profile.points)))
             over = followed(profile, up, self.terrain_error) - (0.0, 0.0, base)
-            return np.asarray(over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])])
+            over = over[np.concatenate([[True], np.diff(over[:, :2], axis=0).any(axis=1)])]
+            if self.vehicle.radius:
+                over[:, 2] = limited_climbs(over[:, 2], *self._rooms(over[:, :2]))
+            return np.asarray(over)
         self._check_clear(profile, up, base if self.altitude_frame == "home" else 0.0)
         return self._level(way, np.full(len(way), up))
 
@@ -255,36 +327,6 @@ class Flight:
 
     def flown(self, waypoints: Floats) -> Trajectory:
         """Return the vehicle's trajectory from the ground at home along waypoints to the ground at its landing point."""
-        return trajectory(whole_way(self.home, waypoints, self.landing, glides=self.glides), self.vehicle, rate=self.rate)
-
-
-def climbs_apart(way: Points, ups: Floats) -> tuple[Points, Floats]:
-    """Return a path with its altitudes, in which each climb is vertical before its leg and each descent is vertical after its leg.
-
-    Examples
-    --------
-    >>> way, ups = climbs_apart(np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)]), np.array([30.0, 50.0, 30.0]))
-    >>> np.column_stack([way, ups]).tolist()
-    [[0.0, 0.0, 30.0], [0.0, 0.0, 50.0], [9.0, 0.0, 50.0], [9.0, 9.0, 50.0], [9.0, 9.0, 30.0]]
-    """
-    change, moves = np.diff(ups), np.diff(way, axis=0).any(axis=1)
-    rises, sinks = np.flatnonzero((change > 0) & moves), np.flatnonzero((change < 0) & moves) + 1
-    at = np.concatenate([rises + 1, sinks])
-    kept = np.insert(way, at, np.concatenate([way[rises], way[sinks]]), axis=0)
-    return kept, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
-
-
-def whole_way(home: Points, waypoints: Floats, landing: Points | None = None, *, glides: bool = False) -> Floats:
-    """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
-
-    The vehicle climbs above home to the height of the first waypoint. It descends from the height of the last waypoint, or, if the
-    vehicle glides, during the last leg.
-
-    Examples
-    --------
-    >>> whole_way(np.zeros(2), np.array([(40.0, 0.0, 30.0)])).tolist()
-    [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0], [40.0, 0.0, 30.0], [0.0, 0.0, 30.0], [0.0, 0.0, 0.0]]
-    """
-    end = home if landing is None else landing
-    over = np.zeros((0, 3)) if glides else np.array([[*end, waypoints[-1, 2]]])
-    return np.vstack([[*home, 0.0], [*home, waypoints[0, 2]], waypoints, over, [*end, 0.0]])
+        climb = 0.0 if self.vehicle.radius else None
+        way = whole_way(self.home, waypoints, self.landing, climb=climb, glides=self.glides)
+        return trajectory(way, self.vehicle, rate=self.rate)

@@ -205,6 +205,27 @@ def _crossings(along: Floats, places: Points) -> Floats:
     return np.concatenate(found)
 
 
+def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
+    """Return the lowest heights along a path, none below the given ones, that climb and sink on each leg at most by given amounts.
+
+    Before higher ground the path rises earlier, and after it the path sinks later.
+
+    Parameters
+    ----------
+    heights : ndarray of float64, shape (n,)
+    climbs, sinks : ndarray of float64, shape (n - 1,)
+        Largest climb and largest descent on each leg, in metres.
+
+    Examples
+    --------
+    >>> limited_climbs(np.array([0.0, 0.0, 10.0, 0.0]), np.full(3, 6.0), np.full(3, 8.0)).tolist()
+    [0.0, 4.0, 10.0, 2.0]
+    """
+    up, down = (np.concatenate([[0.0], np.cumsum(most)]) for most in (climbs, sinks))
+    raised = np.maximum.accumulate((heights - up)[::-1])[::-1] + up
+    return np.asarray(np.maximum.accumulate(raised + down) - down)
+
+
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
     """Return a path above the ground: its vertices, and additional points for a nearly constant height above ground.
 

@@ -109,3 +109,37 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
     apart = np.hypot(*np.diff(headings[here], axis=0).T) > STRAIGHT
     found[here[1:][apart] - 1] = True
     return found
+
+
+def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
+    """Return a path with its altitudes, in which each climb is vertical before its leg and each descent is vertical after its leg.
+
+    Examples
+    --------
+    >>> way, ups = climbs_apart(np.array([(0.0, 0.0), (9.0, 0.0), (9.0, 9.0)]), np.array([30.0, 50.0, 30.0]))
+    >>> np.column_stack([way, ups]).tolist()
+    [[0.0, 0.0, 30.0], [0.0, 0.0, 50.0], [9.0, 0.0, 50.0], [9.0, 9.0, 50.0], [9.0, 9.0, 30.0]]
+    """
+    change, moves = np.diff(ups), np.diff(way, axis=0).any(axis=1)
+    rises, sinks = np.flatnonzero((change > 0) & moves), np.flatnonzero((change < 0) & moves) + 1
+    at = np.concatenate([rises + 1, sinks])
+    kept = np.insert(way, at, np.concatenate([way[rises], way[sinks]]), axis=0)
+    return kept, np.insert(ups, at, np.concatenate([ups[rises + 1], ups[sinks - 1]]))
+
+
+def whole_way(
+    home: Floats, waypoints: Floats, landing: Floats | None = None, *, climb: float | None = None, glides: bool = False
+) -> Floats:
+    """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
+
+    The vehicle climbs vertically to the height ``climb``, by default that of the first waypoint, and flies straight to the first
+    waypoint. It descends from the height of the last waypoint, or, if the vehicle glides, during the last leg.
+
+    Examples
+    --------
+    >>> whole_way(np.zeros(2), np.array([(40.0, 0.0, 30.0)])).tolist()
+    [[0.0, 0.0, 0.0], [0.0, 0.0, 30.0], [40.0, 0.0, 30.0], [0.0, 0.0, 30.0], [0.0, 0.0, 0.0]]
+    """
+    end = home if landing is None else landing
+    over = np.zeros((0, 3)) if glides else np.array([[*end, waypoints[-1, 2]]])
+    return np.vstack([[*home, 0.0], [*home, waypoints[0, 2] if climb is None else climb], waypoints, over, [*end, 0.0]])

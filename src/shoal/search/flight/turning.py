@@ -99,10 +99,10 @@ def turned_way(
 ) -> list[Floats]:
     """Return a path along the legs of a given path, whose turns lie outside the legs and have at least a minimum radius.
 
-    The path passes all vertices. Legs longer than ``link``, except the first and the last, are flown straight from end to end.
-    Shorter legs may be replaced by a curve between their ends. Headings (`HEADINGS` choices at free points) and curves are chosen
-    for the smallest total length. If all curves from the end of a leg are blocked, the vehicle passes points near the end of the
-    leg, at most a footprint apart, in any direction that is possible.
+    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. The first and the last leg are flown
+    straight if the first or the last point is given twice. Shorter legs may be replaced by a curve between their ends. Headings
+    (`HEADINGS` choices at free points) and curves are chosen for the smallest total length. If all curves from the end of a leg are
+    blocked, the vehicle passes points near the end of the leg, at most a footprint apart, in any direction that is possible.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def turned_way(
     marks[[1, -2, -1]] = _KEPT
     marks[np.cumsum(moves)[np.asarray(cuts, dtype=np.int64) - 1]] = _CUT
     straight = np.hypot(*np.diff(points, axis=0).T) > max(link, _SAME)
-    straight[[0, -1]] &= ~moves[[0, -1]]  # if the path begins at its second point, its first leg has length zero
+    straight[[0, -1]] = ~moves[[0, -1]]  # where the first or last point is given twice
     room = _Room.of(blocked, area)
     memory = KnownCurves() if known is None else known
     loosen = [vertex for vertex, point in enumerate(points) if point.tobytes() in memory.loose]

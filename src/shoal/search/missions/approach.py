@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from shoal.core.dataclass import dataclass
-from shoal.search.flight.flight import whole_way
 from shoal.search.flight.separation import Approach, nearest_approach
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.terrain import Terrain, profile_of
-from shoal.search.flight.timing import Floats, Trajectory, trajectory
+from shoal.search.flight.timing import Floats, Trajectory, trajectory, whole_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.mission import Mission
 from shoal.search.missions.rules import inside_of, searching
@@ -58,7 +57,7 @@ def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
     for mission in missions:
         way = mission.way_in(region.frame)[1:-1, :2]
         inside = inside_of(region, way)
-        outside = way[1:-1][searching(inside)]
+        outside = way[1:-1][searching(inside, mission.kind)]
         most = max(most, float(shapely.distance(region.outline, shapely.points(outside)).max(initial=0.0)))
     return most
 
@@ -243,7 +242,9 @@ def _heights_of(mission: Mission, terrain: Terrain, frame: LocalFrame | None) ->
     ground = terrain.at(points, frame)
     known = mission.heights is not None or mission.altitude_frame != "ground"
     ups = mission.heights_above_home + ground[0] if known else mission.levels + ground[1:-1]
-    way = whole_way(points[0], np.column_stack([points[1:-1], ups]), points[-1], glides=mission.glides)[1:-1]
+    climb = None if mission.vertical_climb is None else mission.vertical_climb + ground[0]
+    way = whole_way(points[0], np.column_stack([points[1:-1], ups]), points[-1], climb=climb, glides=mission.glides)
+    way = way[1 + (mission.kind == "fixed-wing") : -1]
     profile = profile_of(terrain, way[:, :2], frame, error=_FINE)
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(profile.points, axis=0).T))])
     flown = np.interp(far, far[profile.vertices], way[:, 2])

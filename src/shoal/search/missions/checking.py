@@ -276,7 +276,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
     inside = inside_of(region, way)
-    here = searching(inside)
+    here = searching(inside, sheet.kind)
     ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
     way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
     kept = [way[1:-1][here]]

@@ -95,9 +95,9 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
     if not len(stops):
         return ()
     landing = None if options["ending"] in (None, "return") else plan.places[robot]
-    way = plan.route(robot, stops).points
+    route = plan.route(robot, stops)
+    way = route.points[min(1, route.stops[1]) :]  # without home, above which it climbs anyway
     if way.shape[1] == 3:
-        way = way[int(len(way) > 1 and np.array_equal(way[0, :2], way[1, :2])) :]  # above home it climbs to its first cell anyway
         way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
     return missions_of(
         way,

@@ -65,6 +65,7 @@ RULES: dict[str, Rule] = {
     "acceptance": Rule("warning", "an acceptance radius as large as the way to the next waypoint, without curves"),
     "approach": Rule("error", "a landing of a fixed wing for which it would have to dive"),
     "turn-radius": Rule("error", "a turn that is narrower than the vehicle's radius"),
+    "climb": Rule("error", "a leg on which a fixed wing would have to climb or sink faster than it can"),
     "airspace": Rule("error", "turns of a fixed wing that lead farther out of the region than they may"),
     "speed": Rule("error", "a speed of 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
@@ -138,6 +139,7 @@ class Sheet:
     loiter: float | None = None
     start: float | None = None
     takeover: float | None = None
+    take_off: float | None = None
     delay: float = 0.0
     fence: Fence | None = None
     rally: tuple[tuple[float, float], ...] = ()

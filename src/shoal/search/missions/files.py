@@ -272,6 +272,7 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
         "landing",
         "loiter",
         "takeover",
+        "take_off",
         "start",
         "delay",
         "fence",

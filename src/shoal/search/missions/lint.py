@@ -12,6 +12,7 @@ import numpy as np
 
 from shoal.core.checks import check_choice, check_integer
 from shoal.core.errors import InvalidInputError
+from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet, take_beside
@@ -22,6 +23,7 @@ from shoal.search.regions.region import SearchRegion
 _SAME_PLACE = 1e-7  # degrees
 _SAME_METRES = 0.01
 _STEEPEST = 12.0  # degrees: an approach
+_ROUGH = 0.01  # relative to the time: what rounded coordinates change on short legs
 
 
 def lint(
@@ -89,6 +91,8 @@ def examine(
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
+            if vehicle is not None and vehicle.radius:
+                _check_climbs(sheet, vehicle)
             if region is not None:
                 check_place(sheet, region, airspace)
     if folder:
@@ -121,6 +125,25 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
         widest = radius * lengths[worst] / (needs[worst] + needs[worst + 1])
         place = sheet.places[min(int(numbers[worst]), len(sheet.places) - 1)]
         sheet.add("turn-radius", place, f"expected turns of at least {radius:.4g} m, got one of {widest:.3g} m at most")
+
+
+def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
+    """Add a diagnostic for the leg of a fixed wing that is the steepest, if the vehicle cannot climb or sink so fast."""
+    way = way_of(sheet) if sheet.kind == "fixed-wing" and len(sheet.altitudes) == len(sheet.points) else None
+    if way is None or sheet.altitude_frame == "ground":
+        return
+    base = sheet.elevation or 0.0 if sheet.altitude_frame == "sea" else 0.0
+    glides = sheet.landing is not None and sheet.loiter is None
+    ups = np.diff(np.array([base, *sheet.altitudes, *[base] * glides]))
+    level = np.column_stack([way[: len(ups) + 1], np.zeros(len(ups) + 1)])
+    lasting = leg_seconds(level, vehicle, rate=1.0 if sheet.speed is None else sheet.speed / vehicle.cruise)
+    extra = vehicle.vertical_seconds(np.sign(ups) * np.maximum(np.abs(ups) - ROUNDING, 0.0)) - lasting * (1 + _ROUGH)
+    worst = int(np.argmax(extra))
+    if extra[worst] > 0:
+        rate, most = ups[worst] / max(lasting[worst], ROUNDING), vehicle.climb_speed if ups[worst] > 0 else vehicle.sink_speed
+        verb = "climb" if ups[worst] > 0 else "sink"
+        place = sheet.places[min(worst, len(sheet.places) - 1)]
+        sheet.add("climb", place, f"expected legs on which it {verb}s by at most {most:g} m/s, got {abs(rate):.3g} m/s")
 
 
 def _check_homes(sheets: list[Sheet]) -> None:

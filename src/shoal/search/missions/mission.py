@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.flight import FRAMES, whole_way
+from shoal.search.flight.flight import FRAMES
+from shoal.search.flight.timing import whole_way
 from shoal.search.missions.fence import Fence
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
@@ -71,6 +72,9 @@ class Mission:
         Waiting time before the start in seconds.
     start : float, optional
         When it is to be started, seconds after the first missions; if not given a sortie follows when all before it have ended.
+    take_off : float, optional
+        Metres: the altitude, as ``altitude`` counts, to which it climbs vertically before it flies to the first waypoint. The
+        default is that of the first waypoint. A fixed wing climbs on the way there.
     takeover : float, optional
         Metres: the altitude, as ``altitude`` counts, at which it goes to what it takes over from another vehicle, and searches it.
     fence : Fence, optional
@@ -112,6 +116,7 @@ class Mission:
     loiter: float | None = None
     start: float | None = None
     takeover: float | None = None
+    take_off: float | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -166,6 +171,18 @@ class Mission:
         return self.kind == "fixed-wing" and self.landing is not None and self.loiter is None
 
     @property
+    def vertical_climb(self) -> float | None:
+        """Height in metres above home of the vertical climb after take-off; None for that of the first waypoint."""
+        if self.kind == "fixed-wing":
+            return 0.0
+        return None if self.take_off is None else self.take_off - self._base
+
+    @property
+    def _base(self) -> float:
+        """Altitude of home in metres, as ``altitude`` counts."""
+        return self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0
+
+    @property
     def length(self) -> float:
         """Horizontal length in metres from home through all waypoints to the end.
 
@@ -193,8 +210,7 @@ class Mission:
             raise InvalidInputError(
                 f"{self.name}: expected heights above home or sea level, got none but {self.altitude:g} m above ground"
             )
-        base = self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0
-        return np.full(len(self.waypoints), self.altitude - base)
+        return np.full(len(self.waypoints), self.altitude - self._base)
 
     @property
     def levels(self) -> NDArray[np.float64]:
@@ -203,7 +219,7 @@ class Mission:
             return self.altitudes
         if self.heights is None or self.altitude_frame == "ground":
             return np.full(len(self.waypoints), self.altitude)
-        return self.heights + (self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0)
+        return self.heights + self._base
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the vehicle's path in metres, in a given local frame or the mission's own. The path begins and ends on the ground.
@@ -212,7 +228,8 @@ class Mission:
         """
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
-        return whole_way(points[0], np.column_stack([points[2:], self.heights_above_home]), points[1], glides=self.glides)
+        over = np.column_stack([points[2:], self.heights_above_home])
+        return whole_way(points[0], over, points[1], climb=self.vertical_climb, glides=self.glides)
 
 
 def _check_motion(kind: str, altitude: float, speed: float) -> None:

@@ -135,7 +135,7 @@ def _check_altitude(sheet: Sheet) -> None:
             return
     often = Counter(round(altitude, 1) for altitude in sheet.altitudes)
     rare, count = min(often.items(), key=lambda entry: entry[1], default=(0.0, 0))
-    if sheet.altitude_frame != "sea" and len(often) > 1 and count == 1:
+    if sheet.kind != "fixed-wing" and sheet.altitude_frame != "sea" and len(often) > 1 and count == 1:  # wings climb on the way
         low, high = min(sheet.altitudes), max(sheet.altitudes)
         said = f"expected one height, or several waypoints at each, got {rare:g} m once among heights from {low:g} to {high:g} m"
         sheet.add("altitude-varies", "", said)
@@ -238,11 +238,12 @@ def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
     return np.asarray(near & shapely.intersects_xy(allowed, *np.where(near[:, None], way, 0.0).T))
 
 
-def searching(inside: NDArray[np.bool_]) -> slice:
+def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
     """Return which waypoints belong to the search. The argument tells which of home, waypoints and end lie in the region.
 
     If home lies outside the region, all waypoints before the first waypoint inside belong to the path from home. If the end lies
-    outside, all waypoints after the last waypoint inside belong to the path to the end.
+    outside, all waypoints after the last waypoint inside belong to the path to the end. Fixed wings may
+    leave the region after take-off and before landing, wherever home is.
 
     Examples
     --------
@@ -252,7 +253,8 @@ def searching(inside: NDArray[np.bool_]) -> slice:
     there = np.flatnonzero(inside[1:-1])
     if not len(there):
         return slice(0, len(inside) - 2)
-    return slice(0 if inside[0] else int(there[0]), len(inside) - 2 if inside[-1] else int(there[-1]) + 1)
+    first, last = inside[[0, -1]] & (kind != "fixed-wing")
+    return slice(0 if first else int(there[0]), len(inside) - 2 if last else int(there[-1]) + 1)
 
 
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
@@ -273,7 +275,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
     shapely.prepare(forbidden)
     inside = inside_of(region, way)
     barred = near & np.asarray(shapely.intersects_xy(forbidden, *np.where(near[:, None], way, 0).T))
-    here = searching(inside)
+    here = searching(inside, sheet.kind)
     stray = ~inside[1:-1]
     stray[: here.start] = stray[here.stop :] = False
     for index in np.flatnonzero(stray | barred[1:-1]).tolist():

@@ -130,19 +130,21 @@ def missions_of(
             speed=speed, geographic=frame is not None, altitude_frame=altitude_frame,
             heights=part[:, 2] if np.ptp(part[:, 2]) else None, elevation=flight.elevation, landing=ends[number - 1],
             loiter=loiter,
-            **told | {"altitude": kept.height} | (_levels(part, flight) if levels else {}),
+            **told | {"altitude": kept.height} | _levels(part, flight, several=levels),
         )
         for number, part in enumerate(parts, start=1)
     )  # fmt: skip
 
 
-def _levels(waypoints: NDArray[np.float64], flight: Flight) -> dict[str, Any]:
-    """Return the altitude of a sortie's first waypoint and, if altitudes above ground differ, the altitudes of all waypoints."""
+def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) -> dict[str, Any]:
+    """Return the first waypoint's altitude if there are several, and the altitudes of all waypoints above ground if they differ."""
     ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
+    told: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
     if flight.altitude_frame == "ground" and flight.terrain is not None:
         ups = np.round(ups - flight.terrain.at(waypoints[:, :2], flight.frame), 6)
-    varied = flight.altitude_frame == "ground" and float(np.ptp(ups)) > SAME_LEVEL
-    return {"altitude": float(ups[0])} | ({"altitudes": ups} if varied else {})
+        usual, same = (ups[0], SAME_LEVEL) if several else (flight.vehicle.height, flight.terrain_error)
+        told |= {"altitude": float(usual)} | ({"altitudes": ups} if np.abs(ups - usual).max() > same else {})
+    return told
 
 
 def _told(vehicle: Vehicle) -> dict[str, Any]:
@@ -240,13 +242,7 @@ class _Splitter:
 
     def _point(self, at: float) -> Points:
         """Return the point at a distance along the path."""
-        leg = int(np.clip(np.searchsorted(self.at, at, side="right") - 1, 0, max(0, len(self.way) - 2)))
-        if len(self.way) == 1 or at == self.at[leg]:
-            return np.asarray(self.way[leg])
-        if at == self.at[leg + 1]:
-            return np.asarray(self.way[leg + 1])
-        share = (at - self.at[leg]) / (self.at[leg + 1] - self.at[leg])
-        return np.asarray(self.way[leg] + share * (self.way[leg + 1] - self.way[leg]))
+        return np.array([np.interp(at, self.at, column) for column in self.way.T])
 
     def _way_to(self, end: Points, at: float) -> Points:
         """Return the path from a point of the route to home or to the landing point, including both ends."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.search.missions.diagnostics import Sheet
-from shoal.search.missions.mission import Mission
+from shoal.search.missions.mission import SAME_LEVEL, Mission
 
 WAYPOINT, HOLD, RETURN, LAND, TAKE_OFF, DELAY, SPEED, GIMBAL, TRIGGER = 16, 17, 20, 21, 22, 93, 178, 205, 206  # MAV_CMD
 WITHOUT_PLACE = 2  # MAV_FRAME: MISSION
@@ -20,6 +20,9 @@ _READ = {3: "home", 6: "home", 0: "sea", 5: "sea"}  # frames 6 and 5 equal 3 and
 _BY_ANGLES = 2.0  # MAV_MOUNT_MODE_MAVLINK_TARGETING
 _AIR, _GROUND = 0.0, 1.0  # SPEED_TYPE
 _STEEP = 15.0  # degrees: pitch of fixed wings during take-off
+_CLIMBED = (
+    0.8  # of the first waypoint's height: there the take-off of a fixed wing ends, so that it goes on straight to the waypoint
+)
 
 Params = tuple[float | None, ...]
 
@@ -37,13 +40,18 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    The wait and the take-off are the first items, because autopilots begin with these. Then an item sets the speed for the whole
-    mission. Images are taken from the first to the last waypoint.
+    The wait and the take-off are the first items, because autopilots begin with these. Then an item sets the speed for the
+    whole mission. Images are taken from the first to the last waypoint. The place of a fixed wing's take-off is its first
+    waypoint, toward which it climbs.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
-    heights = mission.heights_above_home + ((mission.elevation or 0.0) if frame == 0 else 0.0)
+    above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
+    heights = mission.heights_above_home + above
     places = [(y, x, z) for (x, y), z in zip(mission.waypoints.tolist(), heights.tolist(), strict=True)]
-    start = (_STEEP if wing else 0.0, 0.0, 0.0, mission.yaw, mission.home[1], mission.home[0], float(heights[0]))
+    rise = float(heights[0]) if mission.vertical_climb is None else mission.vertical_climb + above
+    start = (0.0, 0.0, 0.0, mission.yaw, mission.home[1], mission.home[0], rise)
+    if wing:
+        start = (_STEEP, 0.0, 0.0, mission.yaw, *places[0][:2], above + round(_CLIMBED * (float(heights[0]) - above), 2))
     reach = mission.acceptance_radius or 0.0
     points = [Item(WAYPOINT, frame, (0.0, reach, 0.0, mission.yaw, *place)) for place in places]
     # The throttle stays unchanged.
@@ -58,7 +66,7 @@ def items_of(mission: Mission) -> list[Item]:
     end = _placeless(RETURN)
     if mission.landing is not None:
         stays = mission.loiter is not None
-        height = float(heights[-1]) if stays else (mission.elevation or 0.0) if frame == 0 else 0.0
+        height = float(heights[-1]) if stays else above
         command = HOLD if stays or mission.kind == "rover" else LAND
         end = Item(command, frame, (0.0, 0.0, mission.loiter or 0.0, mission.yaw, *mission.landing[::-1], height))
     return [*wait, *take_off, *items, *points, end]
@@ -79,6 +87,9 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         first = waypoints[0]
         sheet.altitude_frame, sheet.yaw = _READ.get(first.frame), first.params[3] or None
         sheet.acceptance_radius = first.params[1] or None
+        ups = [_number(item.params[6])[0] for item in items if item.command == TAKE_OFF]
+        if ups and ups[0] > 0 and abs(ups[0] - sheet.altitudes[0]) > SAME_LEVEL:
+            sheet.take_off = ups[0]
     if items and items[-1].command in (HOLD, LAND) and any(items[-1].params[4:6]):
         latitude, longitude = _number(*items[-1].params[4:6])
         sheet.landing = (longitude, latitude)
