@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import sqlite3
+from contextlib import closing
 
 import numpy as np
 import pytest
@@ -340,6 +342,35 @@ def test_layers_that_are_none(tmp_path):
         open_region(path)
     with pytest.raises(InvalidInputError, match="expected a Polygon or MultiPolygon, got only LineString"):
         open_region(path, layer="fence")
+
+
+def test_a_geopackage_is_read_with_the_changes_beside_it(tmp_path):
+    """A program that still has the file open keeps its last changes in a second file."""
+    import pyogrio
+
+    path, small, large = tmp_path / "field.gpkg", shapely.box(8.5, 47.4, 8.501, 47.401), shapely.box(8.5, 47.4, 8.502, 47.401)
+    wkb = np.array([shapely.to_wkb(small)], dtype=object)
+    pyogrio.raw.write(path, wkb, [], [], crs="EPSG:4326", geometry_type="Polygon", driver="GPKG", layer="field")
+    before = open_region(path).area_m2
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("PRAGMA journal_mode=wal")
+        for (name,) in other.execute("SELECT name FROM sqlite_master WHERE type = 'trigger'").fetchall():
+            other.execute(f'DROP TRIGGER "{name}"')
+        (blob,) = other.execute("SELECT geom FROM field").fetchone()
+        other.execute("UPDATE field SET geom = ?", (blob[: -len(wkb[0]) - 32] + bytes(32) + shapely.to_wkb(large),))
+        assert path.with_name("field.gpkg-wal").stat().st_size
+        assert open_region(path).area_m2 == pytest.approx(2 * before, rel=1e-6)
+    assert open_region(path).area_m2 == pytest.approx(2 * before, rel=1e-6)
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:  # an unfinished change, as after a crash
+        other.execute("PRAGMA journal_mode=delete")
+        other.execute("PRAGMA cache_size=1")
+        other.execute("BEGIN")
+        other.execute("UPDATE field SET geom = ?", (blob,))
+        other.execute("CREATE TABLE more AS SELECT zeroblob(300000)")
+        for name in ("field.gpkg", "field.gpkg-journal"):
+            (tmp_path / f"left-{name}").write_bytes((tmp_path / name).read_bytes())
+    with pytest.raises(InvalidInputError, match=r"got one that another program .* with changes in left-field.gpkg-journal"):
+        open_region(tmp_path / "left-field.gpkg")
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ _STEPS = 50_000_000  # steps of SQLite's virtual machine; a table with the maxim
 _AT_ONCE = 10_000
 _POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
 _DEEPEST = 10
+_UNFINISHED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
 _ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # length in bytes of the header before the geometry, by its flags
 _LAYERS = """
     SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
@@ -144,8 +145,15 @@ def _quoted(name: Any) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open an SQLite file read-only and without trust in its content. Any error becomes one sentence."""
+    """Open an SQLite file read-only and without trust in its content. Any error becomes one sentence.
+
+    Changes that another program has not yet merged into the file lie in a second file beside it, and are read with it.
+    """
     left = _STEPS // _AT_ONCE
+    changes = [name for end in ("-wal", "-journal") if (name := path.with_name(path.name + end)).is_file() and name.stat().st_size]
+    for name in changes:
+        check_file(name, what="changes of a GeoPackage", most=LARGEST_DATABASE)
+    how = "mode=ro" if changes else "mode=ro&immutable=1"
 
     def step() -> bool:
         nonlocal left
@@ -153,7 +161,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         return left < 0
 
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?{how}", uri=True)) as database:
             database.execute("PRAGMA trusted_schema = OFF")
             database.execute("PRAGMA cell_size_check = ON")
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_FILE)
@@ -167,4 +175,6 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
         why = (
             f"one that keeps SQLite busy for more than {_STEPS} steps" if left < 0 else f"a damaged one or another format: {error}"
         )
+        if changes and getattr(error, "sqlite_errorcode", 0) & 0xFF in _UNFINISHED:
+            why = f"one that another program is changing or has left unfinished, with changes in {changes[0].name}"
         raise InvalidInputError(f"{path}: expected a GeoPackage, got {why[:160]}") from None
