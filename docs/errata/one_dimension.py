@@ -118,7 +118,7 @@ def _published_coverage() -> tuple[str, bool]:
     "a search with scans after 1, 2, 4, ... moves takes at most log2 D scans",
     "the search takes at most log2 D + 3 scans, including the scan at the start. If D is a power of 2, the search takes "
     "exactly this number of scans, because it needs D + 1 moves",
-    "a program simulates the search for all D from 1 to 4096. It also simulates a second search with 1, 2, 4, ... moves "
+    "a program simulates the search for all D from 1 to 4096. The program also simulates a second search with 1, 2, 4, ... moves "
     "between its scans",
 )
 def _doubling() -> tuple[str, bool]:

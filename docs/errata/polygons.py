@@ -38,7 +38,7 @@ def _sides() -> tuple[str, bool]:
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
     "a translation moves both particles to their goals, or one particle to the next wall",
-    "if a particle touches a wall, the particle must first move a little off the wall. Otherwise the wall holds the particle",
+    "if a particle touches a wall, the particle must first move a little off the wall. Without this first move, the wall holds the particle",
     "a program simulates 1000 translations along the left wall of a square, with one particle on this wall",
 )
 def _lift() -> tuple[str, bool]:
@@ -69,7 +69,7 @@ def _lift() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.C",
     "a square needs at most five moves by algorithm 1",
-    "four moves of algorithm 1 do not reach the whole Δ configuration space. They miss a corner of it with the area |Δx Δy|",
+    "four moves of algorithm 1 do not reach the whole Δ configuration space. The unreached part is a corner with the area |Δx Δy|",
     "a program computes the exact set that four moves reach from Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
