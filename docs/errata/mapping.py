@@ -57,8 +57,10 @@ def _simple_grid_graphs() -> tuple[str, bool]:
 @erratum(
     "paper M, algorithm 2",
     "the elected particle goes to its nearest frontier cell",
-    "if another particle blocks the elected particle, the blocking particle must be elected instead. Without this change, the algorithm of the text, which chooses a new path at each move, can repeat itself forever",
-    "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program uses a new path at each move (as in the text) or complete paths (as in algorithm 2)",
+    "if another particle blocks the elected particle, the blocking particle must be elected instead. Without this change, "
+    "the algorithm of the text, which chooses a new path at each move, can repeat itself forever",
+    "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program"
+    " uses a new path at each move (as in the text) or complete paths (as in algorithm 2)",
 )
 def _handover() -> tuple[str, bool]:
     ground = FreeCells.of("maze:9x7")
@@ -136,8 +138,8 @@ def _full() -> tuple[str, bool]:
     "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The published numbers are 836, 99 "
     "and 9.3. On generated vessels, 20 % fits at n = 4000 too. One observation remains unexplained: divided by the published "
     "moves of coverage, the published moves of subset coverage fit a share of 10 %",
-    "a program runs episodes of closest-frontier with coverage and with both shares. The program runs 120 episodes for each case on "
-    "three maps of vessels, and 40 on a maze and on a rectangle",
+    "a program runs episodes of closest-frontier with coverage and with both shares. The program runs 120 episodes for each"
+    " case on three maps of vessels, and 40 on a maze and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials

@@ -38,7 +38,8 @@ def _sides() -> tuple[str, bool]:
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
     "a translation moves both particles to their goals, or one particle to the next wall",
-    "if a particle touches a wall, the particle must first move a little off the wall. Without this first move, the wall holds the particle",
+    "if a particle touches a wall, the particle must first move a little off the wall. Without this first move, the wall "
+    "holds the particle",
     "a program simulates 1000 translations along the left wall of a square, with one particle on this wall",
 )
 def _lift() -> tuple[str, bool]:
