@@ -1,6 +1,6 @@
 """Draw the pictures of the documentation: mapping, the theory's figures, tours, searches, steering and the figures of paper W.
 
-Run: python -m docs.make_images [mapping] [theory] [tours] [searches] [steering], without a name for all.
+Run: python -m docs.make_images [mapping] [vessels] [theory] [tours] [searches] [steering], without a name for all.
 (pareto.png takes longer: python -m benchmarks.scanning --trials 20 --pareto docs/images/pareto.png)
 (learning-curve.png, too: python examples/reinforce_mapping.py --plot docs/images/learning-curve.png)
 """
@@ -13,7 +13,9 @@ from math import pi
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 from PIL import Image
 from tests.goal_sweeps import sweep_goals
 from tests.swarm_runs import run
@@ -32,10 +34,11 @@ from shoal.search.problem.faults import Crash, Pause
 from shoal.search.run import run as run_search
 from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
 from shoal.steering.run import run as steer
+from shoal.swarm.maps.imaging import centre_lines
 from shoal.swarm.noise import Noise
 from shoal.swarm.theory.one_dimension import Line, sample
 from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, Powers
-from shoal.views.drawing.charts import BLUE, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
+from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, PURPLE, new_figure, plain_axes, save_figure, set_title
 from shoal.views.search.figures import routes_figure
 from shoal.views.search.timeline import timeline_figure
 from shoal.views.search.tours import tour_figure
@@ -49,7 +52,7 @@ TRIALS = 1_000_000
 
 
 def main() -> None:
-    parts = {"mapping": mapping, "theory": theory, "tours": tours, "searches": searches, "steering": steering}
+    parts = {"mapping": mapping, "vessels": vessels, "theory": theory, "tours": tours, "searches": searches, "steering": steering}
     for name in sys.argv[1:] or parts:
         parts[name]()
 
@@ -64,6 +67,14 @@ def mapping() -> None:
     save("volume.png", map_figure(tree, moves=tree.moves // 4), colours=256)
     hazy = run(open_map("vessels:1000"), particles=60, seed=2, noise=Noise(slip=0.1, misplace=0.05), confidence=0.8)
     save("noise-map.png", map_figure(hazy, moves=hazy.moves // 3))
+
+
+def vessels() -> None:
+    """Draw the centre lines of generated vessels beside those of an eye."""
+    from benchmarks.vessel_statistics import photograph
+
+    maps = {"vessels:2000:1": open_map("vessels:2000:1").free, "vessels found in a photograph of a retina": photograph()[0]}
+    save("vessel-trees.png", centre_lines_figure(maps), colours=64)
 
 
 def tours() -> None:
@@ -171,6 +182,32 @@ def coverage_curve(cells: int, published: Mapping[int, float]) -> Figure:
     set_title(above, f"Full coverage of {cells} cells in a line")
     for axes in (above, below):
         plain_axes(axes)
+    return figure
+
+
+def centre_lines_figure(masks: Mapping[str, NDArray[np.bool_]]) -> Figure:
+    """Return vessels side by side with their centre lines, bifurcations, larger junctions and dead ends.
+
+    Parameters
+    ----------
+    masks : mapping from title to ndarray, bool, shape (H, W)
+    """
+    figure = new_figure(4.6 * len(masks), 4.9)
+    kinds = ((1, BLUE, "end"), (3, ORANGE, "bifurcation"), (4, GREEN, "larger junction or crossing"))
+    for axes, (title, mask) in zip(figure.subplots(1, len(masks), squeeze=False)[0], masks.items(), strict=True):
+        axes.imshow(mask, cmap=ListedColormap(["white", "#d5d9de"]), interpolation="nearest")
+        lines = centre_lines(mask)
+        for one in lines.segments:
+            ends = lines.places[list(one.nodes)]
+            axes.plot(*np.vstack([ends[:1], one.points, ends[1:]]).T[::-1], color=INK, lw=0.9)
+        degrees = np.minimum([len(branches) for branches in lines.branches()], 4)
+        for degree, colour, name in kinds:
+            axes.plot(*lines.places[degrees == degree].T[::-1], "o", color=colour, ms=3.4, label=name)
+        set_title(axes, title)
+        axes.set(anchor="N")
+        axes.set_axis_off()
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(kinds), frameon=False, fontsize=9, labelcolor=INK)
     return figure
 
 

@@ -1,0 +1,210 @@
+"""Centre lines of vessels: a mask's skeleton as segments between junctions and ends, with the width along each segment."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shoal.core.dataclass import one_line
+from shoal.swarm.maps.generators.components import Mask
+from shoal.swarm.maps.imaging.segmentation import imaging_module
+
+Points = NDArray[np.float64]
+Indices = NDArray[np.int64]
+Links = list[list[int]]
+
+SPUR = 1.5  # an open branch shorter than this is noise of the vessel's edge, in distances from the junction to the edge
+SMOOTHING = 2.0  # standard deviation of the smoothing along a centre line, in pixels: it removes the steps of the pixels
+
+
+class Segment(NamedTuple):
+    """A vessel between two nodes.
+
+    Attributes
+    ----------
+    points : ndarray, float64, shape (k, 2)
+        The smoothed centre line as (row, column), from the first node to the last.
+    along : ndarray, float64, shape (k,)
+        Length of the centre line up to each point, in pixels.
+    area : ndarray, float64, shape (k,)
+        Area of the vessel that is nearer to this point than to any other of the centre lines, in pixels.
+    nodes : tuple of int
+        The first node and the last.
+    """
+
+    points: Points
+    along: Points
+    area: Points
+    nodes: tuple[int, int]
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+    @property
+    def length(self) -> float:
+        """Length of the centre line in pixels."""
+        return float(self.along[-1])
+
+    def width(self, first: float, last: float) -> float:
+        """Return the mean width of the part from one length to another, in pixels, or NaN if it has fewer than two points."""
+        part = np.flatnonzero((self.along >= first) & (self.along <= last))
+        if len(part) < 2:
+            return float("nan")
+        ends = (self.area[part[0]] + self.area[part[-1]]) / 2  # half of what belongs to an end lies outside
+        return float((self.area[part].sum() - ends) / (self.along[part[-1]] - self.along[part[0]]))
+
+    def backward(self) -> Segment:
+        """Return the same segment from its last node to its first."""
+        return Segment(self.points[::-1], self.length - self.along[::-1], self.area[::-1], self.nodes[::-1])
+
+
+class CentreLines(NamedTuple):
+    """The centre lines of a mask.
+
+    Attributes
+    ----------
+    segments : list of Segment
+        Closed curves without a junction are left out.
+    places : ndarray, float64, shape (nodes, 2)
+        Row and column of each junction or end.
+    radii : ndarray, float64, shape (nodes,)
+        Radius of the largest disc around the node that lies in the vessels, in pixels.
+    skeleton : ndarray of bool, shape (H, W)
+        True on the centre lines.
+    """
+
+    segments: list[Segment]
+    places: Points
+    radii: Points
+    skeleton: Mask
+
+    def __repr__(self) -> str:
+        return one_line(self)
+
+    def branches(self) -> list[list[Segment]]:
+        """Return the segments of each node, each from the node outwards; a segment with both ends at a node is there twice."""
+        found: list[list[Segment]] = [[] for _ in self.places]
+        for one in self.segments:
+            found[one.nodes[0]].append(one)
+            found[one.nodes[1]].append(one.backward())
+        return found
+
+
+def centre_lines(mask: Mask) -> CentreLines:
+    """Return the centre lines of a mask of shape (H, W), True on vessels.
+
+    Junctions whose discs overlap count as one, so that two crossing vessels have one junction of four segments.
+
+    Raises
+    ------
+    MissingExtraError
+        If scikit-image is not installed.
+    """
+    from scipy import ndimage
+
+    vessels = np.pad(mask, 1)
+    depth = ndimage.distance_transform_edt(vessels)
+    skeleton = np.asarray(imaging_module("morphology").skeletonize(vessels), dtype=np.bool_)
+    while True:
+        at = np.argwhere(skeleton)
+        links = _links(skeleton, at)
+        chains, node_of = _chains(links)
+        spurs = [spur for chain in chains if (spur := _spur(chain, links, depth[tuple(at.T)]))]
+        if not spurs:
+            break
+        skeleton[tuple(at[np.concatenate(spurs)].T)] = False
+    nearest = ndimage.distance_transform_edt(~skeleton, return_distances=False, return_indices=True)
+    owner = np.ravel_multi_index(tuple(nearest[:, vessels]), vessels.shape)
+    area = np.bincount(owner, minlength=vessels.size).astype(np.float64)[np.ravel_multi_index(tuple(at.T), vessels.shape)]
+    segments = [_segment(chain, node_of, at, area) for chain in chains]
+    return _joined(segments, node_of, at, depth[tuple(at.T)], skeleton[1:-1, 1:-1])
+
+
+def _links(skeleton: Mask, at: Indices) -> Links:
+    """Return the neighbours of each pixel. A corner neighbour counts only if no pixel lies at both sides."""
+    index = np.full(skeleton.shape, -1)
+    index[tuple(at.T)] = np.arange(len(at))
+    links: Links = [[] for _ in at]
+    rows, columns = at.T
+    for down, right in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        linked = skeleton[rows + down, columns + right]
+        if down and right:
+            linked &= ~(skeleton[rows + down, columns] | skeleton[rows, columns + right])
+        for one, two in zip(np.flatnonzero(linked), index[rows + down, columns + right][linked].tolist(), strict=True):
+            links[one].append(two)
+            links[two].append(int(one))
+    return links
+
+
+def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
+    """Return the chains of pixels between nodes, and the node of each pixel that is a junction or an end."""
+    node_of: dict[int, int] = {}
+    nodes = 0
+    for pixel, near in enumerate(links):
+        if pixel in node_of or len(near) == 2 or not near:
+            continue
+        group, node, nodes = [pixel], nodes, nodes + 1
+        node_of[pixel] = node
+        for member in group if len(near) > 2 else ():
+            new = [one for one in links[member] if len(links[one]) > 2 and one not in node_of]
+            node_of.update(dict.fromkeys(new, node))
+            group += new
+    chains = []
+    for pixel, node in node_of.items():
+        for step in links[pixel]:
+            chain = [pixel, step]
+            while chain[-1] not in node_of:
+                one, two = links[chain[-1]]
+                chain.append(two if one == chain[-2] else one)
+            inside = len(chain) == 2 and node_of[step] == node  # both in the same junction
+            if not inside and (chain[0], chain[1]) <= (chain[-1], chain[-2]):  # once, not from both of its ends
+                chains.append(chain)
+    return chains, node_of
+
+
+def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
+    """Return the pixels of a short open branch without its junction, or nothing if the chain is not one."""
+    one, two = len(links[chain[0]]), len(links[chain[-1]])
+    if min(one, two) != 1 or max(one, two) < 3:
+        return []
+    chain = chain if one == 1 else chain[::-1]
+    return chain[:-1] if len(chain) - 1 < SPUR * depth[chain[-1]] else []
+
+
+def _joined(segments: list[Segment], node_of: dict[int, int], at: Indices, depth: Points, skeleton: Mask) -> CentreLines:
+    """Return the centre lines with junctions joined whose discs overlap."""
+    from scipy import sparse
+
+    pixels, nodes = np.array(list(node_of), dtype=np.int64), np.array(list(node_of.values()), dtype=np.int64)
+    count = int(nodes.max(initial=-1)) + 1
+    radii = np.zeros(count)
+    np.maximum.at(radii, nodes, depth[pixels] - 0.5)
+    ends = np.array([one.nodes for one in segments], dtype=np.int64).reshape(-1, 2)
+    junction = np.bincount(ends.ravel(), minlength=count) > 2
+    close = junction[ends].all(axis=1) & (np.array([one.length for one in segments]) < radii[ends].sum(axis=1))
+    links = sparse.coo_matrix((np.ones(close.sum()), tuple(ends[close].T)), shape=(count, count))
+    joints, joint = sparse.csgraph.connected_components(links, directed=False)
+    places = np.zeros((joints, 2))
+    np.add.at(places, joint[nodes], at[pixels])
+    places /= np.bincount(joint[nodes], minlength=joints)[:, None]
+    largest = np.zeros(joints)
+    np.maximum.at(largest, joint, radii)
+    kept = [
+        one._replace(nodes=(int(joint[one.nodes[0]]), int(joint[one.nodes[1]])))
+        for one, gone in zip(segments, close.tolist(), strict=True)
+        if not gone
+    ]
+    return CentreLines(kept, places - 1, largest, skeleton)
+
+
+def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
+    """Return a chain of pixels as a segment. Its ends stay in place, as the line is continued beyond them before it is smoothed."""
+    from scipy import ndimage
+
+    beyond = min(int(3 * SMOOTHING), len(chain) - 1)
+    line = np.pad(at[chain].astype(np.float64), ((beyond, beyond), (0, 0)), mode="reflect", reflect_type="odd")
+    points = ndimage.gaussian_filter1d(line, min(SMOOTHING, len(chain) / 6), axis=0)[beyond:-beyond]
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    return Segment(points - 1, np.concatenate([[0.0], np.cumsum(steps)]), area[chain], (node_of[chain[0]], node_of[chain[-1]]))

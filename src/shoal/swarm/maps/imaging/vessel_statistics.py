@@ -1,0 +1,236 @@
+"""Statistics of vessel networks: branching angles, ratios of widths, Murray's exponent, lengths, tortuosity, density, dead ends."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shoal.core.dataclass import dataclass
+from shoal.core.errors import InvalidInputError
+from shoal.swarm.maps.generators.components import Mask
+from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines
+from shoal.swarm.maps.imaging.segmentation import imaging_module
+
+Values = NDArray[np.float64]
+
+CLEAR = 1.5  # a segment is measured from this many radii of the junction's disc on: nearer, it overlaps the other segments
+REACH = 4.0  # length of the measured part, in radii of the junction's disc
+LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: at least, and if the segment is long enough
+ALIKE = 0.9  # a segment of at least this fraction of the largest width may be the parent
+RIM = 0.02  # an end nearer to the border of the view than this fraction of the view's side is cut off, not a dead end
+LARGEST_EXPONENT = 50.0
+
+
+@dataclass(frozen=True)
+class VesselStatistics:
+    """Measures of one vessel network. Lengths are in pixels of the mask.
+
+    Parameters
+    ----------
+    angles : ndarray, float64, shape (k,)
+        Angle in degrees between the two daughters of each measured bifurcation.
+    radii : ndarray, float64, shape (k, 3)
+        Radius of the parent, of the wider and of the narrower daughter.
+    lengths, chords, widths : ndarray, float64, shape (s,)
+        Length, distance between the ends, and mean width of each segment between two junctions.
+    area_density : float
+        Fraction of the view that vessels cover.
+    dead_ends : float
+        Dead ends in a length of 100 mean widths, or NaN if the network is not longer than wide.
+    fractal_dimension : float
+        Box-counting dimension of the centre lines.
+    """
+
+    angles: Values
+    radii: Values
+    lengths: Values
+    chords: Values
+    widths: Values
+    area_density: float
+    dead_ends: float
+    fractal_dimension: float
+
+    @property
+    def area_ratios(self) -> Values:
+        """Cross-section of both daughters over that of the parent, shape (k,)."""
+        return np.asarray((self.radii[:, 1] ** 2 + self.radii[:, 2] ** 2) / self.radii[:, 0] ** 2)
+
+    @property
+    def asymmetry(self) -> Values:
+        """Radius of the narrower daughter over that of the wider one, shape (k,)."""
+        return np.asarray(self.radii[:, 2] / self.radii[:, 1])
+
+    @property
+    def exponents(self) -> Values:
+        """Exponent of each bifurcation, shape (k,); see `murray_exponents`."""
+        return murray_exponents(self.radii)
+
+    def summary(self) -> dict[str, float]:
+        """Return one number for each measure; NaN without any bifurcation or segment.
+
+        These are the medians over bifurcations, the mean length over diameter, and the length of all segments over that of their
+        chords. Medians, because vessels that cross or touch give outliers.
+        """
+        bifurcations = {
+            "branching_angle": self.angles,
+            "area_ratio": self.area_ratios,
+            "asymmetry": self.asymmetry,
+            "exponent": self.exponents,
+        }
+        some = len(self.lengths) > 0
+        return {name: float(np.median(values)) if len(values) else float("nan") for name, values in bifurcations.items()} | {
+            "length_over_diameter": float(np.mean(self.lengths / self.widths)) if some else float("nan"),
+            "tortuosity": float(self.lengths.sum() / self.chords.sum()) if some else float("nan"),
+            "area_density": self.area_density,
+            "dead_ends": self.dead_ends,
+            "fractal_dimension": self.fractal_dimension,
+        }
+
+
+def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> VesselStatistics:
+    """Return the statistics of a vessel network.
+
+    Parameters
+    ----------
+    mask : array_like of bool, shape (H, W)
+        True on vessels: a map, or the mask of `find_vessels`.
+    view : array_like of bool, shape (H, W), optional
+        The field of view of a photograph. The default is the convex hull of the vessels.
+
+    Raises
+    ------
+    InvalidInputError
+        If the mask has no vessels or another shape than the view.
+    MissingExtraError
+        If scikit-image is not installed.
+
+    Notes
+    -----
+    The centre lines are the skeleton of the mask. The width of a part of a vessel is its area divided by its length. A bifurcation
+    is a junction of three segments. Each of them is measured outside the disc of the junction. The parent is the widest segment. If
+    others are about as wide, the parent is the one that leaves the smallest angle between the other two.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> bar = np.zeros((9, 60), bool)
+    >>> bar[3:6, 5:55] = True
+    >>> round(vessel_statistics(bar, view=np.ones_like(bar)).area_density, 3)
+    0.278
+    """
+    vessels = np.asarray(mask, dtype=np.bool_)
+    if vessels.ndim != 2 or not vessels.any():
+        raise InvalidInputError(f"expected a mask of shape (H, W) with vessels, got shape {vessels.shape} with {vessels.sum()}")
+    hull = imaging_module("morphology").convex_hull_image(vessels) if view is None else view
+    within = np.asarray(hull, dtype=np.bool_)
+    if within.shape != vessels.shape:
+        raise InvalidInputError(f"expected a view of shape {vessels.shape}, got {within.shape}")
+    lines = centre_lines(vessels & within)
+    branches, radii = lines.branches(), lines.radii.tolist()
+    measured = [one for around in branches if (one := _bifurcation(around, radii))]
+    degrees = [len(around) for around in branches]
+    inner = [one for one in lines.segments if one.nodes[0] != one.nodes[1] and min(degrees[node] for node in one.nodes) > 2]
+    covered, length = int((vessels & within).sum()), max(1.0, sum(one.length for one in lines.segments))
+    ends = _ends_inside(lines, np.array(degrees) == 1, within if view is not None else None)
+    return VesselStatistics(
+        angles=np.array([angle for angle, _ in measured]),
+        radii=np.array([radii for _, radii in measured]).reshape(-1, 3),
+        lengths=np.array([one.length for one in inner]),
+        chords=np.array([np.hypot(*(one.points[-1] - one.points[0])) for one in inner]),
+        widths=np.array([one.width(0, one.length) for one in inner]),
+        area_density=float(covered / within.sum()),
+        dead_ends=100 * ends * covered / length**2 if length**2 > covered else float("nan"),
+        fractal_dimension=box_dimension(lines.skeleton, smallest=covered / length),
+    )
+
+
+def murray_exponents(radii: ArrayLike) -> Values:
+    """Return the exponent k of Murray's law, ``r0**k == r1**k + r2**k``, of bifurcations.
+
+    Parameters
+    ----------
+    radii : array_like, shape (k, 3)
+        Radius r0 of the parent, r1 and r2 of the daughters.
+
+    Returns
+    -------
+    ndarray, float64, shape (k,)
+        Infinite if a daughter is as wide as the parent, or the exponent above 50.
+
+    Examples
+    --------
+    >>> murray_exponents([[5, 4, 3], [2 ** (1 / 3), 1, 1], [1, 1, 1]]).round(3)
+    array([ 2.,  3., inf])
+    """
+    all_radii = np.asarray(radii, dtype=np.float64).reshape(-1, 3)
+    shares = all_radii[:, 1:] / all_radii[:, :1]
+    low, high = np.zeros(len(shares)), np.full(len(shares), LARGEST_EXPONENT)
+    for _ in range(50):
+        middle = (low + high) / 2
+        over = (shares ** middle[:, None]).sum(axis=1) > 1
+        low, high = np.where(over, middle, low), np.where(over, high, middle)
+    return np.where((shares.max(axis=1, initial=0) >= 1) | (high == LARGEST_EXPONENT), np.inf, high)
+
+
+def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
+    """Return the box-counting dimension of a mask: 1 for a line, 2 for an area.
+
+    Parameters
+    ----------
+    mask : array_like of bool, shape (H, W)
+        True on the network.
+    smallest : float
+        Side of the smallest boxes in pixels. Each further size doubles it, up to a quarter of the network's larger side.
+
+    Returns
+    -------
+    float
+        NaN if the network is too small for boxes of two sizes.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(box_dimension(np.ones((256, 256))), 2), round(box_dimension(np.eye(256)), 2)
+    (2.0, 1.0)
+    """
+    where = np.argwhere(np.asarray(mask, dtype=np.bool_))
+    extent = float(np.ptp(where, axis=0).max()) + 1 if len(where) else 0.0
+    sides = smallest * 2.0 ** np.arange(max(0, int(np.log2(max(extent, 1.0) / (4 * smallest)) + 1)))
+    if len(sides) < 2:
+        return float("nan")
+    counts = [len(np.unique((where - where.min(axis=0)) // side, axis=0)) for side in sides]
+    return float(-np.polyfit(np.log(sides), np.log(counts), 1)[0])
+
+
+def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, list[float]] | None:
+    """Return the angle between the daughters and the three radii, or None if the junction has no three long branches."""
+    if len(branches) != 3 or any(one.nodes[0] == one.nodes[1] for one in branches):
+        return None
+    radius = radii[branches[0].nodes[0]]
+    first, reach = CLEAR * radius, max(SHORTEST, REACH * radius)
+    last = [min(first + reach, one.length - CLEAR * radii[one.nodes[1]]) for one in branches]
+    if min(last) < first + LEAST:
+        return None
+    widths = np.array([one.width(first, end) for one, end in zip(branches, last, strict=True)])
+    headings = [_heading(one, first, end) for one, end in zip(branches, last, strict=True)]
+    angles = np.degrees(np.arccos(np.clip([headings[one - 2] @ headings[one - 1] for one in range(3)], -1, 1)))
+    parent = int(np.argmin(np.where(widths >= ALIKE * widths.max(), angles, np.inf)))
+    return float(angles[parent]), [widths[parent] / 2, *sorted(np.delete(widths, parent) / 2, reverse=True)]
+
+
+def _heading(segment: Segment, first: float, last: float) -> Values:
+    """Return the unit vector from one length of a segment to another."""
+    ends = [[np.interp(length, segment.along, axis) for axis in segment.points.T] for length in (first, last)]
+    step = np.subtract(ends[1], ends[0])
+    return np.asarray(step / np.hypot(*step))
+
+
+def _ends_inside(lines: CentreLines, ends: Mask, view: Mask | None) -> int:
+    """Return the number of ends that the border of the view does not cut off."""
+    from scipy import ndimage
+
+    if view is None:
+        return int(ends.sum())
+    depth = ndimage.distance_transform_edt(np.pad(view, 1))[1:-1, 1:-1]
+    rows, columns = lines.places[ends].astype(np.int64).T
+    return int((depth[rows, columns] > lines.radii[ends] + 1 + RIM * np.sqrt(view.sum())).sum())
