@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from shoal.core.checks import check_integer
 from shoal.core.version import __version__
 
 
@@ -52,12 +53,22 @@ GROUPS = {
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
+class _Command(TyperCommand):
+    """A command. Its seed is checked here for all commands, also for those in which nothing is random."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        if ctx.params.get("seed") is not None:
+            check_integer(ctx.params["seed"], what="seed", least=0)
+        return super().invoke(ctx)
+
+
 def command(name: str) -> TyperCommand:
     """Return a command by its full name, such as "sweep run". Its module is imported now."""
     module, function, example = COMMANDS[name]
     home = importlib.import_module(f"shoal.cli.{module}")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
-    alone.command(name.rsplit(maxsplit=1)[-1], epilog=getattr(home, example))(getattr(home, function))
+    alone.command(name.rsplit(maxsplit=1)[-1], cls=_Command, epilog=getattr(home, example))(getattr(home, function))
     return cast("TyperCommand", typer.main.get_command(alone))
 
 

@@ -214,7 +214,7 @@ def test_a_damaged_request_or_answer_is_asked_for_again_and_carried_out_once():
         bad = example.BadLine(cuts=0, damage=0.3, every=1, seed=5)
         bad.random.choice = lambda _kinds, kind=kind: kind
         line = bench(workspace, wear=bad.carry)
-        rig = RemoteRig(line, timeout=0.02, patience=20)
+        rig = RemoteRig(line, repeat_after=0.02, end_after=20)
         driven = drive(rig, policy="closest-frontier")
         assert driven.episode.workspace == workspace
         assert driven.episode.verify()
@@ -234,7 +234,7 @@ def test_a_command_is_carried_out_once_if_the_line_is_cut_before_its_answer():
         return data
 
     line = bench(wall, particles=1, wear=wear)
-    rig = RemoteRig(line, timeout=0.05, patience=5)
+    rig = RemoteRig(line, repeat_after=0.05, end_after=5)
     before = rig.observe()[0, 1]
     rig.send("r" if before < 20 else "l")
     assert abs(rig.observe()[0, 1] - before) == 1
@@ -252,7 +252,7 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
         return data
 
     line = bench(workspace, wear=wear)
-    rig = RemoteRig(line, timeout=0.05, patience=5)
+    rig = RemoteRig(line, repeat_after=0.05, end_after=5)
     rig.send("l")
     with pytest.raises(RigError, match="the rig has restarted"):
         rig.observe()
@@ -276,24 +276,24 @@ def test_a_rig_that_is_none_of_ours(answer, words):
     line = bench(open_map("line:5"))
     line.rig.reply = lambda data: example.encode_message(answer) if data.strip() else b""
     with pytest.raises(RigError, match=words):
-        RemoteRig(line, timeout=0.05, patience=1, session="s")
+        RemoteRig(line, repeat_after=0.05, end_after=1, session="s")
 
 
 def test_a_silent_rig_is_given_up():
     line = bench(open_map("line:5"))
-    rig = RemoteRig(line, timeout=0.02, patience=0.1)
+    rig = RemoteRig(line, repeat_after=0.02, end_after=0.1)
     line.rig.reply = lambda data: b""
     with pytest.raises(RigError, match=r"bench: no answer from the rig for 0.1 s"):
         rig.send("l")
     with pytest.raises(RigError, match="has not confirmed the stop"):
         rig.stop()
     with pytest.raises(RigError, match="no answer"):
-        RemoteRig(line, timeout=0.01, patience=0.05)
+        RemoteRig(line, repeat_after=0.01, end_after=0.05)
 
 
 def test_a_rig_that_tells_nonsense():
     line = bench(open_map("line:5"))
-    rig = RemoteRig(line, timeout=0.05, patience=1)
+    rig = RemoteRig(line, repeat_after=0.05, end_after=1)
     line.rig.reply = lambda data: encode_message(Positions(seq=1, cells=[[0, 1, 2]])) if data.strip() else b""
     with pytest.raises(RigError, match="bench: positions: expected integer cells"):
         rig.observe()
@@ -304,7 +304,7 @@ def test_a_rig_that_tells_nonsense():
 def test_stop_gets_through_damage_cuts_and_half_a_message():
     workspace, bad = open_map("line:9"), example.BadLine(cuts=0, damage=0.0, every=1, seed=1)
     line = bench(workspace, particles=1, wear=bad.carry)
-    rig = RemoteRig(line, timeout=0.02, patience=20)
+    rig = RemoteRig(line, repeat_after=0.02, end_after=20)
     bad.damage = 0.7
     line.write(encode_message(Command(seq=1, command="l"))[:20])  # an interruption in the middle of a message
     rig.stop()
@@ -326,7 +326,7 @@ def test_the_example_maps_through_a_pseudo_terminal_that_is_cut_ten_times_and_da
             while not link.exists():
                 time.sleep(0.01)
             book = DriveLog(log)
-            with open_rig(f"serial:{link}", timeout=0.05, patience=30, on_event=book.event) as rig:
+            with open_rig(f"serial:{link}", repeat_after=0.05, end_after=30, on_event=book.event) as rig:
                 driven = drive(rig, policy="closest-frontier", log=book)
         finally:
             process.terminate()
@@ -352,7 +352,7 @@ def test_tcp(tmp_path):
     made = example.Rig(example.Swarm(free_of(workspace), 3, 1), workspace.shape, name="tcp")
     bad = example.BadLine(cuts=3, damage=0.0, every=25, seed=0)
     threading.Thread(target=example.serve_tcp, args=(made, port, bad), daemon=True).start()
-    with open_rig(f"tcp:127.0.0.1:{port}", timeout=1, patience=20) as rig:
+    with open_rig(f"tcp:127.0.0.1:{port}", repeat_after=1, end_after=20) as rig:
         driven = drive(rig, policy="closest-frontier")
     assert driven.episode.workspace == workspace
     assert driven.link.reconnects == 3
@@ -435,7 +435,7 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert "size: expected a rig of 7x8 cells, got map, which sees 7x9" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "simulated"]) == 2
     assert "expected a map to move in" in capsys.readouterr().err
-    assert shoal(["drive", "--rig", "exec:false", "--patience", "0.1"]) == 2
+    assert shoal(["drive", "--rig", "exec:false", "--end-after", "0.1"]) == 2
     assert "no answer from the rig" in capsys.readouterr().err
 
 
@@ -468,7 +468,7 @@ def dying(tmp_path, how):
 
 def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, capsys):
     """It comes back as one that knows nothing of what was done: the drive ends, after a stop command over a new line."""
-    assert shoal(["drive", "--rig", dying(tmp_path, "stops"), "--timeout", "0.5", "--patience", "2"]) == 2
+    assert shoal(["drive", "--rig", dying(tmp_path, "stops"), "--repeat-after", "0.5", "--end-after", "2"]) == 2
     said = capsys.readouterr().err
     assert "the rig has restarted" in said
     assert len(said.strip().splitlines()) == 1
@@ -476,7 +476,7 @@ def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, cap
 
 
 def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_path, capsys):
-    words = ["drive", "--rig", dying(tmp_path, "goes on"), "--timeout", "0.1", "--patience", "0.3", "--max-moves", "3"]
+    words = ["drive", "--rig", dying(tmp_path, "goes on"), "--repeat-after", "0.1", "--end-after", "0.3", "--max-moves", "3"]
     assert shoal([*words, "--log", str(tmp_path / "log.jsonl")]) == 2
     assert "has not confirmed the stop command" in capsys.readouterr().err
     last = json.loads((tmp_path / "log.jsonl").read_text().splitlines()[-1])

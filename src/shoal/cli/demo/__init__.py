@@ -56,7 +56,7 @@ def demo(
 
 def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
     """Map the vessels of an eye."""
-    particles, seed = check_integer(particles, what="particles", least=1), check_integer(seed, what="seed", least=0)
+    particles = check_integer(particles, what="particles", least=1)
     from shoal.cli.swarm.exploration import summary, write_outputs
     from shoal.swarm import GridWorkspace, SwarmProblem
     from shoal.swarm.maps.files import write_map

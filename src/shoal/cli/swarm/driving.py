@@ -12,7 +12,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
-from shoal.core.checks import check_integer, check_number
+from shoal.core.checks import check_number
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -59,11 +59,13 @@ def drive(
     rig: RigName = "simulated",
     size: Size = None,
     seed: options.Seed = 0,
-    timeout: Annotated[
-        float, typer.Option("--timeout", help="Time to wait for an answer before a request is repeated, in seconds.")
+    repeat_after: Annotated[
+        float,
+        typer.Option("--repeat-after", help="Seconds without an answer to a request after which the request is sent again."),
     ] = 5.0,
-    patience_: Annotated[
-        float, typer.Option("--patience", help="Time without an answer after which the run ends, in seconds.")
+    end_after: Annotated[
+        float,
+        typer.Option("--end-after", help="Seconds without any answer, with all repeated requests, after which the run ends."),
     ] = 60.0,
     log: Annotated[
         Path | None,
@@ -87,7 +89,7 @@ def drive(
     check_outputs(out, film)
     truth = None if map_name is None else open_map(map_name)
     shape = None if size is None else _size(size)
-    for what, seconds in (("timeout", timeout), ("patience", patience_)):
+    for what, seconds in (("repeat_after", repeat_after), ("end_after", end_after)):
         check_number(seconds, what=what, above=0)
     book = None if log is None else DriveLog(log)
     with patient():
@@ -95,7 +97,7 @@ def drive(
         if rig == "simulated":
             opened = _simulated(truth, problem, seed)
         else:
-            opened = open_rig(rig, timeout=timeout, patience=patience_, on_event=None if book is None else book.event)
+            opened = open_rig(rig, repeat_after=repeat_after, end_after=end_after, on_event=None if book is None else book.event)
         try:
             _check_shape(opened, shape, truth)
             load_kernels(problem)
@@ -114,7 +116,7 @@ def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) ->
 
     if truth is None:
         raise InvalidInputError("rig simulated: expected a map to move in, such as vessels:500, got none")
-    rng = trial_rng(check_integer(seed, what="seed", least=0))
+    rng = trial_rng(seed)
     start = problem.start or place(truth, problem.particles, problem.placement, rng)
     if problem.noise is not None:
         return NoisyRig(truth, start, problem.noise, noise_rng(seed))

@@ -36,7 +36,7 @@ from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_tran
 
 OnEvent = Callable[[str, dict[str, Any]], None]
 """Function that is called with connection events ("cut", "reconnected", "damaged" or "resent") and their details."""
-TIMEOUT, PATIENCE = 5.0, 60.0  # seconds
+REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
 STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
 
@@ -64,16 +64,16 @@ class LinkCounts:
 class RemoteRig:
     """A rig that uses the protocol of `shoal.swarm.rigs.messages` over a connection.
 
-    Requests are numbered. An unanswered request is repeated under the same number. After ``patience`` seconds without any answer,
+    Requests are numbered. An unanswered request is repeated under the same number. After ``end_after`` seconds without any answer,
     an error is raised. A lost connection is opened again, and the session continues. A rig carries out each request number only
     once.
 
     Parameters
     ----------
     transport : Transport
-    timeout : float
+    repeat_after : float
         Seconds to wait for an answer before the request is repeated.
-    patience : float
+    end_after : float
         Seconds without any answer, including connection losses, after which the rig counts as lost.
     on_event : callable, optional
         Function that is called with connection events.
@@ -94,14 +94,14 @@ class RemoteRig:
         self,
         transport: Transport,
         *,
-        timeout: float = TIMEOUT,
-        patience: float = PATIENCE,
+        repeat_after: float = REPEAT_AFTER,
+        end_after: float = END_AFTER,
         on_event: OnEvent | None = None,
         session: str | None = None,
     ) -> None:
         self.transport = transport
-        self.timeout = check_number(timeout, what="timeout", above=0)
-        self.patience = check_number(patience, what="patience", above=0)
+        self.repeat_after = check_number(repeat_after, what="repeat_after", above=0)
+        self.end_after = check_number(end_after, what="end_after", above=0)
         self.on_event: OnEvent = on_event or (lambda _what, _details: None)
         self.counts = LinkCounts()
         self._session, self._seq = session or secrets.token_hex(8), 0
@@ -169,19 +169,19 @@ class RemoteRig:
         Raises
         ------
         RigError
-            If the rig does not confirm within ``patience`` seconds.
+            If the rig does not confirm within ``end_after`` seconds.
         """
-        until, pause = time.monotonic() + self.patience, FIRST_PAUSE
+        until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
         while time.monotonic() < until:
             try:
                 self.transport.write(
                     b"\n" + encode_message(Stop())
                 )  # the newline ends a line that an interruption may have left incomplete
-                if self._stopped(min(STOP_EVERY, self.timeout)):
+                if self._stopped(min(STOP_EVERY, self.repeat_after)):
                     return
             except ConnectionCutError:
                 pause = self._reopen(pause)
-        raise RigError(f"{self.transport.name}: the rig has not confirmed the stop command within {self.patience:g} s")
+        raise RigError(f"{self.transport.name}: the rig has not confirmed the stop command within {self.end_after:g} s")
 
     def _messages(self, timeout: float) -> Iterator[Message | None]:
         """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged message.
@@ -227,13 +227,13 @@ class RemoteRig:
                 return answer
             if answer is not None:
                 raise RigError(f"{self.transport.name}: expected the answer {kind.__name__.lower()!r}, got {answer.type!r}")
-            self._check_patience()
+            self._check_silence()
             self.counts.resent += 1
             self.on_event("resent", {"seq": request.seq})
 
     def _answer(self, seq: int) -> Any:
         """Return the answer to a request, or None if the request must be repeated."""
-        for message in self._messages(self.timeout):
+        for message in self._messages(self.repeat_after):
             if message is None or isinstance(message, Again):
                 self.counts.damaged += 1
                 self.on_event("damaged", {"seq": seq, "by": "rig" if message is None else "us"})
@@ -248,9 +248,9 @@ class RemoteRig:
         if isinstance(message, Refusal) and (seq is None or message.seq in {None, seq}):
             raise RigError(f"{self.transport.name}: the rig refuses: {message.text[:200]}")
 
-    def _check_patience(self, why: str = "") -> None:
-        if time.monotonic() - self._heard > self.patience:
-            raise RigError(f"{self.transport.name}: no answer from the rig for {self.patience:g} s{f' ({why})' if why else ''}")
+    def _check_silence(self, why: str = "") -> None:
+        if time.monotonic() - self._heard > self.end_after:
+            raise RigError(f"{self.transport.name}: no answer from the rig for {self.end_after:g} s{f' ({why})' if why else ''}")
 
     def _reconnect(self, why: str) -> None:
         self.on_event("cut", {"seq": self._seq, "why": why[:200]})
@@ -285,7 +285,7 @@ class RemoteRig:
                 self.transport.close()
                 raise
             self.transport.close()
-            self._check_patience(why)
+            self._check_silence(why)
             time.sleep(pause)
             pause = min(2 * pause, LONGEST_PAUSE)
 
@@ -293,7 +293,7 @@ class RemoteRig:
         """Say hello. Return the answer, or None on timeout."""
         for _ in range(3):
             self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
-            for message in self._messages(self.timeout):
+            for message in self._messages(self.repeat_after):
                 if message is None or isinstance(message, Again):
                     break
                 self._check_refusal(message, None)
@@ -321,7 +321,9 @@ class RemoteRig:
         return welcome
 
 
-def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE, on_event: OnEvent | None = None) -> RemoteRig:
+def open_rig(
+    spec: str, *, repeat_after: float = REPEAT_AFTER, end_after: float = END_AFTER, on_event: OnEvent | None = None
+) -> RemoteRig:
     """Connect to the rig that the text ``spec`` names.
 
     Parameters
@@ -330,9 +332,9 @@ def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE,
         ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud unless its spec ends with
         another speed, as in ``serial:/dev/ttyUSB0@9600``. A command is a program that uses the protocol on its standard input and
         output.
-    timeout : float
+    repeat_after : float
         Seconds to wait for an answer before the request is sent again.
-    patience : float
+    end_after : float
         Seconds without any answer after which the rig counts as lost.
     on_event : callable, optional
         Function that is called with connection events.
@@ -346,4 +348,4 @@ def open_rig(spec: str, *, timeout: float = TIMEOUT, patience: float = PATIENCE,
     RigError
         If the rig does not answer, or uses another protocol version.
     """
-    return RemoteRig(open_transport(spec), timeout=timeout, patience=patience, on_event=on_event)
+    return RemoteRig(open_transport(spec), repeat_after=repeat_after, end_after=end_after, on_event=on_event)

@@ -166,8 +166,8 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
             database.execute("PRAGMA cell_size_check = ON")
             database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_FILE)
             database.set_progress_handler(step, _AT_ONCE)
-            for name in ("gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"):
-                _check_table(database, path, name)
+            for table in ("gpkg_contents", "gpkg_geometry_columns", "gpkg_spatial_ref_sys"):
+                _check_table(database, path, table)
             yield database
     except (sqlite3.Error, sqlite3.Warning, OverflowError, UnicodeError) as error:
         if getattr(error, "sqlite_errorcode", 0) == sqlite3.SQLITE_INTERRUPT and left >= 0:
