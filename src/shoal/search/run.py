@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from math import inf
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
@@ -64,7 +63,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
             "have it anyway"
         )
     else:
-        trace = planned_trace(plan)
+        trace = planned_trace(plan, scenario.brief)
     return SearchEpisode(
         problem=problem,
         plan=plan,
@@ -86,7 +85,6 @@ def _simulated_only(scenario: Scenario) -> list[str]:
         "a key": scenario.signed,
         "packet": scenario.packet > 0,
         "multiplicity": brief.multiplicity > 1,
-        "endurance": brief.energy < inf,
         "obstacles": brief.tour_cost.stepwise,
     }
     return [name for name, is_there in there.items() if is_there]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 
+import numpy as np
 import pytest
 
 from shoal.cli import run
@@ -212,7 +213,7 @@ def test_each_mistake_is_told_once_for_all_formats(tmp_path, capsys):
     assert "(also ." in said.out
 
 
-def test_rovers_do_not_leave_a_region_and_endurance_needs_a_simulation(tmp_path, capsys):
+def test_rovers_do_not_leave_a_region_and_cells_beyond_the_battery_are_refused(tmp_path, capsys):
     two = tmp_path / "two.csv"
     two.write_text("x,y,ring\n0,0,a\n40,0,a\n40,40,a\n0,40,a\n90,0,b\n130,0,b\n130,40,b\n90,40,b\n")
     words = ["search", str(two), "--robots", "1", "--transit", "--missions", str(tmp_path / "m")]
@@ -221,8 +222,22 @@ def test_rovers_do_not_leave_a_region_and_endurance_needs_a_simulation(tmp_path,
     assert run(words) == 0
     assert run(["missions", "check", str(tmp_path / "m"), str(two), "--footprint", "10"]) == 0
     capsys.readouterr()
-    assert run(["search", "square:100", "--vehicle", "multirotor", "--no-simulate"]) == 2
-    assert "search: endurance: expected a simulation" in capsys.readouterr().err
+    assert run(["search", "square:400", "--vehicle", "multirotor,endurance=1.5", "--robots", "1", "--no-simulate"]) == 2
+    assert "endurance: expected enough for a cell that is" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("launch", [None, ((-50.0, 20.0),)])
+def test_plans_go_home_to_recharge_as_simulated_robots_do(launch):
+    from shoal.search import SearchProblem
+    from shoal.search.run import run as run_search
+
+    asked = SearchProblem("ring:80x30", robots=1, footprint=20, vehicle="multirotor,endurance=3,recharge=3", launch=launch)
+    simulated, planned = (run_search(asked.replaced(simulate=simulate), seed=1) for simulate in (True, False))
+    one, other = (episode.trace.robots[0] for episode in (simulated, planned))
+    assert np.array_equal(one.cells, other.cells)
+    assert np.ptp(one.times - other.times) < 1e-9  # robots listen first
+    assert planned.makespan > planned.plan.seconds(planned.plan.tour_cost.whole) + 180
+    assert planned.verify()
 
 
 def test_what_rounding_leaves_between_footprints_was_seen():

@@ -16,6 +16,8 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.plan import SearchPlan
 from shoal.search.problem.faults import Liar
+from shoal.search.protocol.inference import step_cost
+from shoal.search.protocol.state import Brief
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import bits_to_array
@@ -154,8 +156,14 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
         raise InvalidInputError(f"{what}: expected times with states or cells, got something else: {error}") from None
 
 
-def planned_trace(plan: SearchPlan) -> SearchTrace:
-    """Return the actions of the robots as planned, without faults. Nothing is simulated."""
+def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
+    """Return the actions of the robots as planned, without faults, with the ways home to recharge. Nothing is simulated.
+
+    Raises
+    ------
+    InvalidInputError
+        If a robot's energy does not suffice for a cell.
+    """
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
     for robot in range(len(plan.allocation.arcs)):
@@ -164,11 +172,35 @@ def planned_trace(plan: SearchPlan) -> SearchTrace:
         if len(cells):
             steps = np.array([1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())])
             first = float(plan.leg_lengths(plan.route(robot, cells[:1]).points).sum()) / plan.grid.size + 1.0
-            times = plan.delays[robot] / plan.cell_seconds + np.cumsum(np.concatenate([[first], steps])) / plan.rates[robot]
+            lasting = np.concatenate([[first], steps]) / plan.rates[robot]
+            if brief.energy < inf:
+                lasting = _with_recharging(plan, brief, robot, cells, lasting)
+            times = plan.delays[robot] / plan.cell_seconds + np.cumsum(lasting)
         ends = float(times[-1]) if len(times) else 0.0
         covered_at = max(covered_at, ends)
         logs.append(RobotLog(cells, times, ((0.0, "searching"), (ends, "complete")), ()))
     return SearchTrace(tuple(logs), covered_at, {}, 0, 0, 0)
+
+
+def _with_recharging(
+    plan: SearchPlan, brief: Brief, robot: int, cells: NDArray[np.int64], lasting: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the times between a robot's cells if it goes home to recharge by the rule of `head_for`; float64, shape (k,)."""
+    tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
+    found, left = lasting.copy(), brief.energy
+    away = [tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell) for cell in cells.tolist()]
+    for k, cell in enumerate(cells.tolist()):
+        cost = lasting[k] * rate
+        if cost + away[k] > left and k:
+            cost = step_cost(tour_cost, start, cell, True) + brief.from_launch(robot + 1, start, cell)
+            found[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
+        if cost + away[k] > left:
+            raise InvalidInputError(
+                f"endurance: expected enough for a cell that is {away[k]:.4g} cells from the home of robot {robot + 1}, "
+                f"got {brief.energy:.4g} cells"
+            )
+        left -= cost
+    return found
 
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
