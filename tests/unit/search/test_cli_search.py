@@ -226,7 +226,7 @@ def test_rovers_do_not_leave_a_region_and_cells_beyond_the_battery_are_refused(t
     assert "endurance: expected enough for a cell that is" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("launch", [None, ((-50.0, 20.0),)])
+@pytest.mark.parametrize("launch", [None, ((-120.0, 20.0),)])
 def test_plans_go_home_to_recharge_as_simulated_robots_do(launch):
     from shoal.search import SearchProblem
     from shoal.search.run import run as run_search

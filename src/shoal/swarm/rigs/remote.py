@@ -64,9 +64,8 @@ class LinkCounts:
 class RemoteRig:
     """A rig that uses the protocol of `shoal.swarm.rigs.messages` over a connection.
 
-    Requests are numbered. An unanswered request is repeated under the same number. After ``end_after`` seconds without any answer,
-    an error is raised. A lost connection is opened again, and the session continues. A rig carries out each request number only
-    once.
+    Requests are numbered. An unanswered request is repeated under the same number. After ``end_after`` seconds of silence an error
+    is raised. A lost connection is opened again, and the session continues. A rig carries out each request number only once.
 
     Parameters
     ----------
