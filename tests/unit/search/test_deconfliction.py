@@ -23,9 +23,10 @@ from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import Mission, check_missions, lint, missions_of, read_mission, write_missions
 from shoal.search.missions.approach import airspace_of, missions_approach
 from shoal.search.missions.deconfliction import plan_missions
-from shoal.search.missions.fence import fence_of
+from shoal.search.missions.fence import Fence, fence_of
 from shoal.search.problem import SearchProblem
 from shoal.search.regions.region import region_of
+from shoal.views.search.missions import missions_figure
 
 OUTLINE = [[8.5, 47.4], [8.504, 47.4], [8.504, 47.402], [8.5, 47.402], [8.5, 47.4]]
 ZONE = [[8.501, 47.4008], [8.5016, 47.4008], [8.5016, 47.4012], [8.501, 47.4012], [8.501, 47.4008]]
@@ -249,8 +250,6 @@ def test_the_command_writes_and_checks_it_all(tmp_path, monkeypatch, capsys):
 
 
 def test_the_map_has_what_its_legend_names(team, region):
-    from shoal.views.search.missions import missions_figure
-
     _, missions, separation = team
     drawn = missions_figure(missions, region, missions_approach(missions, separation, region.frame))
     named = [text.get_text() for text in drawn.legends[0].get_texts()]
@@ -311,6 +310,14 @@ def test_turns_stay_in_the_airspace_and_the_fence_contains_them(wing, airspace, 
     needed = airspace_of(missions, region)
     assert (needed > 40) == (airspace is None)
     assert all(one.fence.area(None).covers(shapely.linestrings(one.way_in(None)[:, :2])) for one in missions)
+    assert all(one.fence.area(None).covers(shapely.linestrings(one.circle_in(None))) for one in missions if one.loiter)
+    if not airspace:
+        drawn = missions_figure(missions, region)
+        named = [text.get_text() for text in drawn.legends[0].get_texts()]
+        assert "loiter circle" in named
+        assert {name for name in named if name.startswith("at ")} <= {"at 80 m", "at 85 m"}, "no colour for each height of a climb"
+        rings = [line.get_xydata() for line in drawn.axes[0].lines if len(line.get_xydata()) == len(missions[0].circle_in(None))]
+        assert all(any(np.array_equal(one.circle_in(None), ring) for ring in rings) for one in missions)
     write_missions(missions, tmp_path)
     result = check_missions(tmp_path, region, 50.0, vehicle=wing.vehicle, airspace=airspace)
     assert not result.errors
@@ -339,6 +346,10 @@ def test_every_format_holds_loiter_and_landings_of_fixed_wings(suffix, tmp_path)
     assert read[0].landing == pytest.approx(home)
     assert [one.glides for one in read] == [False, True]
     assert lint(tmp_path) == []
+    if suffix == ".plan":  # the circle must lie inside the fence, too
+        narrow = Fence(np.array([(8.49, 47.3998), (8.52, 47.3998), (8.52, 47.4002), (8.49, 47.4002)]))
+        write_missions([replace(away, fence=narrow)], tmp_path / "narrow", formats=["plan"])
+        assert [(one.rule, "in its last circle" in one.sentence) for one in lint(tmp_path / "narrow")] == [("fence", True)]
     if suffix not in (".plan", ".waypoints"):
         assert [(one.takeover, one.start) for one in read] == [(95.0, 12.0)] * 2
 

@@ -193,6 +193,7 @@ def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tup
     if not missions:
         return ()
     ways = [mission.way_in(region.frame)[:, :2] for mission in missions]
+    ways += [circle for mission in missions if len(circle := mission.circle_in(region.frame))]
     fence = fence_of(region, [*ways, *(point[None] for point in rally)], most=CORNERS[missions[0].autopilot])
     area = fence.area(region.frame)
     import shapely

@@ -21,6 +21,7 @@ Kind = Literal["multirotor", "fixed-wing", "rover"]
 Autopilot = Literal["px4", "ardupilot"]
 
 SAME_LEVEL = 1e-3  # metres: altitudes with a smaller difference are equal
+_RING = 37  # points of a circle
 KINDS = ("multirotor", "fixed-wing", "rover")
 OVERHEAD: dict[str, int] = {"multirotor": 4, "fixed-wing": 4, "rover": 3}  # items besides waypoints: home, take-off, speed, return
 EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
@@ -221,6 +222,10 @@ class Mission:
             return np.full(len(self.waypoints), self.altitude)
         return self.heights + self._base
 
+    def circle_in(self, frame: LocalFrame | None) -> Points:
+        """Return the circle in which it loiters at its end, in the metres of a frame; float64, shape (k, 2), empty without one."""
+        return circle_around(self.end, self.loiter, frame)
+
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
         """Return the vehicle's path in metres, in a given local frame or the mission's own. The path begins and ends on the ground.
 
@@ -230,6 +235,13 @@ class Mission:
         points = points if frame is None else frame.to_metres(points)
         over = np.column_stack([points[2:], self.heights_above_home])
         return whole_way(points[0], over, points[1], climb=self.vertical_climb, glides=self.glides)
+
+
+def circle_around(place: tuple[float, float], radius: float | None, frame: LocalFrame | None) -> Points:
+    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2), empty without a radius."""
+    angles = np.linspace(0.0, 2 * np.pi, _RING if radius else 0)
+    middle = np.array([place]) if frame is None else frame.to_metres(np.array([place]))
+    return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def _check_motion(kind: str, altitude: float, speed: float) -> None:

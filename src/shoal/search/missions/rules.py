@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search.missions.diagnostics import Sheet
 from shoal.search.missions.fence import Fence
-from shoal.search.missions.mission import OVERHEAD
+from shoal.search.missions.mission import OVERHEAD, circle_around
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.margin import grown
 from shoal.search.regions.outline_checks import Points, text_of
@@ -174,12 +174,16 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
 
     assert sheet.home is not None
     try:
-        area = fence.area(LocalFrame(*sheet.home) if sheet.geographic else None).buffer(ROUNDING)
+        frame = LocalFrame(*sheet.home) if sheet.geographic else None
+        area = fence.area(frame).buffer(ROUNDING)
     except InvalidInputError:
         return  # too far from home
     shapely.prepare(area)
     lines = shapely.linestrings(np.stack([way[:-1], way[1:]], axis=1))
-    names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "to its end"]
+    names = ["from home", *(f"to {place}" for place in sheet.places[1:]), "to its end", "in its last circle"]
+    circle = circle_around(sheet.landing or sheet.home, sheet.loiter, frame)
+    if len(circle):
+        lines = np.append(lines, shapely.linestrings(circle))
     for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
         said = f"expected ways inside the fence, got one that leaves it or enters a zone, {names[index]}"
         sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)

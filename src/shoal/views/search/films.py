@@ -169,6 +169,8 @@ class SearchFilm:
                 canvas.disc(place, radius * (1.2 + 2.6 * since), None, edge=colour, width=3 * unit, alpha=1 - since)
             canvas.disc(place, 1.38 * radius, None, edge=colour, width=2.2 * unit)
         idle = activity.kind in ("waiting", "complete", "listening", "paused")
+        if idle and activity.kind != "listening" and self.history.circle:
+            canvas.disc(place, self._scale * self.history.circle, None, edge=colour, width=1.2 * unit, alpha=0.7)
         canvas.disc(
             place, radius, "#ffffff" if idle else colour, edge=colour if idle else "#ffffff", width=(2.4 if idle else 1.4) * unit
         )

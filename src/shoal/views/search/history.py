@@ -198,6 +198,11 @@ class SearchHistory:
         return RobotWays(self.episode)
 
     @property
+    def circle(self) -> float:
+        """Radius in metres of the circles in which a robot waits that cannot stand; 0 for others."""
+        return self.episode.plan.vehicle.ground_radius
+
+    @property
     def north(self) -> float | None:
         """Direction of north in the drawing, in degrees clockwise from up, or None for a region without a position on Earth."""
         return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle

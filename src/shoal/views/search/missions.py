@@ -24,6 +24,7 @@ _LAYERS = ("#1f5fa8", "#d9822b", "#2a8c5a", "#8d4fb0", "#c23b58", "#6f6a1e", "#1
 _LAND, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#d81b1b", "#39424e", "#000000"
 _SHADES = 0.45  # maximum difference in brightness between the robots of one layer
 _PAD = 0.04  # relative to the longer side
+_LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
@@ -40,10 +41,11 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     approach : MissionApproach, optional
     """
     ways = [mission.way_in(region.frame) for mission in missions]
+    circles = [mission.circle_in(region.frame) for mission in missions]
     fence = next((mission.fence for mission in missions if mission.fence is not None), None)
     rings = [] if fence is None else [ring if region.frame is None else region.frame.to_metres(ring) for ring in fence.rings[:1]]
     low, high = np.reshape(region.outline.bounds, (2, 2))
-    every = np.vstack([low, high, *(way[:, :2] for way in ways), *rings])
+    every = np.vstack([low, high, *(way[:, :2] for way in ways), *rings, *circles])
     low, high = every.min(axis=0), every.max(axis=0)
     pad = _PAD * float((high - low).max())
     (left, bottom), (right, top) = low - pad, high + pad
@@ -54,8 +56,9 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     _draw_region(axes, region)
     for ring in rings:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
-    heights = sorted({*np.concatenate([np.round(mission.levels, 1) for mission in missions]).tolist()})
-    _draw_ways(axes, missions, ways, heights)
+    levels = _main_levels(missions, ways)
+    heights = sorted({*np.concatenate(levels).tolist()})
+    _draw_ways(axes, missions, ways, circles, levels)
     _draw_places(axes, missions, region)
     if approach is not None:
         _draw_approach(axes, approach, right)
@@ -94,14 +97,27 @@ def _outline(rings: Sequence[Any]) -> Any:
     return Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
 
 
-def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], heights: list[float]) -> None:
-    """Draw the paths: solid between the first and the last waypoint, dashed from home and to the end."""
+def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
+    """Return the altitudes of all waypoints. An altitude of a short stretch, as of a climb, counts as the nearest of a long one."""
     levels = [np.round(mission.levels, 1) for mission in missions]
+    legs = [np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T) for way, ups in zip(ways, levels, strict=True)]
+    flat = [np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)]
+    known, where = np.unique(np.concatenate([ups[1:] for ups in levels]), return_inverse=True)
+    along = np.bincount(where, weights=np.concatenate(flat), minlength=len(known))
+    main = known[along >= _LONG * max(sum(lengths.sum() for lengths in legs), 1e-9)]
+    main = main if len(main) else np.unique(np.round([mission.altitude for mission in missions], 1))
+    return [main[np.abs(ups[:, None] - main).argmin(axis=1)] for ups in levels]
+
+
+def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], circles: Sequence[Any], levels: Sequence[Any]) -> None:
+    """Draw the paths: solid between the first and the last waypoint, dashed from home and to the end, and circles at the end."""
+    heights = sorted({*np.concatenate(levels).tolist()})
     flying = {height: sorted({one.robot for one, ups in zip(missions, levels, strict=True) if height in ups}) for height in heights}
-    for mission, way, ups in zip(missions, ways, levels, strict=True):
+    for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         looks = [_shade(_colour(heights, up), flying[up].index(mission.robot) / max(len(flying[up]) - 1, 1)) for up in ups.tolist()]
         axes.plot(*way[:3, :2].T, color=looks[0], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*way[-3:, :2].T, color=looks[-1], lw=0.9, ls=(0, (3, 2)), zorder=2.5)
+        axes.plot(*circle.T, color=looks[-1], lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
         first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint above home does not belong to the search
         borders = [first, *(np.flatnonzero(np.diff(ups[first:])) + 1 + first).tolist(), len(ups)]
         for begin, end in pairwise(borders):
@@ -176,6 +192,10 @@ def _draw_legend(
     handles.append(Line2D([], [], ls="", marker="^", color=INK, ms=7, label="launch"))
     if any(mission.end != mission.home for mission in missions):
         handles.append(Line2D([], [], ls="", marker="s", color=INK, ms=6, label="landing"))
+    if any(mission.loiter for mission in missions):
+        handles.append(
+            Line2D([], [], color=MUTED, lw=1.1, ls=(0, (5, 1.5)), marker="o", mfc="none", mew=1.1, ms=9, label="loiter circle")
+        )
     if any(mission.rally for mission in missions):
         handles.append(Line2D([], [], ls="", marker="o", mfc="white", mec=INK, ms=7, label="rally point"))
     if not region.no_go.is_empty:

@@ -53,7 +53,8 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
           ``outline`` (border segments of its takeovers, uint16: column, row, column, row), ``liar``.
         - ``obstacles`` : list of row * columns + column, and the time of discovery.
         - ``findings`` : list of x, y, time of the first discovery, and confidence.
-        - ``north`` : direction of north from up, in degrees clockwise, or null.
+        - ``north`` : direction of north from up, in degrees clockwise, or null. ``circle`` : radius in metres of the circles in
+          which a fixed wing waits, otherwise 0.
 
     Raises
     ------
@@ -104,6 +105,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         ],
         "findings": [[*history.place_of(one).tolist(), _found_at(history, one), one.confidence] for one in episode.findings],
         "north": history.north,
+        "circle": history.circle,
     }
 
 

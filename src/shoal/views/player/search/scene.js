@@ -323,6 +323,7 @@ const ShoalSearch = (() => {
       } else {
         const idle = !["own", "taken"].includes(activity.kind);
         if (activity.kind === "taken") this.drawTaking(x, y, r, own, (time - activity.begin) / (history.end / 40));
+        if (idle && activity.kind !== "listening" && history.circle) this.drawCircle(x, y, history.circle * this.view.scale, own);
         pen.beginPath();
         pen.arc(x, y, r, 0, 2 * Math.PI);
         pen.fillStyle = idle ? colours.floorText : own;
@@ -355,6 +356,18 @@ const ShoalSearch = (() => {
       pen.arc(x, y, r * (1.4 + 2.6 * since), 0, 2 * Math.PI);
       pen.stroke();
       pen.globalAlpha = alpha;
+    }
+
+    /** The circle in which a fixed wing waits. */
+    drawCircle(x, y, r, own) {
+      const { pen, unit } = this;
+      pen.beginPath();
+      pen.arc(x, y, r, 0, 2 * Math.PI);
+      pen.strokeStyle = own;
+      pen.lineWidth = 1.2 * unit;
+      pen.setLineDash([5 * unit, 2 * unit]);
+      pen.stroke();
+      pen.setLineDash([]);
     }
 
     drawCross(x, y, r, colours) {
