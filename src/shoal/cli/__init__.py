@@ -59,7 +59,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return the error in a command line. If a value cannot be converted, name the expected and the given value."""
+    """Return the error in a command line.
+
+    If a value cannot be converted, the error names the expected value and the given value.
+    """
     from pydantic import ValidationError
 
     if not (isinstance(error, typer.BadParameter) and error.param and isinstance(error.__cause__, ValidationError)):

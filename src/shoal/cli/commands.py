@@ -15,7 +15,7 @@ from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):
-    """Location of a command: module below `shoal.cli`, function, and the constant with the example for its help."""
+    """The location of a command: its module below `shoal.cli`, function, and the constant with the example for its help."""
 
     module: str
     function: str

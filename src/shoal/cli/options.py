@@ -44,7 +44,7 @@ Film = Annotated[
     typer.Option(
         "--film",
         metavar="FILE",
-        help="Write a film (of the first of several trials): .gif, .mp4 or .html (the player). The option can be repeated.",
+        help="Write a film: .gif, .mp4 or .html (the player). It shows the first of several trials. The option can be repeated.",
         show_default=False,
     ),
 ]
@@ -70,11 +70,11 @@ def takes_problem(
     from_file : bool
         Whether the argument may also be a problem file, whose fields the given options replace.
     only : tuple of str
-        The fields that become options; all if empty.
+        The fields that become options. If it is empty, all fields become options.
     options : type, optional
         Class of the command's second parameter, whose fields also become options.
     **fixed
-        Fields that the command sets itself. They are no options.
+        Fields that the command sets itself. These fields are not options.
 
     Examples
     --------

@@ -23,7 +23,7 @@ def reproduce(
     figure: Annotated[
         str | None,
         typer.Argument(
-            metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. Without one, all figures are listed.", show_default=False
+            metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. By default, all are listed.", show_default=False
         ),
     ] = None,
     all_: Annotated[
@@ -32,7 +32,7 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps.")] = False,
     trials: Annotated[
         int | None,
-        typer.Option("--trials", help="Number of trials at each point, instead of the figure's own number.", show_default=False),
+        typer.Option("--trials", help="Number of trials at each point, instead of the default number.", show_default=False),
     ] = None,
     map_: Annotated[
         str | None,
@@ -44,7 +44,7 @@ def reproduce(
     workers: options.Processes = None,
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="FOLDER", help="Folder for figures, data and results.sqlite. A later call continues there."),
+        typer.Option("--out", metavar="FOLDER", help="Folder for figures, data and results.sqlite. Later calls continue there."),
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:

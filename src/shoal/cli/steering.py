@@ -81,7 +81,7 @@ def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, 
 
 
 def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs for --out and --film. Return the files."""
+    """Write the outputs that --out and --film request. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json

@@ -114,7 +114,7 @@ class Episode(ABC):
         return f"<{type(self).__name__}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML that a notebook shows. Views are imported only here because they are a higher layer."""
+        """Return the HTML that a notebook shows. Only this method imports the views, because they are a higher layer."""
         shown: str = import_module("shoal.views").notebook_page(self)
         return shown
 

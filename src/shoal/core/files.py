@@ -73,7 +73,7 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions of the file to replace. A new file gets the user's default permissions."""
+    """Return the permissions of the file that is replaced. A new file gets the user's default permissions."""
     try:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:

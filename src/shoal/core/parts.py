@@ -144,7 +144,7 @@ def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
     ----------
     path : path
     trust : bool
-        Whether code that the file names, such as a task MODULE:ATTRIBUTE, may be imported and run.
+        Whether third-party code that the file names, such as a task MODULE:ATTRIBUTE, may be imported and run.
 
     Raises
     ------

@@ -25,7 +25,7 @@ _FOLDERS: list[str] = []
 _FROM_FOLDERS: list[str] = []
 """Modules that were found in these folders."""
 _NAMED: set[str] = set()
-"""All modules that were named by the user, wherever their files are."""
+"""All modules that the user named, for any location of their files."""
 
 
 def look_in(folder: str) -> None:
@@ -104,11 +104,11 @@ class Registry(Generic[T]):
     Parameters
     ----------
     kind : str
-        What the objects are, for error messages ("policy").
+        The kind of the objects, for error messages, such as "policy".
     open_to_others : bool
-        Whether ``module:attribute`` is also a valid name.
+        Whether ``module:attribute`` is also valid as a name.
     functions : bool
-        Whether the objects are functions. Their options are then arguments of the function.
+        Whether the objects are functions. If they are, their options are arguments of the function.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def name_of(thing: Any, registry: Registry[Any]) -> str:
 
 
 def _is_made_by(thing: Any, kind: Any) -> bool:
-    """Return whether calling the class without arguments makes an equal object."""
+    """Return whether a call of the class without arguments makes an object equal to the given one."""
     try:
         return bool(vars(kind()) == vars(thing))
     except (TypeError, ValueError):
@@ -285,7 +285,7 @@ _READ: dict[str, tuple[Callable[[str], object], str]] = {
 
 
 def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
-    """Convert an option's value to the annotated type or the default's type of its parameter."""
+    """Convert the value of an option to the annotated type of its parameter, or to the type of the parameter's default."""
     for told in (parameter.annotation, type(parameter.default)):
         kind = getattr(told, "__name__", str(told))  # annotations may be strings
         if kind in _READ:
@@ -308,7 +308,7 @@ def loaded_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any
     package : str
         Its ``__name__``.
     homes : mapping of str to str
-        For each name, its module relative to the package.
+        For each name, the module that contains it, relative to the package.
 
     Examples
     --------

@@ -47,7 +47,7 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
-"""For each id: the class, and the options that differ from the defaults of their fields.
+"""For each id of an environment, its class, and the options that differ from the defaults of their fields.
 
 Each option can be changed in `gymnasium.make`.
 """

@@ -37,8 +37,8 @@ def record_episodes(
     env : gymnasium.Env
         An environment made by ``gymnasium.make`` with one of Shoal's ids.
     policy : str, object or callable
-        A policy of `shoal.swarm` (for steering a planner), by name or as an object, or a function (observation, info) -> action. An
-        episode that ends before the task is done is stored as truncated.
+        A policy of `shoal.swarm`, or a planner for steering, by name or as an object. Or a function (observation, info) -> action.
+        An episode that ends before the task is done is stored as truncated.
     path : path
         Folder of the dataset, which must not exist yet. `minari.MinariDataset` can open it.
     episodes : int
@@ -50,7 +50,7 @@ def record_episodes(
     Returns
     -------
     minari.MinariDataset
-        The dataset. Each episode has ``observations`` (one more than moves), ``actions``, ``rewards``, ``terminations``,
+        The dataset. Each episode has ``observations`` (one more than actions), ``actions``, ``rewards``, ``terminations``,
         ``truncations`` and ``infos``.
 
     Raises

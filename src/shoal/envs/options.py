@@ -35,7 +35,7 @@ class EnvOptions(Problem):
     """Base class of the fields that an environment has in addition to its problem."""
 
     decided: ClassVar[tuple[str, ...]] = ()
-    """Fields of the problem that the environment does not have, because the user's actions determine them."""
+    """Fields of the problem that the environment leaves out, because the user's actions take their place."""
 
 
 def _check_maps(given: Any) -> tuple[str, ...]:
@@ -59,7 +59,7 @@ class SwarmEnvOptions(EnvOptions):
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
 
     maps: tuple[str, ...] = option(
-        (), help="Maps from which each episode draws one, instead of MAP. Observations have the size of the largest map.",
+        (), help="Maps that replace MAP. Each episode draws one of them. Observations have the size of the largest map.",
         metavar="MAP ...", check=_check_maps, dump=list,
     )  # fmt: skip
     observation: str = option(
@@ -83,7 +83,7 @@ class SteeringEnvOptions(EnvOptions):
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")
 
-    longest_move: float = option(1.0, help="Length along each axis of the action 1, in multiples of the workspace's size.", above=0)
+    longest_move: float = option(1.0, help="Length of the move for action 1, relative to the workspace's size.", above=0)
     progress_reward: float = option(
         1.0, help="Reward for each size of the workspace by which the particle farthest from its goal comes closer."
     )

@@ -183,7 +183,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return int(choice)
 
     def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
-        """Return the reward of each agent for newly searched cells. Shared rewards are the mean of all."""
+        """Return the reward of each agent for newly searched cells. A shared reward is the mean of all robots' rewards."""
         assert self._world is not None
         found: dict[str, float] = {}
         for agent in agents:
@@ -207,7 +207,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return self._world.vehicles[number].robot
 
     def _cell(self, number: int, choice: int) -> int:
-        """Return the cell of an action as a tour index; -1 for no cell."""
+        """Return the cell that an action selects as a tour index, or -1 if it selects no cell."""
         if self.options.action == "cell":
             return choice - 1
         position = self._tour.position
@@ -274,9 +274,9 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return a code per cell: 0 outside, 1 unsearched, 2 searched, 2 + k robot k, 2 + k + robots dead robot k.
+        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, 2 + k for robot k, 2 + k + robots for dead robot k.
 
-        Layers are stacked vertically with the lowest on top and an empty row between.
+        Layers are stacked vertically. The lowest layer is on top, and an empty row lies between two layers.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)

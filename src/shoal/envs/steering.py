@@ -99,7 +99,7 @@ class SteeringEnv(gymnasium.Env[Observation, Any]):
         return observation, float(rewards[0]), terminated, truncated, info
 
     def _told(self) -> tuple[Observation, dict[str, Any]]:
-        """Return observation and info, and show them to a user who watches."""
+        """Return the observation and the info. In the mode "human", show the picture too."""
         if self.render_mode == "human":
             self.render()
         observation = {name: values[0] for name, values in self._worlds.observed().items()}

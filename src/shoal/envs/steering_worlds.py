@@ -33,7 +33,7 @@ class SteeringWorlds:
     count : int
         How many.
     pictured : bool
-        Whether pictures of them will be asked for: they show the whole episode, which is then kept.
+        Whether pictures of the worlds are needed. Pictures show whole episodes, so the worlds then store their episodes.
     **fields
         Fields of `SteeringProblem` and `SteeringEnvOptions`.
 
@@ -89,7 +89,7 @@ class SteeringWorlds:
             self._states[world], self._inputs[world], self._trajectories[world] = [self.batch.states[world].copy()], [], []
 
     def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
-        """Return which of the worlds have pictures."""
+        """Return which worlds the pictures show."""
         shown: list[int] = np.flatnonzero(self._pictured & (True if where is None else where)).tolist()
         return shown
 
@@ -169,5 +169,5 @@ class SteeringWorlds:
 
 
 def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
-    """Return the space of ``count`` points."""
+    """Return the observation space of ``count`` points."""
     return gymnasium.spaces.Box(np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64)

@@ -124,7 +124,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return self._last
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
-        """Return infos in Gymnasium's form for vectors: zeros for environments outside a mask, and the masks."""
+        """Return infos in Gymnasium's form for vectors: values, zero for environments outside the mask, and the masks."""
         told: Infos = {}
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
         for name, values in self._worlds.info(mask).items():
@@ -155,10 +155,10 @@ class SwarmVectorEnv(WorldsVectorEnv):
     ----------
     num_envs : int
     autoreset_mode : str or gymnasium.vector.AutoresetMode
-        When an ended environment starts its next episode: "NextStep", "SameStep", or "Disabled". With "Disabled", ``reset`` with
-        the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
+        The time at which an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or "Disabled".
+        With "Disabled", ``reset`` with the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
     copy : bool
-        Whether each observation is a separate array. Otherwise planes are written to the same array again.
+        Whether each observation is a separate array. If false, all observations use the same array, which each step overwrites.
     render_mode : str, optional
         "rgb_array" or "ansi".
     **fields

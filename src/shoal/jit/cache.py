@@ -100,7 +100,7 @@ def _private_folder() -> Path | None:
 
 
 class _KernelCache(NullCache):
-    """Numba's interface to the cached forms of one kernel. Damaged or missing files never raise an error."""
+    """The cache of one kernel, with the interface that Numba requires. Damaged or missing files never raise an error."""
 
     def __init__(self, name: str, source: Path) -> None:
         self._name = re.sub(r"[^\w.-]", "", f"{source.stem}.{name}")
@@ -158,7 +158,7 @@ class _KernelCache(NullCache):
 
     @staticmethod
     def _reduced(result: Any, code: bytes | None) -> bytes:
-        """Return the stored form of a compiled kernel: its machine code, or the LLVM code to make it from."""
+        """Return the stored form of a compiled kernel: its machine code, or the LLVM code from which this is made."""
         result.fndesc.typemap = result.fndesc.calltypes = None
         library = result.library
         # Code without constants never uses its environment, and importing the environment's module can be slow.

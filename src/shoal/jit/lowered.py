@@ -21,7 +21,7 @@ from llvmlite import binding
 
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
-"""Kernels compiled so far, by part and name. None except while archives are written."""
+"""The kernels that were compiled so far, by part and name. The value is None except while archives are written."""
 
 
 @cache

@@ -50,17 +50,18 @@ def run_sweep(
     ----------
     sweep : Sweep
     store : path
-        The store file, which is created if it does not exist. It may contain other sweeps.
+        The store file, which is created if it does not exist. The store may contain other sweeps too.
     workers : int, optional
-        Number of processes on this machine. The default is one per processor; 0 runs everything in this process.
+        Number of processes on this machine. The default is one process per processor. With 0, all trials run in this process.
     dask : str, optional
         Address of a Dask scheduler, whose workers replace processes on this machine.
     extend : bool
-        Accept a sweep that only adds trials or points to the stored sweep of the same name.
+        Whether to accept a sweep that only adds trials or points to the stored sweep of the same name.
     on_progress : callable, optional
         Function that receives a `SweepProgress` after every batch.
     batch_seconds : float
-        Desired duration of a batch in seconds. Each batch is committed as a whole. Results do not depend on this value.
+        Desired duration of a batch in seconds. The results of each batch are committed together. Results do not depend on this
+        value.
 
     Returns
     -------
@@ -70,7 +71,7 @@ def run_sweep(
     ------
     InvalidInputError
         If the stored sweep of this name differs, another process runs it, no trial of a point can run, or a worker has other
-        versions. An error inside a trial does not raise; it is stored as the trial's failure.
+        versions. An error inside a trial raises no exception. It is stored as the failure of the trial.
     OutputError
         If the store cannot be written. Committed results are kept.
     MissingExtraError
@@ -150,7 +151,7 @@ def prepare(sweep: Sweep) -> dict[str, str]:
 
 
 def _load_kernels(sweep: Sweep) -> None:
-    """Compile or load the kernels that a sweep needs, before all workers would do it at once."""
+    """Compile or load the kernels that a sweep needs, so that not all workers compile them at the same time."""
     for point in sweep.points:
         if isinstance(point.problem, SwarmProblem):
             from shoal.swarm.run import load_kernels
@@ -196,7 +197,10 @@ class _Run:
                 self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
 
     def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
-        """Run batches, ``at_once`` per worker (0: only one in total). Return the batches whose workers died too often."""
+        """Run batches, up to ``at_once`` per worker, or one in total if it is 0.
+
+        Return the batches whose workers died too often.
+        """
         pending: dict[Future[Answer], _Job] = {}
         again: deque[_Job] = deque()
         suspects: list[_Job] = []
@@ -245,9 +249,9 @@ class _Run:
             self._tell()
 
     def _doubts(self, job: _Job, answer: Answer) -> bool:
-        """Return whether another worker should repeat a batch because all its trials failed.
+        """Return whether another worker should repeat a batch, because all trials of the batch failed.
 
-        A worker that alone fails is set aside.
+        If the other worker succeeds, the first worker gets no more batches.
         """
         first, job.doubted = job.doubted, answer
         if first is None:
@@ -275,7 +279,7 @@ class _Run:
             self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
     def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
-        """Divide the missing trials into batches of about the desired duration, based on the durations so far."""
+        """Divide the missing trials into batches of about the desired duration, by the durations that were measured so far."""
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
         for gap in gaps:
@@ -301,7 +305,7 @@ class _Run:
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
     """Yield the missing trials in rounds over all points, so that each point gets early results.
 
-    Each round is four times as large.
+    Each round is four times as large as the round before.
     """
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:

@@ -58,17 +58,17 @@ class Comparison:
     ratio : float
         Mean of b divided by the mean of a.
     effect : float
-        Cohen's d of paired values: mean of the differences divided by their standard deviation; 0 if all differences are 0,
-        infinite if all are equal and not 0.
+        Cohen's d of paired values: the mean of the differences, divided by their standard deviation. The value is 0 if all
+        differences are 0, and infinite if all differences are equal but not 0.
     smaller : float
-        Fraction of the pairs in which b is smaller. Ties count one half.
+        Fraction of the pairs in which b is smaller. A pair of equal values counts one half.
     p_value : float
-        P-value of Wilcoxon's signed-rank test, two-sided; 1 if all differences are 0.
+        P-value of Wilcoxon's two-sided signed-rank test, or 1 if all differences are 0.
     unfinished : int
         Number of pairs in which at least one trial ended before its task was done.
     bound : float, optional
-        Restriction of the values: larger values were compared as equal to this one, the smallest value at which an unfinished trial
-        ended.
+        Upper limit of the compared values: the smallest value at which an unfinished trial ended. Larger values count as this
+        value.
     """
 
     difference: Estimate
@@ -98,9 +98,9 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
         Confidence level, above 0 and below 1.
     method : str
         "t": Student's interval, for means of many values or of normally distributed values. "log": Student's interval of the
-        logarithm of the mean, whose standard error is std / (mean * sqrt(n)) by the delta method; it never extends below zero, and
-        has better coverage for skewed values than "t". "bootstrap": the bias-corrected and accelerated bootstrap. "auto": "log" if
-        no value is below zero, as for counts and times, otherwise "t".
+        logarithm of the mean. By the delta method, its standard error is std / (mean * sqrt(n)). The interval never extends below
+        zero, and covers the mean of skewed values more often than "t". "bootstrap": the bias-corrected and accelerated bootstrap.
+        "auto": "log" if no value is below zero, as for counts and times, otherwise "t".
     seed : int
         Seed of the bootstrap.
 
@@ -162,7 +162,7 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     a, b : array_like of float, shape (n,)
         The values, at least two in each row.
     level, method, seed
-        As for `estimate`.
+        As in `estimate`.
 
     Raises
     ------

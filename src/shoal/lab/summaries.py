@@ -27,17 +27,17 @@ class Row:
     values : dict
         Values of the axes by name.
     estimate : Estimate or None
-        Estimate of the mean. None if no trial has the measure, or if the measure grows until the task is done and no trial
-        completed it.
+        Estimate of the mean. The estimate is None if no trial has the measure. It is also None if the measure grows until the task
+        is done and no trial completed its task.
     missing : int
-        Number of trials without the measure: not yet run, failed, or None.
+        Number of trials without the measure, because they have not yet run, have failed, or returned None.
     counted : int
         Number of trials with the measure.
     completed : int or None
         Number of these trials whose task is done, or None if trials have no status.
     bound : float or None
-        Restriction of the mean, if some trials are unfinished and the measure grows until the task is done. The bound is the
-        smallest value at which an unfinished trial ended, and larger values count as the bound. The true mean is larger.
+        Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. The bound
+        is the smallest value at which an unfinished trial ended, and a larger value counts as the bound. The true mean is larger.
     """
 
     values: dict[str, Any]
@@ -68,7 +68,7 @@ class Measured:
     values : dict
         Values of the axes by name.
     trials : dict of int to float
-        Values by trial, without trials that have no number.
+        Values by trial number. Trials without a number as their value are left out.
     unfinished : set of int
         Trials whose task was not done.
     has_status : bool
@@ -165,7 +165,7 @@ def compare_along(
     Returns
     -------
     list of (values of the other axes, first value, other value, Comparison)
-        The comparison is None if fewer than two trials exist for both values, or no trial's task is done.
+        The comparison is None if fewer than two trials exist for both values, or if no trial completed its task.
 
     Raises
     ------
@@ -193,7 +193,10 @@ def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
 
 
 def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
-    """Compare two points by their common trials. None if there are fewer than two, or no trial of either point is done."""
+    """Compare two points by the trials that both have.
+
+    Return None if there are fewer than two such trials, or if no trial of these points completed its task.
+    """
     both = sorted(first.trials.keys() & second.trials.keys())
     unfinished = [trial for trial in both if trial in first.unfinished or trial in second.unfinished]
     bounds = [bound for bound in (first.bound(), second.bound()) if bound is not None]

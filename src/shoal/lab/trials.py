@@ -37,8 +37,8 @@ def run_trials(
     problem : SwarmProblem
     trials : int
         Number of trials, at least 1. Trial k uses the generator of (seed, k) for any number of workers. Several trials of a policy
-        written in Python run in processes that import it again. The policy must therefore be in a module, or the script must have
-        the guard that multiprocessing requires.
+        written in Python run in processes that import the policy again. Therefore the policy must be in a module, or the script
+        must have the guard that multiprocessing requires.
     workers : int, optional
         Number of trials that run at once. The default is one per processor.
     seed : int
@@ -89,7 +89,7 @@ def run_trials(
 
 
 def _check_importable(policy: Any) -> None:
-    """Refuse a policy that cannot be sent to another process."""
+    """Refuse a policy that other processes cannot import."""
     try:
         pickle.dumps(policy)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -105,7 +105,7 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return a progress function for a trial in a thread. It ends the trial when the other trials were stopped."""
+    """Return a progress function for a trial in a thread. The function ends the trial if the other trials were stopped."""
 
     def watch(moves: int, frontier: int) -> None:
         if stop.is_set():
@@ -124,7 +124,7 @@ def _finished(
     watch: Callable[[int], OnMoves] | None,
     seed: int,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial, episode) as they finish, with at most ``at_once`` trials waiting."""
+    """Yield (trial, episode) in the order in which trials finish. At most ``at_once`` trials wait at the same time."""
     pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
     while following < trials or pending:

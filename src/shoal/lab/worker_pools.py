@@ -45,7 +45,7 @@ class WorkerPool(Protocol):
 
 
 class _OneMachine:
-    """Workers with the same environment: no worker fails alone."""
+    """Workers on one machine. They all have the same environment, so no worker fails for reasons of its own."""
 
     def has_others(self, worker: str) -> bool:
         """Return False, because there are no other workers."""
@@ -138,7 +138,7 @@ class Processes(_OneMachine):
 def _interruptions_kept() -> Iterator[None]:
     """Delay Ctrl-C inside the block. Processes started in the block never receive it.
 
-    A terminal sends Ctrl-C to all processes. A worker would print a traceback until it has started to ignore it.
+    A terminal sends Ctrl-C to all processes. A worker that has not yet begun to ignore Ctrl-C would print a traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -148,7 +148,7 @@ def _interruptions_kept() -> Iterator[None]:
 
 
 def _end_with_parent(folders: list[str], modules: list[str]) -> None:
-    """Initialize a worker that ends when its coordinator is gone. Otherwise it would wait for work forever."""
+    """Initialize a worker so that it ends when its coordinator has ended. Otherwise it would wait for work forever."""
     begin_worker(folders, modules)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -195,7 +195,7 @@ class Cluster:
         self._executor = self._client.get_executor(pure=False, retries=0)
 
     def _check_workers(self, address: str) -> None:
-        """Compare the workers' versions with this process's before any work."""
+        """Before any work, check that the workers have the same versions as this process."""
         if not self.workers:
             raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
         for worker, theirs in self._client.run(worker_versions, on_error="return").items():
@@ -206,7 +206,10 @@ class Cluster:
             self._share(name, file)
 
     def _share(self, name: str, file: str) -> None:
-        """Check that all workers have the same source of a module as this process. Send the module to them if not."""
+        """Check that all workers have the same source of a module as this process.
+
+        If a worker lacks the module, send the module to it.
+        """
         ours = digest_of_module(name)
         for attempt in range(2):
             theirs = self._client.run(digest_of_module, name)
@@ -264,9 +267,9 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     Parameters
     ----------
     workers : int, optional
-        Number of processes on this machine. The default is one per processor; 0 runs everything in this process.
+        Number of processes on this machine. The default is one process per processor. With 0, all trials run in this process.
     dask : str, optional
-        Address of a Dask scheduler, whose workers are used instead.
+        Address of a Dask scheduler, whose workers replace processes on this machine.
 
     Raises
     ------

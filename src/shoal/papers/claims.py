@@ -39,7 +39,7 @@ class Claim:
     what : str
     printed, ours : str
     criterion : str
-        The condition for agreement, or the reason why the two are not comparable.
+        The condition for agreement, or the reason why both values are not comparable.
     verdict : Verdict
     """
 
@@ -66,11 +66,12 @@ def claim(
     printed : str or float
     ours : float, Estimate or (value, low, high)
     within : (low, high), optional
-        The range that the printed words or number stand for. The default is all numbers that round to the printed one.
+        The range that the printed words or number stand for. The default is the range of all numbers that round to the printed
+        number.
     why : str
         The reason for this range.
     unlike : str
-        The reason why the two are not comparable, if they are not.
+        The reason why both values are not comparable, if there is one.
 
     Examples
     --------
@@ -121,7 +122,7 @@ def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials:
     ----------
     what : str
     rows : sequence of Row
-        One row for each n of the published curve, by the axis ``particles``.
+        One row of Shoal's results for each n (number of particles) of the published curve.
     published : Published
     trials : int
         Number of trials of each published mean.

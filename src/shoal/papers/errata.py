@@ -32,7 +32,7 @@ class Erratum:
     check : str
         Description of the check.
     found : str
-        The numbers from the check.
+        The numbers that the check computed.
     shown : bool
         Whether the check confirms the erratum.
     """

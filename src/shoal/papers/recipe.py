@@ -42,7 +42,7 @@ class Settings:
     trials : int, optional
         Number of trials per point, instead of the recipe's number.
     map : str, optional
-        A picture or the name of a map, for figures on the "complex" map.
+        A picture or the name of a map, which replaces the paper's "complex" map.
     seed : int
     """
 
@@ -79,12 +79,12 @@ class Outcome:
     ----------
     figure : Figure
     claims : tuple of Claim
-        The claims: the paper's statements and our results.
+        The claims: the paper's statements and Shoal's results.
     sentence : str
-        Additional explanations, such as reasons for differences. Their numbers are computed.
+        Additional explanations, such as reasons for differences. The numbers in these sentences are computed.
     tables : tuple of Table
     note : str
-        Note below the figure about published data, unless the drawing contains it.
+        Note about published data, placed below the figure unless the drawing contains the note.
     """
 
     figure: Figure
@@ -106,11 +106,11 @@ class Recipe:
     Parameters
     ----------
     name : str
-        Name on the command line: "m-fig7".
+        Name of the figure on the command line, such as "m-fig7".
     source : str
         Paper and figure.
     title : str
-        What it shows.
+        Title of the figure.
     sweeps : callable
         Function (Settings) -> list of Sweep.
     view : callable
@@ -143,7 +143,7 @@ class Result:
         The figure, its tables and a summary.
     seconds : float
     trials : int
-        Number of trials of all its sweeps.
+        Number of trials of all sweeps of the figure.
     error : str
         The reason why the figure could not be made.
     """

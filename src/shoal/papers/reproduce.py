@@ -61,7 +61,8 @@ def reproduce(
     name : str
         Name of the figure, "m-fig7", ...; see `recipes`.
     out : path
-        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call continues from results.sqlite.
+        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call continues with the results in
+        results.sqlite.
     quick : bool
         Whether to use fewer trials and coarser maps.
     trials : int, optional
@@ -102,7 +103,7 @@ def reproduce(
 
 
 def _failures(path: Path, sweep: Sweep) -> str:
-    """Return the number of failed trials of a sweep, and the error of the first one."""
+    """Return the number of failed trials of a sweep, and the error of the first of these trials."""
     with Store(path) as store:
         failed = store.failures(sweep.name)
     values, trial, _, error = failed[0]
@@ -153,11 +154,11 @@ def reproduce_all(
     out : path
         Output folder.
     on_result : callable, optional
-        Function that receives each finished figure.
+        Function that is called with each finished figure.
     on_map : str, optional
-        As for `reproduce`, for the figures on the complex map.
+        As in `reproduce`, for the figures on the complex map.
     **options
-        As for `reproduce`.
+        As in `reproduce`.
 
     Raises
     ------

@@ -43,10 +43,10 @@ class SearchEpisode(Episode):
         The problem as the user declared it.
     plan : SearchPlan
     scenario : Scenario
-        The scenario. Lengths are in cell sides, times in cell times.
+        The scenario. Lengths are in cell sides. Times are in units of the time that a robot of speed 1 needs for one cell.
     trace : SearchTrace
     simulated : bool
-        Whether robots and messages were simulated. Otherwise the search followed its plan, or was live.
+        Whether robots and messages were simulated. If false, the search followed its plan, or was a live search.
     seed : int
     seconds : float
         Computing time for planning and simulation in seconds.
@@ -287,7 +287,7 @@ class SearchEpisode(Episode):
         write_json(target, told, indent=None)
 
     def _self_contained(self) -> SearchProblem:
-        """Return the problem with the contents of its files."""
+        """Return the problem with the contents of its files in place of their names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:

@@ -15,7 +15,8 @@ from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 
 SIMULATED = 1_000_000
-"""Maximum size of a search that is simulated by default: cells times robots, or half the cube of the number of robots.
+"""Maximum size of a search that is simulated by default: the number of cells times robots, or half the cube of the number of
+robots.
 """
 
 

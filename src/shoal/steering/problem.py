@@ -155,7 +155,7 @@ class SteeringProblem(Problem):
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Time limit of planning. After it, the best plan so far is used. It is never longer than the plan of greedy.",
+        None, help="Time limit of planning. Then the best plan so far is used, never longer than the plan of greedy.",
         unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
@@ -175,7 +175,7 @@ class SteeringProblem(Problem):
         None, help="X coordinate of one particle's goal, which replaces that goal; it may lie outside the workspace."
     )
     goal_y: float | None = option(None, help="Y coordinate of the same goal.")
-    varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first is 1.", least=1)
+    varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first particle has number 1.", least=1)
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other."""

@@ -169,11 +169,11 @@ class SwarmProblem(Problem):
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None, help="For planners (best, rollout, offline): mean number of simulated moves for each move sent. The number is for "
-        "1000 particles; best and rollout use up to ten times as many for other numbers.", above=0, most=1e12,
+        None, help="For planners (best, rollout, offline): mean number of simulated moves for each move sent. The value is for "
+        "1000 particles. For other numbers, best and rollout use up to ten times as many.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="For planners: mean computing time per move, instead of a budget. The commands then depend on the machine.",
+        None, help="For planners: mean computing time per move, in place of a budget. The commands then depend on the machine.",
         metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
     max_moves: int = option(1_000_000, help="Maximum number of moves. An episode that reaches it has the status limit.", least=0)
@@ -198,7 +198,7 @@ class SwarmProblem(Problem):
         "somewhere. Lower values find more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
-        None, help="With --vessels: vessels are brighter than their surroundings. By default the clearer lines count."
+        None, help="With --vessels: vessels are brighter than their surroundings. By default, the clearer lines are vessels."
     )
     thickest: float | None = option(
         None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side. Default: 0.0185 in "
@@ -210,7 +210,7 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="For arrays and volumes: value from which a cell is free.")
     label: int | None = option(None, help="For arrays and volumes: value of the free cells.")
     largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
-    cell_size: float | None = option(None, help="Side of a cell. By default the file's value.", unit="mm", above=0, most=1e6)
+    cell_size: float | None = option(None, help="Side of a cell. By default, the value in the file.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other. No file is opened yet."""

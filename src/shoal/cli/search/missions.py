@@ -60,7 +60,7 @@ Format = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Format of the files to check: plan, wpl, geojson, kml, gpx or csv. Default: the first one found.",
+        help="Format of the files to check: plan, wpl, geojson, kml, gpx or csv. Default: the first of these that is found.",
         show_default=False,
     ),
 ]
@@ -73,7 +73,7 @@ Cap = Annotated[
     ),
 ]
 Autopilot = Annotated[
-    str | None, typer.Option("--autopilot", help="Autopilot that the missions must be for: px4 or ardupilot.", show_default=False)
+    str | None, typer.Option("--autopilot", help="Required autopilot of the missions: px4 or ardupilot.", show_default=False)
 ]
 _KEPT = MissionOptions.declarations()
 SEPARATION, DELAY = _KEPT["separation"].text(_KEPT["separation"].default), _KEPT["delay_tolerance"].default
@@ -122,7 +122,7 @@ Bands = Annotated[
     typer.Option(
         "--bands",
         metavar=_FIELDS["bands"].option.metavar,
-        help="Altitudes, from each of which the whole region must be seen. Default for a box: those of its layers.",
+        help="Altitudes. The whole region must be seen from each of them. Default for a box: its layers.",
         show_default=False,
     ),
 ]
@@ -206,7 +206,7 @@ def check(
 
 
 def _faults(result: MissionCheck, kept: Separation | None, *, least: float, terrain_error: float) -> list[str]:
-    """Return why missions do not pass, one clause for each reason."""
+    """Return the reasons why missions do not pass the check, as one clause for each reason."""
     from shoal.search.missions.rules import ROUNDING
 
     near, low = result.approach, result.clearance

@@ -38,7 +38,7 @@ def search(
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Write region.png, timeline.png, the episode and summary.json there.",
+            help="Write region.png, timeline.png, the episode and summary.json into this folder.",
             show_default=False,
         ),
     ] = None,
@@ -99,7 +99,7 @@ def _mission_folder(folder: Path, problem: SearchProblem, options: MissionOption
 
 
 def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs for --out and --film. Return the files."""
+    """Write the outputs that --out and --film request. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json

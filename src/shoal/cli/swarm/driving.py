@@ -208,7 +208,7 @@ def _report(
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Return the episode of a rig with noise, with the true map added, so that it shows classification errors."""
+    """Return the episode of a rig with noise, together with the true map, so that figures show classification errors."""
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 

@@ -201,7 +201,7 @@ def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
 
 
 def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs for --out and --film. Return the files."""
+    """Write the outputs that --out and --film request. Return the files."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json

@@ -189,7 +189,7 @@ def _float(ratio: Any) -> float | None:
 
 
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
-    """Return all positions, or None if there are too many to list; the steps are equal then."""
+    """Return all positions of scans, or None if there are too many to list. In this case, all steps are equal."""
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None
 

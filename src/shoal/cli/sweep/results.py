@@ -152,7 +152,7 @@ def _say_if_mixed(store: Store, name: str) -> None:
 
 
 def _numbers(found: Any) -> Any:
-    """Return values for JSON, with None instead of NaN."""
+    """Return values for JSON, in which None replaces NaN."""
     if isinstance(found, dict):
         return {name: _numbers(value) for name, value in found.items()}
     return None if isinstance(found, float) and not isfinite(found) else found

@@ -43,9 +43,9 @@ def run(
         typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False),
     ] = None,
     trials: Annotated[
-        int | None, typer.Option("--trials", help="Number of trials at each point, instead of the file's.", show_default=False)
+        int | None, typer.Option("--trials", help="Number of trials at each point, not that in the file.", show_default=False)
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the file's.", show_default=False)] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the seed in the file.", show_default=False)] = None,
     extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is already in the store.")] = False,
     out: Annotated[
         Path | None,

@@ -35,7 +35,7 @@ class Problem:
     """The metrics of an episode that a sweep stores."""
 
     censored: ClassVar[tuple[str, ...]] = ()
-    """Measures that grow until the task is done. For an unfinished episode, they are lower bounds."""
+    """Measures that grow until the task is done. For an unfinished episode, their values are lower bounds."""
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -57,7 +57,7 @@ class Problem:
         Raises
         ------
         InvalidInputError
-            If a field is unknown or invalid. The message gives its location.
+            If a field is unknown or invalid. The message gives the location of the field.
         """
         if not isinstance(data, Mapping):
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")

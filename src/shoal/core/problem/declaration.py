@@ -23,27 +23,27 @@ class Option:
         One or two sentences of help.
     unit : str
     least, most, above, below : float
-        Range of a number: ``least`` to ``most``, more than ``above``, less than ``below``.
+        Range of a number: at least ``least``, at most ``most``, more than ``above``, less than ``below``.
     finite : bool
         Whether a number must be finite.
     choices : tuple of str
-        All possible values of a text; empty if any text is valid.
+        All possible values of a text. If it is empty, any text is valid.
     metavar : str
         Placeholder for the value in the help of a command.
     short : str
         Short form of the command's option, such as ``-n``.
     argument : bool
-        Whether commands take the field by position.
+        Whether commands take the field as an argument by position, instead of an option.
     repeated : bool
         Whether commands accept the option several times. ``parse`` then receives a list of texts.
     parse : callable, optional
         Function that converts a command line text to the value, for types other than text, number and boolean.
     check : callable, optional
-        Function that returns the checked value. It replaces the check that the type implies.
+        Function that checks a value and returns the checked value. This function replaces the check that the type implies.
     dump : callable, optional
         Function that converts the value to JSON data.
     names : tuple of str, optional
-        For a field whose value may name third-party code, MODULE:ATTRIBUTE: the built-in names.
+        The built-in names, for a field whose value may also name third-party code as MODULE:ATTRIBUTE.
     """
 
     help: str
@@ -74,9 +74,9 @@ class Declaration:
     type : type
         int, float, bool, str, or ``object`` if the option has a ``check`` of its own.
     optional : bool
-        Whether None is a valid value.
+        Whether None is a valid value of the field.
     default : object
-        The default value; `REQUIRED` if there is none.
+        The default value, or `REQUIRED` if there is none.
     option : Option
     """
 

@@ -29,7 +29,7 @@ def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Probl
     Raises
     ------
     InvalidInputError
-        If a field is invalid. The message gives its location.
+        If a field is invalid. The message gives the location of the field.
     """
     kind = fields.get("kind")
     if kind not in KINDS:

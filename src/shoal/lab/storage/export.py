@@ -34,7 +34,7 @@ def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
     name : str
         Name of the sweep.
     path : path
-        A ``.csv`` file, or a ``.parquet`` file, whose metadata contain the sweep as JSON under "shoal".
+        A ``.csv`` file or a ``.parquet`` file. The metadata of a ``.parquet`` file contain the sweep as JSON under "shoal".
 
     Raises
     ------
@@ -91,7 +91,7 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
 def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
     """Return the column types of a table.
 
-    All parts must have the same types, and a column of whole numbers may later have fractions.
+    All parts of the table must have the same types, but a column that begins with whole numbers may contain fractions later.
     """
     fields = []
     sweep = store.sweep(name)

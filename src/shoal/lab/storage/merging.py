@@ -29,7 +29,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
     Raises
     ------
     InvalidInputError
-        If sweeps or trials differ, a store is damaged, or ``out`` exists. Nothing is written then.
+        If sweeps or trials differ, a store is damaged, or ``out`` exists. In this case, nothing is written.
     OutputError
     """
     target = Path(out)
@@ -44,7 +44,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
 
 
 def _take(merged: Store, opened: Store, name: str) -> None:
-    """Copy a sweep, or those of its rows that are not in the merged store yet."""
+    """Copy a sweep into the merged store, or only those of its rows that this store does not yet contain."""
     stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
     if name in merged.names:
         there = merged.stored(name)
@@ -83,5 +83,5 @@ def _take(merged: Store, opened: Store, name: str) -> None:
 
 
 def _insert(write: Write, table: str, columns: str, values: tuple[Any, ...]) -> int:
-    """Insert a row unless it exists. Return its number."""
+    """Insert a row into a table, unless the row exists. Return its number."""
     return write(f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({', '.join('?' * len(values))})", values)

@@ -97,7 +97,9 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _create(path: Path) -> None:
-    """Create an empty store under a temporary name and rename it, so that it is complete from the beginning and created only once.
+    """Create an empty store under a temporary name, and rename it when it is complete.
+
+    Therefore a store is never incomplete, and is created only once.
 
     Raises
     ------
@@ -117,12 +119,13 @@ def _create(path: Path) -> None:
 def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
     """Yield a temporary file name for a new store. When the store is complete, the file gets its final name.
 
-    Otherwise the file is removed.
+    If the block raises an error, the file is removed.
 
     Raises
     ------
     OutputError
-        If the file cannot be written, or the name was taken in the meantime. With ``shared``, the store that took the name is kept.
+        If the file cannot be written, or the name was taken in the meantime. If ``shared`` is true, the store that took the name is
+        kept.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
     made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}

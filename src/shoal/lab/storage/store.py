@@ -33,7 +33,7 @@ class Store:
     ----------
     path : path
     write : bool
-        Open the store for writing, and create it if it does not exist.
+        Whether to open the store for writing, and to create it if it does not exist.
 
     Raises
     ------
@@ -140,7 +140,7 @@ class Store:
         inputs : mapping of str to str
             Digests of the maps, workspaces and regions that the sweep opens.
         extend : bool
-            Accept a sweep that only adds trials or points to the stored one.
+            Whether to accept a sweep that only adds trials or points to the stored sweep.
 
         Raises
         ------

@@ -89,7 +89,7 @@ def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
 
 
 def _spaced(form: RangeForm, *, whole: bool, where: str) -> tuple[Any, ...]:
-    """Return ``count`` values. Between whole numbers, return the nearest whole numbers without repetition."""
+    """Return ``count`` values. If the ends are whole numbers, return the nearest whole numbers without repetition."""
     count = form.count or 1
     if form.scale == "log" and not (form.start > 0 and form.stop > 0):
         raise InvalidInputError(f"{where}: expected a logarithmic range between numbers above 0, got {form.start} to {form.stop}")

@@ -33,7 +33,7 @@ class Piece:
         Number of the point in the store.
     problem : Problem
     seeds : str
-        Text from which the seeds of the trials are derived.
+        Text from which the seeds of the trials are computed.
     first, stop : int
     place : object, optional
         The opened map, workspace or region, for workers that do not have the file.
@@ -71,7 +71,7 @@ class Answer:
     failures : list of (point, trial, seed, error)
     seconds : float
     paces : list of (point, float)
-        Seconds per trial, for each piece.
+        Mean seconds per trial, for each piece.
     versions : dict
         See `shoal.lab.versions`.
     worker : str

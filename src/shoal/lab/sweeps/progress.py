@@ -21,7 +21,7 @@ class SweepStatus:
     running : bool
         Whether a process on this machine currently runs the sweep.
     rate : float
-        Trials per second over the last minute of work; 0 if there was none.
+        Trials per second over the last minute of work, or 0 without work.
     seconds : float
         Total time in seconds that all workers spent.
     versions : dict

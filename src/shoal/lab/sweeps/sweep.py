@@ -56,7 +56,7 @@ class Point:
     key : str
         Digest of the problem, under which its trials are stored.
     seeds : str
-        Text from which the seeds are derived together with the sweep's seed: the problem without the paired axes.
+        Text of the problem without the paired axes. The seeds of trials are computed from this text and the sweep's seed.
     """
 
     number: int
@@ -83,11 +83,11 @@ class Sweep:
     name : str
         Name of letters, digits, ``.``, ``_`` and ``-``.
     problem : dict
-        ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of this kind
+        The entry ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of this kind of problem
         (`shoal.lab.problems`).
     axes : dict
         For each field, a list of values or a range ``{"from": 100, "to": 5000, "step": 100}``. A range may have ``count`` instead
-        of ``step``, and ``"scale": "log"``. For a function, axes are its arguments.
+        of ``step``, and ``"scale": "log"``. If the problem is a function, the axes are arguments of the function.
     trials : int
         Number of trials at each point.
     seed : int
@@ -207,7 +207,7 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
     where : str
         Beginning of error messages, such as the name of the file.
     check : callable, optional
-        Function that checks the fields before they are used. Its exceptions also get a line number.
+        Function that checks the fields before the sweep is made. Exceptions of this function also get a line number.
 
     Raises
     ------

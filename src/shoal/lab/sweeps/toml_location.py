@@ -32,7 +32,7 @@ def line_of(text: str, message: str) -> int | None:
 
 
 def _lines(text: str) -> dict[str, int]:
-    """Return the lines of headers and fields by dotted name."""
+    """Return the line numbers of headers and fields by their dotted names."""
     found: dict[str, int] = {}
     section = ""
     for number, line in enumerate(text.splitlines(), 1):

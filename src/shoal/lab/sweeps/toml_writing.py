@@ -18,7 +18,7 @@ def as_toml(sweep: Mapping[str, Any]) -> str:
     Parameters
     ----------
     sweep : mapping
-        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. Ranges may stay ranges.
+        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. Ranges need not be expanded to lists.
 
     Raises
     ------

@@ -56,7 +56,7 @@ def _free_cells(name: str) -> int:
 
 
 def _slug(name: str) -> str:
-    """Return a map's name in the form for the name of a sweep."""
+    """Return the name of a map in a form that is valid in the name of a sweep."""
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
     return f"{plain}-{digest_of(name)[:6]}"
 
@@ -75,14 +75,17 @@ def _note_of(settings: Settings) -> str:
 
 
 def _unlike(settings: Settings) -> str:
-    """Return the reason why numbers of the complex map are not comparable; empty if the map may be the paper's."""
+    """Return the reason why numbers for the complex map are not comparable, or an empty text if the map may be the paper's map."""
     workspace = open_map(settings.complex)
     alike = sorted(workspace.shape) == [112, 132] and workspace.n_free == 5000
     return "" if alike else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"
 
 
 def _complex_claims(label: str, rows: list[Row], known: Published, settings: Settings) -> list[Claim]:
-    """Return the claims for numbers printed for the complex map. Between two n, our values are interpolated."""
+    """Return the claims for numbers printed for the complex map.
+
+    Between two numbers of particles, Shoal's values are interpolated.
+    """
     curve, unlike = curve_of(label, rows, "particles"), _unlike(settings)
     claims = []
     for n, mean in zip(known.x.tolist(), known.mean.tolist(), strict=True):
@@ -96,7 +99,7 @@ def _complex_claims(label: str, rows: list[Row], known: Published, settings: Set
 
 
 def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
-    """Return the estimates of rows with these values, by number of particles."""
+    """Return the estimates of the rows that have the given values, by number of particles."""
     kept = [row for row in rows if all(row.values[name] == value for name, value in values.items())]
     return {row.values.get("particles", 0): row.estimate for row in kept if row.estimate is not None}
 

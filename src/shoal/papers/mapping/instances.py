@@ -153,7 +153,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _scaled(store: Store, sweep: Sweep, axis: str) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
-    """Return the axis and the measures of a sweep without randomness, and both as a table."""
+    """Return the axis and the measures of a sweep without random numbers, and both as a table."""
     trials = trials_of(store, sweep)
     columns = [axis, *sweep.measures]
     table = np.array([[trial[name] for name in columns] for trial in trials], dtype=np.float64)

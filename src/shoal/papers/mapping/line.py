@@ -32,7 +32,7 @@ def _sampled(line: Line, settings: Settings) -> LineSample:
 
 
 def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int) -> Claim:
-    """Return the claim that an exact mean equals the printed mean of the paper's Monte Carlo."""
+    """Return the claim that an exact mean equals the mean of the paper's Monte Carlo simulation."""
     error = 0.5 * 10.0**-digits + 1.96 * float(np.std(drawn)) / PLACED**0.5
     return claim(
         what, f"{printed:g}", exact, within=(printed - error, printed + error), why="rounding and errors of a million trials"
@@ -40,7 +40,7 @@ def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int
 
 
 def _tables(store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str) -> tuple[Table, Table]:
-    """Return our means beside the exact ones, and the number of draws of each value."""
+    """Return a table of Shoal's sampled means beside the exact means, and the number of samples of each value."""
     means, counted = [], []
     for name, value in exact.items():
         (row,) = summarise(store, sweep.name, name)

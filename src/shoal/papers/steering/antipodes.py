@@ -30,11 +30,11 @@ class AntipodeSwap:
         "second": particle 2 always touches the wall. "nearer": the particle nearer to its contact touches.
     start, goal : ndarray of float64, shape (2, 2)
     moves : ndarray of float64, shape (2 cycles, 2)
-        Contacts and adjustments alternately.
+        The moves of the plan: contacts and adjustments alternate.
     lengths : ndarray of float64, shape (cycles,)
-        Length in diameters of the plan that ends after each cycle, including its last translation.
+        For each cycle, the length in diameters of the plan that ends after this cycle, including the last translation.
     errors : ndarray of float64, shape (cycles,)
-        δ: remaining distance of each particle from its goal after each cycle, in diameters.
+        The error δ after each cycle: the distance that remains from each particle to its goal, in diameters.
     """
 
     toucher: Toucher
@@ -76,13 +76,13 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     Parameters
     ----------
     toucher : str
-        "nearer" or "second": the particle that touches. Both choices make opposite differences of equal length.
+        "nearer" or "second": the particle that touches. Both choices lead to differences of equal length and opposite direction.
     cycles : int
         Number of cycles, at least 1.
     apart : float
         Initial distance in diameters, above 0 and below 1. Both particles are equally far from the centre.
     turn : float
-        Angle between the initial Δ and the line through the goals. With 0, the particles exchange sides.
+        Angle between the initial difference Δ and the line through the goals. With 0, the particles exchange sides.
 
     Raises
     ------

@@ -83,7 +83,7 @@ def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
 
 
 def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
-    """Return the claim that no random pair of moves leaves the set, the widest contact, and the trials."""
+    """Return the claim that no random pair of moves leaves the computed set. Return also the widest contact and the trials."""
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
     found = claim(
@@ -115,7 +115,7 @@ def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) ->
 
 
 def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, toucher: int, wall: int, title: str) -> None:
-    """Draw the possible first contacts of a particle with a wall, one contact, and where the other particle can then be."""
+    """Draw a particle's possible first contacts with a wall, one of them, and possible positions of the other particle then."""
     _draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner

@@ -74,7 +74,7 @@ def _draw_start(axes: Axes, filling: PolygonFractions) -> None:
 
 
 def _draw_outlines(axes: Axes, border: NDArray[np.float64], outlines: Sequence[NDArray[np.float64]]) -> None:
-    """Draw sets over each other, with the smallest on top, inside the border of all differences."""
+    """Draw sets inside the border of all differences. The smallest set is on top."""
     axes.fill(*border.T, facecolor="#f7f8fa", edgecolor="none", zorder=0)
     for k, outline in reversed([*enumerate(outlines)]):
         axes.fill(*outline.T, facecolor=REACH_COLOURS[k % len(REACH_COLOURS)], edgecolor="white", lw=0.3, zorder=1)
@@ -147,7 +147,7 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
     Parameters
     ----------
     rows : sequence of sequences of (GoalSweep, "moves" or "length")
-        Content of each panel. All panels of lengths share one colour scale, and all panels of moves another one.
+        Content of each panel. All panels of lengths share one colour scale. All panels of numbers of moves share another one.
 
     Raises
     ------
@@ -238,7 +238,7 @@ class _Scale:
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Assign values to cells whose centre is outside the workspace: the value of the nearest inside cell."""
+    """Assign a value to each cell whose centre is outside the workspace: the value of the nearest cell inside."""
     from scipy.ndimage import distance_transform_edt
 
     outside = ~sweep.problem.place.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
@@ -264,7 +264,7 @@ def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[A
     Parameters
     ----------
     second, nearer : AntipodeSwap
-        The approach with particle 2 always touching, as in the paper's law, and with the nearer particle touching.
+        Two approaches: particle 2 always touches the wall (as in the paper's law), and the nearer particle touches the wall.
     *others : (AntipodeSwap, str)
         Further approaches with their names.
     """

@@ -31,18 +31,19 @@ class GoalSweep:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem, with the fixed particle's goal as the goal of both. Start, tolerance and workspace apply to all plans.
+        The problem, in which both particles have the goal of the fixed particle. Its start, tolerance and workspace apply to all
+        plans.
     varied : int
         The particle whose goal varies, 1 or 2.
     planner : str
     x, y : ndarray of float64, shape (n,)
         Coordinates of the goals.
     moves : ndarray of float64, shape (n, n)
-        Number of moves by y and x; NaN outside the workspace, and where no plan succeeds.
+        Number of moves for each y and x of the goal, or NaN outside the workspace and where no plan succeeds.
     lengths : ndarray of float64, shape (n, n)
-        The same for the length of the plan.
+        Length of the plan for each y and x of the goal, or NaN as in ``moves``.
     unsolved : int
-        Number of goals inside without a successful plan.
+        Number of goals inside the workspace without a successful plan.
     """
 
     problem: SteeringProblem

@@ -50,7 +50,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     distances : array_like of float, shape (n,)
         Initial distances of the particles in diameters, above 0 and at most 1.
     moves, directions
-        As for `disk_reach`.
+        As in `disk_reach`.
 
     Raises
     ------
@@ -95,7 +95,7 @@ class PolygonFractions:
     ----------
     workspace : ConvexWorkspace
     before : ndarray of float64, shape (2,)
-        Δ at the start.
+        The difference Δ at the start.
     sets : list of PolygonReach
         The sets after 2, 4, 6, ... moves.
     """
@@ -130,7 +130,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
     Parameters
     ----------
     workspace, before, moves, contacts
-        As for `polygon_reach`.
+        As in `polygon_reach`.
 
     Raises
     ------
@@ -176,7 +176,7 @@ def _around(count: int) -> Points:
 
 
 def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
-    """Return the distances from points to the wall in some directions; float64, shape (points, directions)."""
+    """Return the distances from points to the wall in given directions; float64, shape (points, directions)."""
     rates = ahead @ workspace.normals.T
     clear = np.maximum(workspace.wall_distances(points), 0.0)
     way = np.full((len(points), len(ahead)), np.inf)

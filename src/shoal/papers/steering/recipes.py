@@ -95,7 +95,7 @@ def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
 
 
 def _outlines(sets: Iterable[tuple[float, int, NDArray[np.float64]]], first: str) -> Table:
-    """Return the outlines of sets as data, each (sides or distance, moves, outline)."""
+    """Return the outlines of sets as data: (sides or distance, moves, outline) for each set."""
     rows = [[of, moves, round(float(x), 5), round(float(y), 5)] for of, moves, outline in sets for x, y in outline[::8]]
     return Table("outlines, every 8th corner", [first, "moves", "x", "y"], rows, shown=False)
 
@@ -186,7 +186,10 @@ def _fig14_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _alike(values: NDArray[np.float64]) -> float:
-    """Return the fraction of goals in the workspace with the same value as their mirror images in the line through the starts."""
+    """Return the fraction of goals in the workspace that have the same value as their mirror images.
+
+    The mirror line passes through the starts.
+    """
     inside = np.isfinite(values)
     return float(np.mean(np.isclose(values, values.T, rtol=0, atol=1e-6)[inside & inside.T]))
 

@@ -142,7 +142,10 @@ def _draw_reflection(axes: Axes, goal: Points) -> None:
 
 
 def _draw_touchers(axes: Axes, samples: int) -> float:
-    """Draw the toucher of the shortest path over the goals of particle 1. Return the fraction of goals without a path."""
+    """Draw, for each goal of particle 1, which particle touches the wall on the shortest path.
+
+    Return the fraction of goals without a path.
+    """
     from matplotlib.colors import ListedColormap
 
     steps = (np.arange(samples) + 0.5) / samples

@@ -29,13 +29,13 @@ class Allocation:
     ----------
     allocator : str
     arcs : tuple of tuple of Arc
-        For each robot, its arcs in the order of its work; empty for a robot in reserve.
+        For each robot, its arcs in the order in which it searches them. A robot in reserve has no arcs.
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to the first cell. The unit is the time in which a robot of speed 1
         searches one cell.
     lower_bound : float
-        Lower bound on the makespan of every allocation: the number of cells times the required visits per cell, divided by the sum
-        over all robots of speed times footprint width.
+        Lower bound on the makespan of every allocation. It is the number of cells, times the required visits per cell, divided by
+        the sum of speed times footprint width over all robots.
     work : tuple of tuple of Arc
         For each robot, all arcs that it searches: its own arcs and, if several robots search each cell, the arcs of the robots
         ahead.
@@ -68,19 +68,19 @@ def allocate(
     ----------
     tour_cost : TourCost
     starts : array_like of int, shape (m,)
-        Index on the tour of each robot's start cell, m at least 1. Several robots may start in one cell.
+        Tour index of each robot's start cell; m is at least 1. Several robots may start in the same cell.
     allocator : str
-        "stay": each robot searches from its start to the next robot's start (paper H). "common-shift": all robots first move along
-        the tour, each at most a common distance, and then search. "individual-shift": each robot moves along the tour by its own
-        optimal distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves straight
-        to the beginning of an arc.
+        "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": all robots first
+        move along the tour, each at most a common distance, and then search. "individual-shift": each robot moves along the tour by
+        its own optimal distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves
+        straight to the beginning of an arc.
     rates : array_like of float, shape (m,), optional
-        Relative speed of each robot in motion and search. The default is 1.
+        Relative speed of each robot, both in motion and in search. The default is 1 for all robots.
     places : array_like of float, shape (m, d), optional
         Positions of the robots in the units of `TourCost.points`. By default robots are at the centres of their cells.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot in cells, odd. The default is 1. The size of a part depends on the robot's search rate along
-        this tour (`gain_of`), and paths to the part depend on its speed.
+        Footprint width of each robot in cells, odd. The default is 1 for all robots. A robot's share of the cells depends on its
+        search rate along this tour (`gain_of`). The time for its path to these cells depends on its speed.
 
     Raises
     ------
@@ -89,7 +89,8 @@ def allocate(
 
     Notes
     -----
-    "stay" is paper H, p. 5. The other allocators answer its open question ("slightly more initial configuration movement").
+    "stay" is paper H, p. 5. The other allocators answer an open question of this paper ("slightly more initial configuration
+    movement").
 
     Examples
     --------
@@ -138,7 +139,7 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
 def _team(
     tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
-    """Return the checked robots in the order of their starts, and that order."""
+    """Return the robots, checked and sorted by their starts around the tour, and the order of sorting."""
     n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():

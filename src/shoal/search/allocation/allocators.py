@@ -134,7 +134,7 @@ def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, border
 
 
 def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
-    """Return the borders for the smallest time at which a pass over the robots succeeds; int64, shape (m + 1,)."""
+    """Return the borders of the robots' parts for the smallest time in which they can search all cells; int64, shape (m + 1,)."""
     n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # the borders of the allocator stay
     gaps = np.diff(tour_cost.ahead[best]) / _powers(team)

@@ -35,11 +35,12 @@ def best_allocation(
     starts, rates, places, widths : ndarray
         Arguments of `allocate`.
     allocators : sequence of str
-        Names to choose from. Among equally fast allocations, the first name wins.
+        Names of the allocators that are compared. If several allocations are equally fast, the first name is chosen.
     energy : float
-        Endurance: time in which a robot of speed 1 must return to its start, in cell times.
+        Endurance of a robot in units of the time in which a robot of speed 1 searches one cell. Within this time, a robot must
+        return to its start.
     recharge : float
-        Duration of recharging at the start, in cell times.
+        Duration of recharging at the start, in the same unit as ``energy``.
 
     Examples
     --------

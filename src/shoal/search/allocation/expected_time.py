@@ -35,10 +35,10 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     cells : int
         Number of cells of the closed tour.
     robots : int
-        Number of robots. They start in independent random cells.
+        Number of robots. The robots start in independent random cells.
     dead : int
-        Number of robots that never start. The robot behind a dead robot also searches its part. The waiting time before that is not
-        counted.
+        Number of robots that never start. The robot behind a dead robot also searches its part. The waiting time before this
+        takeover is not counted.
     trials : int
         Number of random trials, at least 2.
     seed : int
@@ -50,8 +50,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     Notes
     -----
     Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., allocator="stay")``. Robots
-    first move to the centres of their cells, so each part consists of whole cells. If several robots start in one cell, only one of
-    them searches on.
+    first move to the centres of their cells, so each part consists of whole cells. If several robots start in the same cell, only
+    one of them searches on.
 
     `stay_share` is the limit for many cells. With 64 cells and 50 robots, most robots share a cell, and the exact mean is 0.6 %
     above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above the limit, because
@@ -73,7 +73,7 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
 
 def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return the largest distance from a working robot to the next one, in cells; int64, shape (trials,)."""
+    """Return the largest distance in cells from a working robot to the next working robot; int64, shape (trials,)."""
     starts = rng.integers(cells, size=(trials, robots))[:, dead:]  # all robots are equivalent, so the first ones are dead
     starts.sort(axis=1)
     around = starts[:, 0] + cells - starts[:, -1]

@@ -28,11 +28,11 @@ class LayeredGrid:
     Parameters
     ----------
     layers : tuple of CellGrid
-        The layers from the lowest to the highest. Equal layers are one object.
+        The layers from the lowest to the highest. Equal layers are the same object.
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Horizontal distance in metres along the rows that takes as long as one metre of climb or descent, averaged over both.
+        Horizontal distance in metres that a vehicle flies along the rows in the time of one metre of climb or descent, on average.
     """
 
     layers: tuple[CellGrid, ...]
@@ -233,7 +233,7 @@ class LayerNumbers:
 
 
 class LayeredFootprint:
-    """Cells seen from a cell. A robot sees only cells of its own layer.
+    """Cells seen from a cell. The tour with its costs. A robot sees only cells of its own layer.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances of each layer between its own cells; empty if all horizontal paths are straight.
+        Distances between the cells of each layer. It is empty if all horizontal paths are straight.
     """
 
     stepwise = False

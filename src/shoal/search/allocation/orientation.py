@@ -21,10 +21,10 @@ from shoal.search.tours import Tour, make_tour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow rows. For these, border cells get viewpoints on a path with few bends."""
+"""Tours that follow rows. For these tours, border cells get viewpoints on a path with few bends."""
 
 TURN = 1.0
-"""Cost of a turn in cells for the comparison of orientations, if turns cost nothing in the search."""
+"""Cost of a turn in cells with which orientations are compared, if turns cost nothing in the search."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -44,7 +44,8 @@ class Candidate:
         Angle of the rows in degrees.
     tour : str
     cells : float
-        Time of one robot for one round including turns, in cell times. With an allocation, the time of all robots.
+        Time of one robot for one round including turns, in units of the time that a robot of speed 1 needs for one cell. If the
+        candidate has an allocation, the time until all robots finish.
     allocation : str, optional
     """
 
@@ -69,9 +70,9 @@ class GridTour:
     tour : Tour
     paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
-        The candidates compared, fastest first; empty if nothing had to be chosen.
+        The candidates that were compared, with the fastest first. It is empty if there was no choice.
     layers : tuple of GridTour
-        If there are several layers: the grid tour of each layer. Equal layers are one object.
+        If there are several layers: the grid tour of each layer. Equal layers are the same object.
     """
 
     grid: Grid
@@ -113,13 +114,13 @@ def grid_tour(
     angle : float
         Angle of the rows in degrees, counter-clockwise from the x axis.
     offset : float
-        Shift of the rows across their direction, relative to a row.
+        Shift of the rows across their direction, as a fraction of a row.
     turn_cost : float
         Cost of a turn in cells. 0 counts as `TURN`.
     stepwise : bool
-        Whether robots move from cell to neighbouring cell. Then each cell is seen from a point inside it.
+        Whether robots move from cell to neighbouring cell. If true, each cell is seen from a point inside the cell.
     transit : bool
-        Whether paths may lead outside the region, as for `RegionPaths`.
+        Whether paths may lead outside the region, as in `RegionPaths`.
 
     Examples
     --------
@@ -143,19 +144,19 @@ def in_layers(
     Parameters
     ----------
     first : GridTour
-        The first pass of the lowest layer. All layers have its region and angle.
+        The grid tour of the first pass in the lowest layer. All layers have the region and the angle of this grid tour.
     altitudes : sequence of float
         Altitudes in metres, increasing.
     passes : int
-        Number of passes at each altitude. In every other pass the rows are rotated by 90 degrees.
+        Number of passes at each altitude. In every second pass, the rows are rotated by 90 degrees.
     sizes : sequence of float
         Sides of the cells at each altitude in metres.
     tour : str
         Name of the tour for `make_tour`.
     climb : float
-        Cost of climbing, as for `LayeredGrid`.
+        Cost of climbing, as in `LayeredGrid`.
     given
-        ``turn_cost`` and ``transit`` as for `grid_tour`.
+        ``turn_cost`` and ``transit``, as in `grid_tour`.
     """
     if len(altitudes) * passes == 1:
         return first
@@ -200,13 +201,13 @@ def best_grid_tour(
     size : float
         Side of a cell in metres.
     tours : sequence of str
-        Tours to choose from.
+        Names of the tours that are compared.
     turn_cost : float
         Cost of a turn in cells. 0 counts as `TURN`.
     angle : float, optional
-        Angle of the rows in degrees, if only the tour is to be chosen.
+        Angle of the rows in degrees, if only the tour must be chosen.
     stepwise, transit : bool
-        As for `grid_tour`.
+        As in `grid_tour`.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
@@ -253,8 +254,8 @@ def _long_sides(area: Any) -> list[float]:
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost in cells of driving along all rows.
 
-    The estimate adds three terms: the lengths of the rows over their full width, a row width at the end of each row (more for a
-    slanting border), and two turns per row.
+    The estimate is the sum of three terms: the lengths of all rows, a row width at the end of each row (more for a slanting
+    border), and two turns per row.
     """
     import shapely
 

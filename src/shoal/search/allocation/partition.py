@@ -32,7 +32,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
     tour_cost : TourCost
     allocator : str
     robots : tuple of (number, start, rate, width)
-        In increasing order of the numbers, so that all robots compute the same partition.
+        The robots in increasing order of their numbers, so that all robots compute the same partition.
     """
     n = len(tour_cost)
     _, starts, rates, widths = zip(*robots, strict=True)
@@ -58,7 +58,7 @@ def in_passes(
     Parameters
     ----------
     robots : tuple of (number, start, rate, width)
-        As for `partition`, numbered from 1.
+        As in `partition`, numbered from 1.
     places : ndarray of float64, shape (m, d)
         Positions of the robots in the units of `TourCost.points`.
     """

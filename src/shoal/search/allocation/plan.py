@@ -57,9 +57,9 @@ class SearchPlan:
     ----------
     grid : CellGrid or LayeredGrid
     tour_cost : TourCost
-        The tour with its costs. Lengths are in sides of a cell.
+        The tour with its costs. Its lengths are in sides of a cell.
     places : ndarray of float64, shape (m, 2)
-        Start positions of the robots in metres, inside the region or not. With several layers, robots start in the lowest.
+        Start positions of the robots in metres, inside or outside the region, and in the lowest of several layers.
     starts : ndarray of int64, shape (m,)
         Tour index of each robot's start cell.
     rates : ndarray of float64, shape (m,)
@@ -74,9 +74,9 @@ class SearchPlan:
     vehicle : Vehicle
         The vehicle of all robots, apart from their speeds.
     delays : ndarray of float64, shape (m,)
-        Delay of each robot's departure in seconds. By default all robots depart at once.
+        Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
-        The tours and then the allocations that were compared, each with the fastest first; empty if nothing had to be chosen.
+        The tours that were compared, and then the allocations, each with the fastest first. It is empty if there was no choice.
     """
 
     grid: Grid
@@ -226,7 +226,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the robots cannot do the task in this region.
+        If the robots cannot do the search in this region.
 
     Examples
     --------
@@ -270,7 +270,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 
 
 def _late(plan: SearchPlan) -> NDArray[np.float64]:
-    """Return the extra completion time due to starts away from the centres of the start cells, in cell times; shape (m,)."""
+    """Return the extra completion time in cells because starts are not the centres of start cells; shape (m,)."""
     late = plan.delays / plan.cell_seconds
     for robot, arcs in enumerate(plan.allocation.work):
         if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
@@ -281,7 +281,7 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
-    """Divide the region into cells and compute a tour, at the best angle if required; then through all layers."""
+    """Divide the region into cells and compute a tour through all layers, with the best angle if required."""
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
@@ -327,7 +327,7 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
 
 
 def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
-    """Return the part of the cost of a tour through layers that each layer has by itself."""
+    """For a tour through layers, return the cost inside each layer."""
     numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
     own = {layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(laid.layers)}
     seen = {layer: RegionFootprint(grid, layer.tour) for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)}

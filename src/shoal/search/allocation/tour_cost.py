@@ -30,7 +30,8 @@ class TourCost:
     Parameters
     ----------
     tour : Tour
-        The tour. A robot follows it repeatedly: a closed tour over its closing edge, an open tour straight back to its beginning.
+        The tour. The tour, which robots follow again and again. A closed tour leads back over its closing edge, and an open tour
+        leads straight back to its beginning.
     points : array_like of float64, shape (N, d), optional
         Viewpoint of each cell in cell sides. The default is the centres of the cells.
     turn_cost : float
@@ -40,14 +41,15 @@ class TourCost:
     distances : Distances, optional
         Distances between any two cells. By default, they are straight.
     footprint : Footprint, optional
-        The cells visible from each cell with a wide footprint. By default, everything is visible that is not behind a non-cell.
+        The cells that a robot with a wide footprint sees from each cell. By default, a robot sees all cells that are not hidden
+        behind positions without a cell.
     turns : array_like of float64, shape (N,), optional
-        Number of changes of direction in each cell and on the path to the next one. By default, a turn of more than a degree in the
-        cell counts as one.
+        Number of changes of direction in each cell and on the path to the next one. By default, each turn of more than a degree in
+        the cell counts.
     least : float, optional
         Minimum cost of searching all cells, in cells. The default is the number of cells.
     reckoned : bool
-        Whether `allocate` uses exact path lengths for all compared allocations. Otherwise it uses straight distances.
+        Whether `allocate` uses exact path lengths for all compared allocations. If false, it uses straight distances.
 
     Raises
     ------
@@ -181,9 +183,10 @@ class TourCost:
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return the cost and the end cells of the cheapest path: direct, or along the tour where it is not blocked.
+        """Return the cost and the end cells of the cheapest path: directly, or along the tour where it is not blocked.
 
-        Along the tour, only bends count as turns. So cells that other robots have searched never make the remaining path longer.
+        On the path along the tour, only bends count as turns. Therefore cells that other robots have searched never make the
+        remaining path longer.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost

@@ -30,7 +30,7 @@ def best_viewpoint(
     Parameters
     ----------
     tour_cost : TourCost
-        The tour. A robot sees only cells of its own layer.
+        The tour with its costs. A robot sees only cells of its own layer.
     width : int
         Width of the footprint in cells, odd.
     here : int
@@ -38,11 +38,11 @@ def best_viewpoint(
     wanted : ndarray of bool, shape (N,)
         The cells that the robot has to see.
     aim : int
-        One of these cells. The robot stops near it if no wanted cell is visible from its surroundings.
+        One of these cells. If no wanted cell is visible near the robot, it stops near this cell.
     cost : callable
-        Function that returns the cost of moving to a cell and searching it; infinite if no path exists.
+        Function that returns the cost of moving to a cell and searching it, or infinity if no path exists.
     shut : int
-        Bitset of cells in which the robot cannot stop at present.
+        Bitset of the cells in which the robot cannot stop at this time.
     """
     for middle, reach in ((here, width), (aim, width // 2)):
         stop = _best_around(tour_cost, width, here, middle, reach, wanted, cost, shut)
@@ -90,7 +90,7 @@ def _best_around(
 
 
 def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDArray[np.int64]:
-    """Return the indices of the cells around a cell, with -1 for non-cells; int64, shape (2 reach + 1, 2 reach + 1)."""
+    """Return the indices of the cells around a cell, with -1 outside the tour; int64, shape (2 reach + 1, 2 reach + 1)."""
     found = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = position[top : row + reach + 1, left : col + reach + 1]
@@ -120,7 +120,7 @@ def select_viewpoints(
     cells : ndarray of int64, shape (k,)
         Tour indices in the order in which a robot with a footprint of one cell searches them; k at least 1.
     here : int, optional
-        The robot's previous cell. The default is the first of the cells.
+        The robot's previous cell. The default is the first cell of ``cells``.
     """
     wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True

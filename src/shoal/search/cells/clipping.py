@@ -197,7 +197,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Return shapes without the lines and points where a region only touches a block."""
+    """Return shapes without the lines and points that remain where a region only touches a block."""
     import shapely
 
     kinds = shapely.get_type_id(shapes)

@@ -44,17 +44,18 @@ class CellDistances:
     tour : Tour
         The tour of a plane region.
     doors_east : array_like of bool, shape (H, W - 1), optional
-        Whether a robot can move from a cell to the next cell in its row. By default, it can wherever both are cells.
+        Whether a robot can move from a cell to the next cell in its row. By default, this is possible wherever both positions are
+        cells.
     doors_south : array_like of bool, shape (H - 1, W), optional
-        The same for the cell below.
+        The same for a move to the cell below.
     steps : array_like of float64, shape (N,), optional
-        Length of the path from each cell of the tour to the next. Robots use these paths between cells that are not connected
-        otherwise.
+        Length of the path from each cell of the tour to the next. Robots use these paths between cells that have no other
+        connection.
 
     Raises
     ------
     InvalidInputError
-        If the tour is not plane.
+        If the tour is not in a plane.
 
     Examples
     --------

@@ -71,7 +71,7 @@ class MaskFootprint:
         return around[[other == cell or self._clear(cell, int(other)) for other in around]]
 
     def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
-        """Return whether no non-cell lies between a cell and any of the cells around it."""
+        """Return whether all positions around a cell, up to the footprint, are cells."""
         return len(around) == block.size
 
     def _clear(self, cell: int, other: int) -> bool:
@@ -107,7 +107,7 @@ class RegionFootprint(MaskFootprint):
 
     @cached_property
     def _single(self) -> NDArray[np.bool_]:
-        """Which cells consist only of their own piece, seen from a single viewpoint."""
+        """Which cells consist only of their own piece and have a single viewpoint."""
         return np.asarray(np.diff(self._grid.viewpoint_starts)[self._index] == 1)
 
     @cached_property

@@ -31,7 +31,7 @@ class CellGrid:
     Parameters
     ----------
     region : SearchRegion
-        The region. Its area is what the footprint can see.
+        The region. Its area is the area that robots can see.
     footprint : float
         Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the axes.
     mask : ndarray of bool, shape (H, W)
@@ -39,7 +39,7 @@ class CellGrid:
     lattice : Lattice
         Position of the cells.
     clipped : Clipped
-        Which cells are whole, and the pieces of the others.
+        The cells that are whole, and the pieces of the other cells.
     portals : Portals
         The openings through which a vehicle moves from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
@@ -47,7 +47,7 @@ class CellGrid:
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
         Index of each cell's first viewpoint.
     own : ndarray of int64, shape (H, W)
-        Number of each cell's own piece as in `Portals`; -1 for non-cells.
+        Number of each cell's own piece as in `Portals`, or -1 for positions without a cell.
     """
 
     region: SearchRegion
@@ -214,16 +214,17 @@ def cells_of(
     ----------
     region : SearchRegion
     footprint : float
-        Side in metres of the square that a vehicle sees. If it is larger than the region, there is one cell.
+        Side in metres of the square that a vehicle sees. If the footprint is larger than the
+        region, there is only one cell.
     size : float, optional
-        Side of a cell in metres, at most the footprint, which is the default. With smaller cells, footprints overlap.
+        Side of a cell in metres, at most the footprint. The default is the footprint. With smaller cells, footprints overlap.
     angle : float
         Rotation of the rows from the x axis, in degrees counter-clockwise. Footprints are rotated with the rows.
     offset : tuple of float
-        Shift of the lattice to the right and up in its own frame, in cell sides, 0 to 1. With (0, 0), the lattice is centred on the
-        region's bounds in that frame.
+        Shift of the lattice to the right and upwards in its own frame, in cell sides from 0 to 1. With (0, 0), the lattice is
+        centred on the bounds of the region in the lattice's frame.
     on_rows : bool
-        Whether border cells are seen from the centre lines of rows where possible. Use it for tours that follow rows.
+        Whether viewpoints of border cells lie on the centre lines of rows where possible. This suits tours that follow rows.
 
     Returns
     -------
@@ -282,7 +283,9 @@ def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
 
 
 def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Assign each remaining piece to the cell whose own piece is the fewest portals away. The key is the cell's flat index.
+    """Assign each remaining piece to the cell whose own piece is the fewest portals away.
+
+    The keys of the result are flat indices of cells.
 
     A piece from which no own piece can be reached stays with its cell.
     """

@@ -44,7 +44,7 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """Number of each node's piece, ascending; see `shoal.search.cells.portals.Portals`."""
+        """Number of each node's piece, in increasing order; see `shoal.search.cells.portals.Portals`."""
         return np.concatenate([np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)])
 
     @cached_property

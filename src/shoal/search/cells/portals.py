@@ -61,7 +61,7 @@ def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
 
 
 def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
-    """Return the piece sides that lie on grid lines: vertical ones for axis 0, horizontal ones for axis 1."""
+    """Return the piece sides that lie on grid lines: on vertical lines for axis 0, on horizontal lines for axis 1."""
     start, end, piece = _segments(clipped)
     found: list[Stretch] = []
     for shift in (0, 1):

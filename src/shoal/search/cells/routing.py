@@ -28,11 +28,12 @@ class Route:
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Points in metres east and north, with the altitude if several layers are searched. The legs between points are straight.
+        Points in metres east and north, with the altitude if several layers are searched. The legs between these points are
+        straight.
     stops : ndarray of int64, shape (n,)
         Indices of the stops among the points.
     transit : ndarray of bool, shape (k - 1,)
-        Legs that lead outside the region from one of its parts to another.
+        Which legs lead outside the region from one of its parts to another.
     """
 
     points: Points
@@ -63,7 +64,7 @@ class RegionPaths:
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead straight from one part of the region to another, for vehicles that fly. Otherwise such a path is
+        Whether a path may lead straight from one part of the region to another, for vehicles that fly. If false, such a path is
         refused.
 
     Examples
@@ -103,7 +104,7 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            For the same reasons as in `leg`.
+            If `leg` raises this error.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
@@ -154,7 +155,7 @@ class RegionPaths:
         return Route(points, places, transit)
 
     def _way(self, start: Points, end: Points) -> Points | None:
-        """Return a path that is not straight, or None for a path between different parts."""
+        """Return a path between two points that no straight line connects, or None for points in different parts."""
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
@@ -166,7 +167,7 @@ class RegionPaths:
         return self._far(start, end) if near is None else near
 
     def _near(self, start: Points, end: Points) -> Points | None:
-        """Return the shortest path around the corners near a leg, if they are few and no other corners are needed."""
+        """Return the shortest path around the corners near a leg, if these are few and no other corners are necessary."""
         best: Points | None = None
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
         room = _MARGINS[0] * self.grid.size
@@ -193,7 +194,7 @@ class RegionPaths:
         return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a tightened path through the portals between pieces, or around all corners if rounding errors closed a portal."""
+        """Return a shortened path through the portals between pieces, or around all corners if rounding errors closed one."""
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:
@@ -207,7 +208,7 @@ class RegionPaths:
         return way
 
     def _within_pieces(self, stops: Points) -> Points:
-        """Return the path through portals. Between two portals it stays in one piece of a cell."""
+        """Return the path through portals. Between two portals, the path stays in one piece of a cell."""
         straight = inside(self.grid.region, stops[:-1], stops[1:])
         legs = [stops[:1]]
         for k, free in enumerate(straight.tolist()):

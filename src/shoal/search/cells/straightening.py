@@ -61,7 +61,7 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
 
 
 def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
-    """Return, for each cell with a choice of viewpoint, its window: all points from which its piece is completely visible."""
+    """Return each window: for a cell with a choice of viewpoint, the points from which its whole piece is visible."""
     import shapely
 
     clipped, own, half = grid.clipped, grid.own, grid.footprint / 2
@@ -127,7 +127,10 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
 
 
 def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points], known: Points, turn: float) -> Points:
-    """Return one point in each window, on a path with few bends between fixed points; ``known`` is the fallback."""
+    """Return one point in each window, on a path with few bends between fixed points.
+
+    If there is no such path, return the points ``known``.
+    """
     import shapely
 
     from shoal.search.kernels.stabbing import fewest_links

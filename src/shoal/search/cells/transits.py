@@ -90,10 +90,10 @@ class WaysOut:
     ----------
     transits : Transits
     launches : mapping of int to ndarray of float64, shape (2,)
-        The launch point in metres of each robot that starts outside, by its number from 1.
+        The launch point in metres of each robot that starts outside the region, by the number of the robot (from 1).
     stops : ndarray of float64, shape (N, 2) or (N, 3)
-        Viewpoint of each cell by tour index, in metres, with climbs scaled to the same duration. Launch points have the lowest
-        height.
+        Viewpoint of each cell by tour index, in metres. Its height is the horizontal length of the same duration as the climb.
+        Launch points have the lowest height.
     size : float
         Side of a cell in metres.
     """

@@ -30,7 +30,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     footprint : float
         Side of the footprint in metres.
     free : Shapely geometry, optional
-        The area where robots may be, if it is smaller than the region.
+        The area in which robots may be, if it is smaller than the region.
 
     Returns
     -------
@@ -92,15 +92,15 @@ def viewpoints_of(
     footprint, size : float
         Sides of the footprint and of a cell in metres; size <= footprint.
     known : sequence of (ndarray of float64, shape (k, 2)) or None
-        Known viewpoints of some pieces. They are used if the piece does not contain the cell's centre.
+        Known viewpoints of some pieces. They are used for pieces that do not contain the centre of the cell.
     free : Shapely geometry, optional
-        The area where robots may be. If it is given, viewpoints lie in it, inside or beside the piece.
+        The area where robots may be. If this area is given, viewpoints lie in it, either inside or beside the piece.
 
     Returns
     -------
     points : ndarray of float64, shape (k, 2)
     index : ndarray of int64, shape (k,)
-        The piece of each point, ascending.
+        The piece of each point, in increasing order.
     """
     import shapely
 
@@ -119,7 +119,10 @@ def viewpoints_of(
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return points from which all of a piece is seen: inside the piece or, if robots may not be everywhere in it, beside it."""
+    """Return points from which a whole piece is visible.
+
+    They lie inside the piece, or beside it if robots must not be everywhere in it.
+    """
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
@@ -141,7 +144,7 @@ def _lines(shape: Any) -> list[Points]:
 
 
 def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return the part of a shape from which a robot could see some of a piece."""
+    """Return the part of a shape from which a robot could see some part of a piece."""
     import shapely
 
     low, high = np.reshape(piece.bounds, (2, 2))
@@ -155,7 +158,7 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
-    """Return at most ``most`` points in a room from which a piece is seen, and the part of the piece that is not seen."""
+    """Return at most ``most`` points in an area from which a piece is visible, and the part of the piece that none of them sees."""
     import shapely
 
     chosen: list[Points] = []
@@ -175,7 +178,7 @@ def _within(piece: Any, room: Any, center: Points, half: float, speck: float, mo
 
 
 def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return the point of a room nearest to ``near`` that sees all of the remaining part, if there is one."""
+    """Return the point of an area nearest to ``near`` from which the whole remaining part is visible, if there is such a point."""
     import shapely
 
     low, high = np.reshape(left.bounds, (2, 2))

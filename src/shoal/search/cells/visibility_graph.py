@@ -75,7 +75,7 @@ class VisibilityGraph:
     def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
         """Return the shortest path that bends only at the candidate corners, found by A*, or None.
 
-        The visibility of corners from the start is tested step by step, beginning with the most promising corners.
+        The visibility of corners from the start is tested corner by corner, beginning with the most promising corners.
         """
         allowed = np.zeros(len(self.corners), dtype=np.bool_)
         allowed[candidates] = True
@@ -121,7 +121,7 @@ class VisibilityGraph:
         return bool(self._touched(np.array([corner]), end - place)[0] and inside(self._region, place, end[None])[0])
 
     def _neighbours(self, corner: int, wide: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the corners to which a shortest path could continue, up to distance ``wide`` and beyond, and their distances."""
+        """Return the corners to which a shortest path could continue, up to distance ``wide`` or beyond, with distances."""
         known, others, away = self._seen_from.get(corner, (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
@@ -136,7 +136,10 @@ class VisibilityGraph:
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
-        """Return whether a line through each corner leaves both of its sides on one hand. Other lines are in no shortest path."""
+        """Return whether, at each corner, a line leaves both sides of the corner on the same side.
+
+        Other lines are not part of any shortest path.
+        """
         sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
         rounding = _ALONG * np.hypot(*directions.T)
         return np.asarray((np.minimum(*sines) >= -rounding) | (np.maximum(*sines) <= rounding))

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
-"""Left, straight and right: the six types of curves, one of which is the shortest."""
+"""The six types of Dubins curves, written with L (left), S (straight) and R (right). One of them is the shortest."""
 
 SHARPEST = pi / 6  # largest bend of an approximated path at a vertex
 _ROUND = 2 * pi
@@ -32,7 +32,7 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     Returns
     -------
     ndarray of float64, shape (..., 6, 3)
-        For each word of `WORDS`, the lengths of the three parts in radii; infinite if the curve does not exist.
+        For each word of `WORDS`, the lengths of the three parts in radii, or infinity if the curve does not exist.
 
     Notes
     -----

@@ -25,7 +25,7 @@ FRAMES = ("home", "sea", "ground")
 """Reference surfaces of altitudes."""
 
 ENDINGS = ("return", "land", "loiter")
-"""The endings of a flight: the autopilot's return, a landing, or a stay in the air, in circles for a fixed wing."""
+"""The endings of a flight: the return by the autopilot, a landing, or a stay in the air (for a fixed wing in circles)."""
 
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
@@ -55,13 +55,13 @@ class Flight:
     rate : float
         Speed of this robot relative to the vehicle's speed.
     link : float
-        Length in metres up to which a fixed wing may leave a straight leg.
+        Length in metres. A fixed wing may leave straight legs up to this length.
     blocked : Shapely geometry, optional
         Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
         Landing point in metres. The default is home.
     area : Shapely geometry, optional
-        Area that turns between points inside it must not leave.
+        Area that turns must not leave if they connect two points inside this area.
     ending : "return", "land" or "loiter"
         A fixed wing lands by a straight approach with constant descent.
 
@@ -130,7 +130,7 @@ class Flight:
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Path in metres, without home. The third column holds altitudes; the default is the vehicle's altitude.
+            Path in metres, without home. The third column holds altitudes. The default is the vehicle's altitude.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Flight:
 
     @property
     def _follows(self) -> bool:
-        """Whether waypoints follow the ground. Then the points above home and the end are among them."""
+        """Whether waypoints follow the ground. If they do, the points above home and above the end are waypoints too."""
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
@@ -293,7 +293,7 @@ class Flight:
         return bool((base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all())
 
     def _at(self, way: Points, up: float) -> Floats:
-        """Return the waypoints of a path at one altitude, over terrain if there is one."""
+        """Return the waypoints of a path at one altitude, which follow the terrain if there is one."""
         terrain = self.terrain
         if terrain is None or not self.flies:
             return self._level(way, np.full(len(way), up))
@@ -311,7 +311,7 @@ class Flight:
         return self._level(way, np.full(len(way), up))
 
     def _level(self, way: Points, ups: Floats) -> Floats:
-        """Return waypoints at altitudes that do not follow the ground."""
+        """Return waypoints whose altitudes do not follow the ground."""
         base = float(self.elevation or 0.0) if self.altitude_frame == "sea" and self.flies else 0.0
         return np.column_stack([way, ups - base])
 

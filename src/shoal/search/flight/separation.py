@@ -24,11 +24,11 @@ class Approach:
     ----------
     horizontal : float
         Horizontal distance in metres at the nearest approach. Only moments count at which the vertical distance is below the
-        separation.
+        vertical separation.
     vertical : float
         Vertical distance in metres at that moment.
     times : tuple of float
-        Time of the nearest approach in seconds since each vehicle began to move.
+        For each vehicle, the time of the nearest approach in seconds after its start.
     places : ndarray of float64, shape (2, 3)
         Positions of both vehicles at that time, in metres.
     """
@@ -41,9 +41,9 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The legs of a trajectory that take time: when each begins, how long it takes, where it begins and how it moves.
+    """The legs of a trajectory that take time. For each leg: its start time, its duration, its start point and its displacement.
 
-    A vehicle may be as far from there as its reach: it circles.
+    A vehicle that circles may be away from this path by up to its reach.
     """
 
     begins: Floats
@@ -136,7 +136,7 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
     """Return linear constraints on the times since the beginnings of two legs: normals @ times <= limits.
 
     Shapes (n, k, 2) and (n, k). The constraints are that the times lie within the legs and that heights differ by at most
-    ``level``. With ``shift`` (start of the second vehicle, and tolerance), the legs must also be flown at the same time.
+    ``level``. If ``shift`` (start of the second vehicle, and tolerance) is given, both legs must also be flown at the same time.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -214,7 +214,7 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return distance 0 and the times for legs that cross within the limits; otherwise infinity."""
+    """Return the distance 0 and the times for legs that cross within the limits, and an infinite distance for other legs."""
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times
@@ -285,7 +285,7 @@ def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most:
 
 
 def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
-    """Return the extreme time differences at which two lines are too close, if they lie within the limits; otherwise none."""
+    """Return the smallest and the largest time difference at which two lines are too close, if these lie within the limits."""
     middle, there = _solved(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
     cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)

@@ -13,7 +13,7 @@ from shoal.search.flight.separation import conflicts, merged_intervals
 from shoal.search.flight.timing import Floats, Trajectory
 
 HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
-"""Default separation (metres, metres) and default uncertainty of each vehicle's start (seconds)."""
+"""The default separation (horizontal and vertical, in metres), and the default uncertainty of each vehicle's start (in seconds)."""
 
 _WORTH = 0.05  # relative to the longest flight: time that another layer must save
 _AFTER = 1.0  # seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
@@ -56,15 +56,15 @@ def staggered(
     ----------
     flights : sequence of callable
         For each vehicle, a function from a layer (counted from 0) to its trajectories in this layer. Several trajectories are
-        alternative estimates of its times, and the separation holds for all of them. A vehicle without trajectories stays on the
-        ground.
+        alternative estimates of the vehicle's times. The separation holds for all of them. A vehicle without trajectories stays on
+        the ground.
     separation : Separation
     layers : sequence of int, optional
-        Given layers. Then only the delays are computed.
+        Given layers. If they are given, only the delays are computed.
     earliest : ndarray of float64, shape (m,), optional
         Lower bounds on the delays in seconds.
     before : sequence of (sequence of Trajectory, float)
-        Flights that are settled already, with their delays.
+        Flights whose delays are already fixed, with these delays.
 
     Returns
     -------

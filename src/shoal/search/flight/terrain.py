@@ -34,9 +34,9 @@ class Terrain:
     west, north : float
         Coordinates of the first height.
     steps : tuple of float
-        Distance between columns, and distance between rows towards the south; both above 0.
+        Distance between columns, and distance between rows (from north to south). Both are above 0.
     crs : str or None
-        Coordinate reference system in PROJ notation; None for metres without a position on Earth. `UNSAID` means longitude and
+        Coordinate reference system in PROJ notation, or None for metres without a position on Earth. `UNSAID` means longitude and
         latitude, or metres, depending on the region.
     name : str
         Name of the terrain for messages.
@@ -156,7 +156,7 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         Vertices of the path in metres.
     frame : LocalFrame or None
     error : float
-        Error in metres. Between samples, the ground is straight within an eighth of it.
+        Error in metres. Between two samples, the ground deviates from a straight line by at most an eighth of this error.
 
     Raises
     ------
@@ -192,7 +192,10 @@ def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
 
 
 def _crossings(along: Floats, places: Points) -> Floats:
-    """Return the crossings of grid lines between samples. Each step crosses at most one line of a kind."""
+    """Return the crossings of grid lines between samples.
+
+    Each step between samples crosses at most one vertical and one horizontal grid line.
+    """
     along = np.append(along, np.ceil(along[-1] + 1e-12))
     found = []
     for axis in (0, 1):

@@ -33,9 +33,9 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
     Parameters
     ----------
     path : path
-        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. Its system
-        is read from a ``.prj`` file beside it. Without this file, coordinates are longitude and latitude, or metres if the region
-        has no position on Earth.
+        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. The ``.prj``
+        file beside it names the coordinate system. Without this file, coordinates are longitude and latitude, or metres if the
+        region has no position on Earth.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
 
 
 def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
-    """Return the west and north coordinates and the steps of the grid. Heights apply to the centres of the cells."""
+    """Return the west and north coordinates and the steps of the grid. The heights are those at the centres of the cells."""
     try:
         if _TRANSFORM in tags:
             matrix = [float(value) for value in tags[_TRANSFORM]]

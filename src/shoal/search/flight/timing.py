@@ -22,7 +22,7 @@ class Trajectory:
     Parameters
     ----------
     times : ndarray of float64, shape (n,)
-        Times in seconds, nondecreasing. A vehicle stands still while it turns, so the position of a turn occurs twice.
+        Times in seconds, nondecreasing. A vehicle stands still while it turns. Therefore the position of a turn occurs twice.
     points : ndarray of float64, shape (n, 3)
         Metres east, north and up.
     circle : float

@@ -29,7 +29,7 @@ _SAME = 1e-6  # metres, and radians
 
 @dataclass
 class _Poses:
-    """Points in order, the possible headings at each, and whether the connection to the next point is a straight leg.
+    """Points of a path in order, with the possible headings at each point, and with a mark for each straight leg to the next point.
 
     ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. ``vertices`` are indices of the path's vertices.
     """
@@ -42,7 +42,10 @@ class _Poses:
 
 @dataclass
 class _Room:
-    """Where curves may lead: through nothing blocked, and out of the area only where the straight way between their ends does."""
+    """The areas in which curves may lie. A curve must not cross a blocked area.
+
+    It may leave the allowed area only if the straight line between its ends does.
+    """
 
     blocked: Any
     area: Any
@@ -78,7 +81,7 @@ class KnownCurves:
     Parameters
     ----------
     costs : dict
-        For each link (points and headings): lengths and words of its unblocked curves.
+        For each link (two points with headings), the lengths and the words of its curves that nothing blocks.
     loose : set
         Points at which straight legs had to be shortened.
     """
@@ -111,20 +114,20 @@ def turned_way(
     radius : float
         Minimum turning radius in metres.
     link : float
-        Length in metres: `LINK` footprints.
+        Length in metres of `LINK` footprints.
     blocked : Shapely geometry, optional
         Areas that no curve may cross.
     area : Shapely geometry, optional
-        What no curve leaves whose ends could be joined straight inside of it.
+        Area that a curve must not leave if the straight line between its ends lies inside.
     known : KnownCurves, optional
-        What was found for other ways with the same radius, link, blocked and area, and is then added to.
+        Curves that were found for other paths with the same radius, link, blocked and area. New curves are added.
     cuts : sequence of int
-        Inner vertices at which the way is cut; it goes on in the direction in which it arrives.
+        Inner vertices at which the path is cut. The next piece begins in the direction in which the previous piece ends.
 
     Returns
     -------
     list of ndarray of float64, each of shape (m, 2)
-        The stretches between cuts; one without.
+        The pieces of the path between cuts, or one piece without cuts.
 
     Raises
     ------
@@ -167,7 +170,10 @@ def turned_way(
 
 
 def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any, Any]:
-    """Return a path on which the straight legs at a vertex end before it. The rest of each leg is passed point by point."""
+    """Return a path in which the straight legs at a vertex end before this vertex.
+
+    The vehicle passes the rest of each leg point by point.
+    """
     for leg in (vertex, vertex - 1):  # the later leg first, because indices change after it
         if not (0 <= leg < len(straight)) or not straight[leg]:
             continue
@@ -186,7 +192,10 @@ def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: flo
 
 
 def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
-    """Return the shortest way through poses; if there is none the vertices to loosen, rising, and then the first out of reach."""
+    """Return the shortest path through poses.
+
+    Without one, return the vertices to loosen in increasing order, and then the first unreachable vertex.
+    """
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
     looked: set[int] = set()
@@ -206,7 +215,7 @@ def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tup
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
-    """Return the poses to pass: both ends of each straight leg with its heading, otherwise a point with free headings."""
+    """Return the poses of the path: both ends of each straight leg with its heading, other points with free headings."""
     legs = np.diff(points, axis=0)
     courses = np.arctan2(legs[:, 1], legs[:, 0])
     vertices: list[int] = []
@@ -241,7 +250,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
 
 
 def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return the parts of all curves of links, shape (n, count, count, 6, 3); infinite for unused headings."""
+    """Return the parts of all curves of links, shape (n, count, count, 6, 3); with infinity for unused headings."""
     ends = []
     for some in (links, links + 1):
         place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
@@ -268,7 +277,10 @@ def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: Kno
 
 
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
-    """Return the heading of each place, as a column of ``headings``, of the shortest way; if none, the first place out of reach."""
+    """Return the heading of each point on the shortest path, as a column of ``headings``.
+
+    Without one, return the first unreachable point.
+    """
     number = dict(zip(links.tolist(), range(len(links)), strict=True))
     costs = [np.where(np.isnan(poses.headings[0]), np.inf, 0.0)]
     came: list[Any] = []
@@ -302,9 +314,10 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Return the whole way in stretches, without points on straight stretches but those that are marked.
+    """Return the whole path in pieces. Points on straight lines are left out, except marked points.
 
-    Ends of rows lie on the first legs of curves. Between the second and the last but one, which are kept, lies what a mission sees.
+    Ends of rows lie on the first legs of curves. The second point and the last but one are kept, because a mission sees the region
+    between these two points.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
     pieces, told = [poses.points[:1]], [_KEPT]

@@ -75,7 +75,7 @@ class MissionApproach:
     horizontal, vertical : float
         Horizontal and vertical distance of the vehicles in metres.
     time : float
-        Time in seconds after the start of the first missions, if the first vehicle has no delay.
+        Time in seconds after the start of the first missions. It assumes that the first vehicle has no delay.
     place : ndarray of float64, shape (3,)
         Position of the first vehicle at that time: metres east, north and up.
     """
@@ -107,14 +107,14 @@ def missions_approach(
     Parameters
     ----------
     missions : sequence of Mission
-        The missions on one clock. First sorties begin at 0 plus their delays. Later sorties begin at their ``start``, or when all
-        earlier ones have ended.
+        The missions, with start times on one clock. The first sortie of each robot begins at 0 plus its delay. A later sortie
+        begins at its ``start``, or when all earlier sorties have ended.
     separation : Separation
-        The separation. Moments with a larger difference in height than its vertical part do not count.
+        The separation. Moments at which the heights differ by more than the vertical separation do not count.
     frame : LocalFrame or None
         Local frame in whose metres distances are measured.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used. By default all motion has the speed in the file.
+        Vehicle whose climbing and turning times are used. By default, all motion has the speed in the file.
 
     Returns
     -------
@@ -180,12 +180,12 @@ class Clearance:
     lowest, highest : float
         The smallest and the largest height in metres.
     missions : tuple of str
-        Names of the missions with these heights.
+        Names of the missions in which these heights occur.
     places : ndarray of float64, shape (2, 2)
-        Positions of these heights in metres.
+        Positions in metres at which these heights occur.
     error : float
-        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground;
-        otherwise 0.
+        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground.
+        Otherwise it is 0.
     """
 
     lowest: float
@@ -214,7 +214,7 @@ def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFram
     missions : sequence of Mission
     terrain : Terrain
     frame : LocalFrame or None
-        Of the metres.
+        Local frame in whose metres distances are measured.
 
     Raises
     ------
@@ -236,7 +236,10 @@ def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFram
 
 
 def _heights_of(mission: Mission, terrain: Terrain, frame: LocalFrame | None) -> tuple[Floats, Floats]:
-    """Return positions along the path of a mission, shape (n, 2), and heights above ground there. Positions may be repeated."""
+    """Return positions along the path of a mission, shape (n, 2), and the heights above ground at these positions.
+
+    Positions may be repeated.
+    """
     points = np.vstack([mission.home, mission.waypoints, mission.end])
     points = points if frame is None else frame.to_metres(points)
     ground = terrain.at(points, frame)

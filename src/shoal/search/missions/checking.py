@@ -46,18 +46,18 @@ class MissionCheck:
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        One coverage, or one per band; empty if no footprint was given.
+        One coverage, or one per band. It is empty if no footprint was given.
     n_waypoints : int
     footprint : float, tuple of float or None
-        Footprint in metres, for all robots or for each.
+        Footprint in metres: one for all robots, or one for each robot.
     missions : tuple of Mission
-        The checked missions that contain heights.
+        Those of the checked missions that contain heights.
     separation : Separation or None
         The required separation of vehicles in flight.
     approach : MissionApproach or None
         The nearest approach of two vehicles. None if all vehicles always keep the vertical separation, or no check was requested.
     bands : tuple of float
-        Altitudes in metres, from each of which the whole region must be seen.
+        Altitudes in metres. The whole region must be seen from each of them.
     clearance : Clearance or None
         Heights above ground, or None without a terrain.
     """
@@ -171,23 +171,23 @@ def check_missions(
     format : str, optional
         Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
     cap, autopilot : optional
-        As for `lint`, which also receives ``vehicle`` and ``airspace``.
+        As in `lint`. This function also receives ``vehicle`` and ``airspace``.
     separation : Separation, optional
-        Required separation of vehicles in flight. If given, the nearest approach is computed.
+        Required separation of vehicles in flight. If the separation is given, the nearest approach is computed.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used for the approach. By default all motion has the speed in the file.
+        Vehicle whose climbing and turning times are used for the approach. By default, all motion has the speed in the file.
     bands : sequence of float, optional
-        Increasing altitudes in metres, from each of which the whole region must be seen. A flight counts for the highest band that
-        is not above it. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's view. For
-        a volume, the default is its layers.
+        Increasing altitudes in metres. The whole region must be seen from each of them. A flight counts for the highest band that
+        is not above the flight. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's
+        view. For a volume, the default is the altitudes of its layers.
     terrain : Terrain, optional
         Terrain. If given, heights above ground are computed along all paths.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the folder has no mission files (of the format), only one of region and missions is in degrees, or a robot has no
-        footprint.
+        If the folder has no mission files (of the format), or a robot has no footprint. Also if only the region or only the
+        missions are in degrees.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(
@@ -241,7 +241,7 @@ def _by_band(
     spread: NDArray[np.float64],
     least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield the paths in each band and their footprints, or the smallest footprint for an empty band.
+    """Yield the paths in each band and their footprints, or the smallest footprint for a band without flights.
 
     Without bands, yield all paths.
     """
@@ -288,7 +288,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 
 
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the point where a leg that starts inside first leaves the region, at the altitude of its start; shape (1, 3)."""
+    """Return the first point where a leg that starts inside leaves the region, at the altitude of the leg's start; shape (1, 3)."""
     import shapely
 
     pieces = shapely.get_parts(

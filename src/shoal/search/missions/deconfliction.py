@@ -50,15 +50,16 @@ def plan_missions(
     ----------
     plan : SearchPlan
     separation : Separation, optional
-        Separation that vehicles in flight keep, even if each is late. The default is no separation. Rovers have no layers, only
-        delays.
+        Separation that vehicles in flight keep, even if each vehicle is late. The default is no separation. Rovers have no altitude
+        layers, only delays.
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
         Distance in metres by which turns of fixed wings may leave the region beyond the margin. The default is as far as necessary.
     ending : "return", "land" or "loiter", optional
-        Ending of missions. By default, with a separation, multirotors land and fixed wings without a landing point loiter, because
-        autopilots choose the altitude of a return themselves. Otherwise the default is that of `missions_of`.
+        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. The
+        reason is that autopilots choose the altitude of a return themselves. Without a separation, the default is that of
+        `missions_of`.
     options
         Options of `missions_of` that the plan does not determine.
 
@@ -90,7 +91,7 @@ def plan_missions(
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot; empty for a robot in reserve."""
+    """Return the missions of one robot. A robot in reserve has none."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
@@ -134,7 +135,10 @@ class _Schedule:
             self.stay = 1.5 * last  # vehicles that stay in the air must be separated from all later flights
 
     def _once(self, made: list[Sorties]) -> tuple[list[Sorties], float]:
-        """Return missions, and the time at which all are back, if loitering vehicles stay in the air for the given time."""
+        """Return the missions, and the time at which all vehicles are back.
+
+        Vehicles that loiter stay in the air for the given time.
+        """
         plan, robots = self.plan, range(len(made))
         layers: Sequence[int] = [0] * len(made)
         # from between the layers of a volume, no part of it is seen
@@ -161,7 +165,7 @@ class _Schedule:
         return self._flights(made, robot, 0, layer * self.separation.vertical)
 
     def _told(self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]) -> Sorties:
-        """Return the missions of a robot with the layers and starts found."""
+        """Return the missions of a robot with the layers and the start times that were found."""
         told: dict[str, Any] = {}
         if self.plan.vehicle.kind != "rover":
             above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
@@ -171,7 +175,7 @@ class _Schedule:
         return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
 
     def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
-        """Return the time at which a vehicle can start again, including its possible delay."""
+        """Return the time at which a vehicle can start again. It includes the possible delay of the vehicle."""
         lasting = max(one.duration for one in flights[number])
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
 

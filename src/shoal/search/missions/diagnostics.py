@@ -24,7 +24,7 @@ class Rule:
     severity : "error" or "warning"
     meaning : str
     fatal : bool
-        Whether this mistake makes the mission unreadable.
+        Whether the mission cannot be read because of this mistake.
     """
 
     severity: Severity
@@ -90,11 +90,11 @@ class Diagnostic:
     ----------
     file : str
     place : str
-        Line or item in the file; empty if the mistake concerns the whole file.
+        Line or item in the file, or an empty text if the mistake concerns the whole file.
     rule : str
         A key of `RULES`.
     sentence : str
-        The expected and the actual content.
+        A sentence with the expected and the actual content.
     """
 
     file: str

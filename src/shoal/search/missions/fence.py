@@ -15,7 +15,7 @@ ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
 """Maximum number of corners that an autopilot stores, over all rings.
 
-The value for ArduPilot was tested on a Cube; for PX4 it is the number of items.
+For ArduPilot, the value was tested on a Cube autopilot. For PX4, it is the maximum number of mission items.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -81,7 +81,7 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 
 
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Return simplified polygons that contain the original ones and have at most ``most`` corners in total, if possible.
+    """Return simplified polygons that contain the original polygons and, if possible, have at most ``most`` corners in total.
 
     A ring that is grown by a distance and then simplified by this distance still contains the original ring.
     """

@@ -76,7 +76,7 @@ def write_missions(
         The output folder. A missing folder is created.
     formats : sequence of str, optional
         Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`. The
-        default is all of them; for missions in metres it is "csv", because the other formats need places on Earth.
+        default is all of these formats. For missions in metres, it is "csv", because the other formats need positions on Earth.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. No file has been written then.
+        If an argument is invalid. In this case, no file has been written.
     OutputError
         If a file cannot be written. No partial file remains.
     """
@@ -156,7 +156,7 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
 
 
 def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the content of a folder's manifest, or nothing if it does not exist or is not from Shoal."""
+    """Return the content of a folder's manifest, or nothing if the manifest does not exist or is not from Shoal."""
     try:
         told = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)
     except InvalidInputError:
@@ -243,7 +243,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     Parameters
     ----------
     path : path
-        The file. Its suffix determines the format.
+        The file. The suffix of the file determines the format.
 
     Raises
     ------

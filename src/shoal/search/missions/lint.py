@@ -44,23 +44,24 @@ def lint(
     region : SearchRegion, optional
         The region of the missions.
     cap : int, optional
-        Maximum number of items, home included. The default is the autopilot's limit.
+        Maximum number of items, including home. The default is the autopilot's limit.
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
     vehicle : Vehicle, optional
-        Vehicle of the missions. Fixed wings must not turn more narrowly than its radius.
+        Vehicle of the missions. The turns of fixed wings must not be narrower than its radius.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default a warning reports it.
+        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default, a warning reports this
+        distance.
 
     Returns
     -------
     list of Diagnostic
-        The mistakes found. `shoal.search.missions.RULES` lists all rules.
+        The mistakes that the linter has found. `shoal.search.missions.RULES` lists all rules.
 
     Raises
     ------
     InvalidInputError
-        If no mission file exists, or only one of region and mission is in degrees.
+        If no mission file exists. Also if only the region or only the mission is in degrees.
     """
     sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
@@ -147,7 +148,7 @@ def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
 
 
 def _check_homes(sheets: list[Sheet]) -> None:
-    """Add diagnostics for files whose coordinate order differs from most others."""
+    """Add diagnostics for files whose order of coordinates differs from that of most other files."""
     readable = [sheet for sheet in sheets if sheet.readable and sheet.geographic]
     if len(readable) < 3:
         return
@@ -158,7 +159,7 @@ def _check_homes(sheets: list[Sheet]) -> None:
 
 
 def _check_autopilots(sheets: list[Sheet]) -> None:
-    """Add diagnostics for the less frequent of two autopilots."""
+    """If missions are for two autopilots, add diagnostics for the less frequent autopilot."""
     by_autopilot: dict[str, list[Sheet]] = defaultdict(list)
     for sheet in sheets:
         if sheet.autopilot is not None:

@@ -34,7 +34,7 @@ class Mission:
     Parameters
     ----------
     waypoints : ndarray of float64, shape (k, 2), k >= 1
-        (longitude, latitude) in degrees, WGS84; (x, y) in metres if not ``geographic``.
+        (longitude, latitude) in degrees (WGS84), or (x, y) in metres if ``geographic`` is false.
     home : tuple of float
         Start and landing point of the vehicle in the same units.
     robot : int
@@ -44,15 +44,16 @@ class Mission:
     kind : "multirotor", "fixed-wing" or "rover"
     autopilot : "px4" or "ardupilot"
     altitude : float
-        Altitude in metres above the reference ``altitude_frame``; 0 for a rover.
+        Altitude in metres above the reference ``altitude_frame``, or 0 for a rover.
     speed : float
-        Speed in m/s: airspeed for a fixed wing, otherwise ground speed.
+        Speed in m/s: airspeed for a fixed wing, ground speed for other vehicles.
     geographic : bool
         Whether coordinates are in degrees.
     altitude_frame : "home", "sea" or "ground"
         Reference of the altitude.
     heights : ndarray of float64, shape (k,), optional
-        Heights of the waypoints above home in metres. The default is the altitude. Required for altitudes above ground.
+        Heights of the waypoints above home in metres. The default is the altitude of the mission. They are required for altitudes
+        above ground.
     altitudes : ndarray of float64, shape (k,), optional
         Altitudes of the waypoints in metres above ground, if they differ.
     elevation : float, optional
@@ -62,22 +63,26 @@ class Mission:
     gimbal_pitch : float, optional
         Pitch of the gimbal in degrees; -90 points down.
     yaw : float, optional
-        Heading in degrees clockwise from north. By default the vehicle faces its direction of motion.
+        Heading in degrees clockwise from north. By default, the vehicle faces its direction of motion.
     acceptance_radius : float, optional
         Acceptance radius in metres. The default is the autopilot's setting.
     landing : tuple of float, optional
-        Where the vehicle ends, in the same units; a fixed wing glides there. If not given the autopilot returns home by itself.
+        Position where the mission ends, in the same units. A fixed wing glides there. If it is not given, the autopilot returns
+        home by itself.
     loiter : float, optional
-        Metres: the vehicle does not come down at its end but stays there in circles of this radius, or hovers.
+        Radius in metres of circles at the end of the mission. If it is given, the vehicle does not land, but circles or hovers
+        there.
     delay : float
         Waiting time before the start in seconds.
     start : float, optional
-        When it is to be started, seconds after the first missions; if not given a sortie follows when all before it have ended.
+        Start time of the sortie in seconds after the first missions. If it is not given, a sortie begins when all earlier sorties
+        have ended.
     take_off : float, optional
-        Metres: the altitude, as ``altitude`` counts, to which it climbs vertically before it flies to the first waypoint. The
-        default is that of the first waypoint. A fixed wing climbs on the way there.
+        Altitude in metres, with the reference of ``altitude``, to which the vehicle climbs vertically before it flies to the first
+        waypoint. The default is the altitude of the first waypoint. A fixed wing climbs on the way there.
     takeover : float, optional
-        Metres: the altitude, as ``altitude`` counts, at which it goes to what it takes over from another vehicle, and searches it.
+        Altitude in metres, with the reference of ``altitude``, for cells that the vehicle takes over from another vehicle and for
+        the way there.
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings in the same units.

@@ -306,9 +306,11 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
-    """Note legs that leave what is allowed; the ways from home and back count for rovers, and in no-go zones for all.
+    """Add diagnostics for legs that leave the allowed area.
 
-    Return which legs of the search a fixed wing flies outside; they are not noted.
+    Paths from home and back count for rovers, and for all vehicles in no-go zones.
+
+    Return the legs of the search that a fixed wing flies outside the region. They get no diagnostics.
     """
     import shapely
 

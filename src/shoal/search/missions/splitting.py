@@ -59,9 +59,9 @@ def missions_of(
     Parameters
     ----------
     route : array_like of float, shape (k, 2) or (k, 3)
-        Route in metres. The third column holds altitudes; the default is the vehicle's altitude. An empty route gives no missions.
+        Route in metres. The third column holds altitudes. The default is the vehicle's altitude. An empty route gives no missions.
     frame : LocalFrame or None
-        Local frame of the metres. With None, missions are in metres.
+        Local frame of the metres. If it is None, missions are in metres.
     robot : int
         Number of the robot, from 1.
     home : array_like of float, shape (2,), optional
@@ -72,24 +72,26 @@ def missions_of(
     rate : float
         Speed of the robot relative to the vehicle's speed.
     altitude_frame, terrain, terrain_error, link, blocked, area
-        Options of `Flight`. Over terrain, waypoints are added to keep the height above ground within the error.
+        Parameters of `Flight`. Over terrain, additional waypoints keep the error of the height above ground below
+        ``terrain_error``.
     cap : int, optional
         Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
         for PX4 and 700 for ArduPilot.
     tolerance : float
-        Distance in metres from a straight leg up to which points are omitted. 0 omits only points exactly on the leg.
+        Maximum distance in metres of an omitted point from a straight leg. With 0, only points exactly on the leg are omitted.
     ways : callable, optional
-        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`. It
-        returns shape (n, 2) with both ends, and its bends become waypoints. The default is a straight path.
+        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`.
+        The function returns an array of shape (n, 2) with both ends. The bends of this path become waypoints. The default is a
+        straight path.
     landing : array_like of float, shape (2,), optional
         Landing point of the last sortie in metres. The default is home.
     ending : "return", "land" or "loiter", optional
-        Ending of each sortie. By default it is a landing if there is a landing point, otherwise a return. Rovers hold.
+        Ending of each sortie. By default, the ending is a landing if there is a landing point, otherwise a return. Rovers hold.
 
     Raises
     ------
     InvalidInputError
-        If an option is out of range, or the battery does not suffice for a point of the route.
+        If an option is out of range, or the battery is too small for a point of the route.
 
     Examples
     --------
@@ -172,7 +174,7 @@ def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None,
     room : int
         Maximum number of waypoints of a sortie.
     ways : callable, optional
-        Paths between home and points. The default is straight.
+        Paths between home and points. By default, these paths are straight.
     robot : int
         Number of the robot, for messages.
 
@@ -185,7 +187,7 @@ def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None,
 
 
 class _Splitter:
-    """Cuts a path as late as battery and memory allow."""
+    """Divides a path into sorties that are as long as battery and memory allow."""
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
@@ -204,7 +206,7 @@ class _Splitter:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return how far along the path a sortie that starts at ``begin`` can go."""
+        """Return the distance along the path at which a sortie that starts at ``begin`` must end."""
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
@@ -237,7 +239,7 @@ class _Splitter:
         return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
 
     def _flight(self, until: float) -> Flight:
-        """Return the flight of a sortie. Only the last sortie ends at the robot's landing point; the others end at home."""
+        """Return the flight of a sortie. Only the last sortie ends at the robot's landing point. All other sorties end at home."""
         return self.flight if until >= float(self.at[-1]) else self.returning
 
     def _point(self, at: float) -> Points:
@@ -320,7 +322,7 @@ def merged(points: Points, tolerance: float) -> Points:
 
 
 class _Cone:
-    """The directions from an apex for which a leg passes all points added so far."""
+    """The directions from an apex in which a leg passes all points that were added so far."""
 
     def __init__(self, apex: Points, tolerance: float) -> None:
         self.x, self.y = apex.tolist()

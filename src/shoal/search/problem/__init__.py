@@ -40,7 +40,7 @@ from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""The tour that ``auto`` means if nothing is compared: the tour with the shortest path in every region."""
+"""The tour that ``auto`` means if tours are not compared. It has the shortest path in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
 """The tours that ``auto`` compares if turns take time or the angle is chosen."""
@@ -104,7 +104,7 @@ class SearchProblem(Problem):
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
-        1, help="Number of searches of the whole region, by any robots. In every second one, the rows are rotated by 90 degrees.",
+        1, help="Number of searches of the whole region, by any robots. In every second search, rows are rotated by 90 degrees.",
         least=1, most=100,
     )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
@@ -145,16 +145,15 @@ class SearchProblem(Problem):
     )  # fmt: skip
     margin: float = option(
         0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
-    )
-    layer: str | None = option(None, help="Layer of a GeoPackage; required if the file has several.")
-    inner: str | None = option(
-        None, help="Meaning of an unmarked polygon inside another one: no-go or search. Without this option a file with "
+    ) layer: str | None = option(None, help="Layer of a GeoPackage; it is required if the file has several layers.") inner: str |
+    None = option(
+        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. Without this option a file with "
         "such a polygon is refused.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
         None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a file .toml "
-        "or .json, then fields that differ, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
+        "or .json. Fields that differ may follow, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(

@@ -76,7 +76,7 @@ class MissionOptions(Problem):
     part: ClassVar[str] = "missions"
 
     format: tuple[str, ...] = option(
-        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all that can describe the region.",
+        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all formats that can describe the region.",
         metavar="NAME,...", parse=_parse_names, check=_check_names,
     )  # fmt: skip
     autopilot: str = option("px4", help="Autopilot of the missions.", choices=tuple(CAPS))
@@ -93,18 +93,18 @@ class MissionOptions(Problem):
     )  # fmt: skip
     delay_tolerance: float = option(
         DELAY,
-        help="Maximum unplanned delay of each vehicle, independent of the others. The separation holds despite it.",
+        help="Maximum unplanned delay of each vehicle, independent of the others. The separation holds despite this delay.",
         unit="s",
         least=0,
         metavar="SECONDS",
     )
     airspace: float | None = option(
-        None, help="How far turns of fixed wings may lead beyond the border of the region, less --margin. Default: as far as they "
-        "need, which the report states.", unit="m", least=0, metavar="METRES",
+        None, help="Distance by which turns of fixed wings may leave the region, plus --margin. Default: as far as necessary; the "
+        "report states the distance.", unit="m", least=0, metavar="METRES",
     )  # fmt: skip
     ending: str | None = option(
-        None, help="End of each mission: the autopilot's return, a landing (of a fixed wing by a straight approach), or a stay in "
-        "the air. Default: with a separation multirotors land and fixed wings loiter, but land where --land says.",
+        None, help="End of each mission: the autopilot's return, a landing (of fixed wings on a straight approach), or a stay in "
+        "the air. Default with a separation: multirotors land, and fixed wings loiter or, with --land, land.",
         choices=ENDINGS,
     )  # fmt: skip
     rally: str | None = option(

@@ -205,8 +205,8 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     ----------
     text : str
         ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P``,
-        ``corruption:P``, ``replays:P`` and ``forgeries:P``, with times in cell times. "" or "perfect": every message arrives at
-        once.
+        ``corruption:P``, ``replays:P`` and ``forgeries:P``, with times in units of the time that a robot of speed 1 needs for one
+        cell. "" or "perfect": every message arrives without delay.
     loss : float
         Additional probability that a message is lost.
 

@@ -21,7 +21,7 @@ _REMEMBERED = 64  # number of stamps per sender by which messages may overtake e
 
 
 def _seal(key: bytes, message: bytes) -> bytes:
-    """Return the end of a message: a shortened HMAC-SHA-256 if there is a key, otherwise a CRC-32 against damage."""
+    """Return the end of a message: a shortened HMAC-SHA-256 if there is a key, otherwise a CRC-32 that reveals damage."""
     return hmac.digest(key, message, "sha256")[:_SIGNATURE] if key else crc32(message).to_bytes(_CHECKSUM, "little")
 
 
@@ -61,7 +61,7 @@ class Receiver:
     robots, cells : int
         Number of robots (numbered from 1) and number of cells (numbered from 0).
     most : int
-        Maximum length of a message in bytes. Longer messages are refused unread.
+        Maximum length of a message in bytes. Longer messages are refused before they are read.
     window : int
         Maximum difference between a stamp and the receiver's clock in milliseconds.
     share : int

@@ -95,7 +95,7 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
-    """Yield the runs of an arc in work order, divided at the robots that search there."""
+    """Yield the runs of an arc's remaining cells in the order of work. A run ends where another robot searches."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
     fronts: dict[int, tuple[float, float]] = {}
@@ -122,7 +122,8 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run where a robot gains most, and the entry's distance from the front; None without a gain."""
+    """Return the run in which a helper saves the most time, and the distance of its entry from the front, or None without a
+    gain."""
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
@@ -140,7 +141,7 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
 
 
 def _ahead(stretch: Stretch, way: float, pace: float) -> int:
-    """Return how far from the front a helper with a given travel time enters a run."""
+    """Return the distance from the front of a run at which a helper with a given travel time enters it."""
     if not stretch.pace or stretch.count == 1:  # a robot that needs very long for its last cell may not have reached it yet
         return 0
     return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

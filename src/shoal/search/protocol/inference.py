@@ -105,7 +105,7 @@ def _tolerated(robot: Robot, time: float) -> float:
 def _waits_for_others(robot: Robot, time: float) -> bool:
     """Return whether the robot still waits for cells that only others can search.
 
-    With ``multiplicity``, robots could wait for each other.
+    If ``multiplicity`` is above 1, robots could wait for each other.
     """
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 

@@ -80,7 +80,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
     ----------
     beacon : Beacon
     most : int
-        At least 40.
+        Maximum length of a message in bytes, at least 40.
 
     Examples
     --------
@@ -100,7 +100,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
 
 
 def _facts(beacon: Beacon) -> Iterator[bytes]:
-    """Yield the content of a beacon in pieces that are facts by themselves."""
+    """Yield the content of a beacon in pieces, each of which is a complete fact."""
     for heartbeat in beacon.heartbeats:
         yield _told(heartbeat)
     for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):
@@ -121,7 +121,10 @@ _PIECE = 32  # bytes of intervals: a piece with the preceding numbers fits into 
 
 
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield intervals in short pieces, each interval as its distance from the end of the previous one and its length."""
+    """Yield intervals in short pieces.
+
+    Each interval is given by its distance from the end of the previous interval and by its length.
+    """
     body, count, end = bytearray(), 0, 0
     for first, length in found:
         if len(body) > _PIECE - 10:
@@ -133,7 +136,7 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
 
 
 def _numbers(*numbers: int) -> bytes:
-    """Return whole numbers, at least 0, as base-128 bytes, lowest first.
+    """Return whole numbers of at least 0 as base-128 digits, with the lowest digit first.
 
     All bytes of a number except the last have the high bit set.
     """
@@ -156,7 +159,7 @@ def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: 
     sender : int
     body : bytes
     cells : int
-        Number of cells of the tour. Cell numbers are smaller.
+        Number of cells of the tour. All cell numbers are smaller than this number.
     robots : int
         Upper limit of robot numbers (exclusive).
 
@@ -190,7 +193,7 @@ def _heartbeat(reader: _Reader, cells: int, robots: int) -> Heartbeat:
 
 
 class _Reader:
-    """Reads a body from its beginning to its end."""
+    """Reads the body of a message from its beginning to its end."""
 
     def __init__(self, body: bytes) -> None:
         self.body, self.at = body, 0

@@ -108,7 +108,7 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
 
 
 def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
-    """Add the beacon if it is due."""
+    """Add the beacon to the actions if it is due."""
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
@@ -144,7 +144,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the reference moments for a peer's pace: two moments, each some beats after the previous one."""
+    """Return the two moments from which a peer's pace is measured. Each lies several beacon periods after the previous one."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -153,7 +153,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return when a peer started to its reported destination, and how long its path is."""
+    """Return the time at which a peer started to its reported destination, and the length of its path."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -172,7 +172,7 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
 
 
 def _allotted(robot: Robot, time: float) -> Robot:
-    """Divide the tour among all known robots, if enough time remains to search all the rest alone."""
+    """Divide the tour among all known robots, if enough time remains for this robot to search all other cells alone."""
     brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
     known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
@@ -187,7 +187,7 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return the cost of searching all remaining cells alone from a cell on: first the own work, then the rest of the tour."""
+    """Return the cost of searching all remaining cells alone from a cell on: first its own work, then the rest of the tour."""
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
@@ -236,9 +236,11 @@ def next_action(robot: Robot, time: float) -> Decision:
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
-    """Return the stop that sees most of the part around a cell, or the cell itself if the rest could not be searched in time.
+    """Return the stop from which most cells of the part around a cell are visible.
 
-    The time is computed for a footprint of one cell, so the robot never plans more than it can do.
+    Return the cell itself if too little time would remain.
+
+    The time is computed for a footprint of one cell. Therefore the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
@@ -294,9 +296,11 @@ def _hops(robot: Robot, cell: int) -> bool:
 
 
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
-    """Return the next cell left by others, or the time until which to wait for them and then continue with ``mine``, if any.
+    """Return the next cell that other robots have left.
 
-    The robot goes nowhere from where it could not search all remaining cells alone in time.
+    Or return the time until which to wait for them, and then continue with ``mine``.
+
+    The robot never goes so far that it could not search all remaining cells alone in time.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

@@ -28,17 +28,18 @@ class Brief:
     multiplicity : int
         Number of different robots that must search each cell.
     hello : float
-        Time for which robots listen before they start. All times are in cell times of a robot of speed 1.
+        Time during which robots listen before they start. All times are in units of the time that a robot of speed 1 needs for one
+        cell.
     beat : float
         Time between beacons.
     energy : float
-        Endurance: time in which a robot must return to its start to recharge.
+        Endurance: the time within which a robot must return to its start and recharge.
     recharge : float
         Duration of recharging.
     ways_out : WaysOut, optional
         Distances for robots that start outside the region.
     delays : tuple of float
-        Departure delay of each robot, by number from 1; empty without delays.
+        Departure delay of each robot, by its number from 1. It is empty without delays.
     """
 
     tour_cost: TourCost
@@ -107,13 +108,14 @@ class Robot:
     cell : int
         Tour index of the robot's last cell.
     fresh : bool
-        Whether the robot has searched no cell since it entered ``cell`` without searching it.
+        Whether the robot has entered ``cell`` without a search, and has searched no cell since then.
     at_launch : bool
         Whether the robot is at its launch point, which may be outside the region.
     target : int or None
         The cell to which the robot is moving.
     aim : int or None
-        The cell that the robot wants to see: the target or, with a wider footprint, a cell visible from the target.
+        The cell that the robot wants to see: the target or, with a footprint wider than one cell, a cell that is visible from the
+        target.
     through : tuple of int
         The cells of the path to the target, if there may be obstacles.
     cost : float
@@ -121,7 +123,7 @@ class Robot:
     parts : tuple of Part
         The parts of all robots in the order of the tour.
     own : int
-        Index of the robot's own part; -1 while it listens.
+        Index of the robot's own part, or -1 while the robot listens.
     peers : mapping of int to Peer
     searched : mapping of int to int
         For each robot, the cells that it reports as searched, as a bitset.
@@ -130,9 +132,10 @@ class Robot:
     closed : mapping of int to int
         For each robot, the cells that it reports as blocked, as a bitset.
     passed : int
-        Bitset of free cells: those that the robot has entered, or passed across a corner. Used only if there may be obstacles.
+        Bitset of the cells known to be free because the robot has entered them, or has passed them across a corner. This field is
+        used only if there may be obstacles.
     avoided : int
-        Bitset of cells to avoid until ``avoided_until``, because the path was blocked there.
+        Bitset of the cells that the robot avoids until ``avoided_until``, because its path was blocked there.
     count : int
         Number of beacons sent.
     next_beat : float
@@ -144,13 +147,13 @@ class Robot:
     began : float
         Time at which the robot was switched on.
     deadline : float
-        Time at which the robot would have searched everything alone.
+        Time by which the robot could search all cells alone.
     left : float
         Remaining energy.
     since : float
-        Time at which the current action began: a movement, or waiting.
+        Time at which the current action (a movement, or waiting) began.
     lag : float
-        Total additional time of all previous paths, compared with its speed.
+        Total additional time of all previous paths, compared with their duration at the declared speed.
     lost, got : int
         Number of messages known to be lost, and number of messages received.
     told : tuple of tuple of mapping

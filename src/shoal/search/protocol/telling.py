@@ -31,13 +31,16 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
 
 
 def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tuple[tuple[int, int], ...]:
-    """Return the cells by robot that are new, or inside a window of the tour."""
+    """Return, for each robot, the cells that are new or inside a window of the tour."""
     told = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
     return tuple((number, bits) for number, bits in told if bits)
 
 
 def _window(robot: Robot, n: int) -> int:
-    """Return a window of the tour as a bitset. It starts at the end of the last beacon's window and contains its share of facts."""
+    """Return a window of the tour as a bitset. The window starts at the end of the last beacon's window.
+
+    It is as long as one beacon's share of facts.
+    """
     everything = robot.brief.everything
     total = _intervals(robot, everything)
     share = max(_LEAST, min(ceil(total / (_LAST_ROUND if robot.status == "complete" else _ROUND)), _MOST))

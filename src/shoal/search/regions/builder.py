@@ -29,7 +29,7 @@ from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
 from shoal.search.regions.region import SearchRegion, region_of
 
 INNER = ("no-go", "search")
-"""The possible meanings of an unmarked polygon inside another one."""
+"""The possible meanings of an unmarked polygon inside another polygon."""
 
 
 def open_region(
@@ -48,37 +48,38 @@ def open_region(
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
-        A name, in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
+        A name with sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
         ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a volume, from the origin). Or a file:
         ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a projection that the file names) or ``.csv`` (metres); see
         `shoal.search.regions.formats`. Or the corners of a polygon, shape (n, 2), a Shapely polygon, or a sequence of these.
     holes : optional
-        Holes of the polygons: the corners of one hole, or a sequence of holes. Each must lie in one of the polygons.
+        Holes of the polygons: the corners of one hole, or a sequence of holes. Each hole must lie in one of the polygons.
     geographic : bool
-        Whether polygon coordinates are longitude and latitude in degrees; otherwise they are metres.
+        Whether polygon coordinates are longitude and latitude in degrees. If false, they are in metres.
     name : str, optional
         Name of the region. The default is the name of the source, or "polygon".
     no_go : optional
         No-go zones in the units of the source (longitude and latitude, or metres): a file in one of the formats above, points of
-        shape (n, 2), a Shapely polygon, or a sequence of these. A region file may also contain no-go zones itself.
+        shape (n, 2), a Shapely polygon, or a sequence of these. A region file may also contain no-go zones.
     layer : str, optional
-        Layer of a GeoPackage; required if the file has several.
+        Layer of a GeoPackage; it is required if the file has several layers.
     across_zones : bool
-        Accept a region on both sides of a border between UTM zones. Shoal's own frame supports such regions; other tools may not.
+        Whether to accept a region on both sides of a border between UTM zones. Shoal's local frame supports such regions, but other
+        tools may not.
     inner : "no-go" or "search", optional
-        Meaning of an unmarked polygon that lies mostly inside another one. Without this option, a file with such a polygon is
+        Meaning of an unmarked polygon that lies mostly inside another polygon. Without this option, a file with such a polygon is
         refused.
 
     Returns
     -------
     SearchRegion
-        Sides are straight in the local frame. The deviation from a line that is straight in degrees grows with the square of its
-        length.
+        The sides of the region are straight in the local frame. The deviation of a side from a line that is straight in degrees
+        grows with the square of the side's length.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the source is unknown or invalid. The message gives the location.
+        If the source is unknown or invalid. The message gives the location of the fault.
 
     Examples
     --------
@@ -177,7 +178,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return which polygons lie mostly inside another one. Two equal polygons do not count."""
+    """Return which polygons lie mostly inside another polygon. Of two equal polygons, neither counts as inside."""
     import shapely
 
     inside: set[int] = set()
@@ -240,7 +241,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
 
 
 def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
-    """Return a separately given no-go zone as outlines in the region's units."""
+    """Return a no-go zone that is given separately, as outlines in the units of the region."""
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone, zones=True)
         if read.geographic != found.geographic:
@@ -269,7 +270,7 @@ def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
 
 
 def _several(no_go: Any) -> Sequence[Any]:
-    """Return polygons as a sequence. A single polygon is a file, a Shapely object or points."""
+    """Return polygons as a sequence. A single polygon may be a file, a Shapely object or points."""
     if no_go is None:
         return []
     alone = isinstance(no_go, str | os.PathLike) or hasattr(no_go, "geom_type")

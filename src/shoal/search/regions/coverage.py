@@ -31,7 +31,8 @@ class AreaCoverage:
     uncovered : shapely Polygon, MultiPolygon or GeometryCollection
         The uncovered area.
     outside_m : float
-        Total length in metres of all legs outside the region, or closer to its border than its margin, beyond the tolerance.
+        Total length in metres, beyond the tolerance, of all legs that lie outside the region or closer to its border than the
+        margin.
     legs_outside : int
         Number of legs that leave the region. A stationary vehicle counts as a leg.
     length_m : float
@@ -140,7 +141,7 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Return a route without points on a straight leg, up to the rounding of coordinates: rows at an angle are straight, too."""
+    """Return a route without points on a straight leg. Up to the rounding of coordinates, rows at an angle count as straight."""
     import shapely
 
     if len(way) < 2 or np.all(way == way[0]):
@@ -149,7 +150,7 @@ def _bends(way: Points) -> Points:
 
 
 def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
-    """Return legs without repetitions in either direction."""
+    """Return the legs without repetitions. Opposite directions of a leg count as repetitions."""
     back = (starts[:, 0] > ends[:, 0]) | ((starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1]))
     legs = np.where(back[:, None], np.hstack([ends, starts]), np.hstack([starts, ends]))
     once = np.unique(legs, axis=0)
@@ -218,7 +219,7 @@ def _halves(block: Any) -> list[Any]:
 
 
 def _polygons(shape: Any) -> Any:
-    """Return the polygons of a shape. A cut along its border leaves lines, from which GEOS cannot subtract."""
+    """Return the polygons of a shape. Cuts along a border leave lines, and the library GEOS cannot subtract from lines."""
     import shapely
 
     parts = shapely.get_parts(shape)

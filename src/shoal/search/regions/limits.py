@@ -11,7 +11,7 @@ LARGEST_FILE = 20_000_000
 """Maximum size of a region file in bytes, and of a KMZ's unpacked content."""
 
 LARGEST_DATABASE = 2_000_000_000
-"""Maximum size of a GeoPackage in bytes. Only the requested layer of it is read."""
+"""Maximum size of a GeoPackage in bytes. Only the requested layer of the file is read."""
 
 MOST_CORNERS = 200_000
 """Maximum number of corners of all polygons in a file."""
@@ -32,7 +32,7 @@ DEEPEST = 100
 ARCHIVE_FAULTS = (
     zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error,
 )  # fmt: skip
-"""Exceptions that reading a damaged archive raises."""
+"""Exceptions that can occur while a damaged archive is read."""
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:

@@ -87,8 +87,8 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, or the ring is not closed although the format requires it. Also if it has fewer than 3
-        different vertices, is flat or crosses itself.
+        If a coordinate is not finite, or the ring is not closed although the format requires closed rings. Also if it has fewer
+        than 3 different vertices, is flat or crosses itself.
     """
     points = ring.points
     finite = np.isfinite(points).all(axis=1)
@@ -147,8 +147,8 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
     Raises
     ------
     InvalidInputError
-        For the reasons of `check_ring`, or if a hole lies outside the outer ring, crosses it or another hole, or shares a segment
-        with it.
+        If `check_ring` raises it for a ring. Also if a hole lies outside the outer ring, or crosses or shares a segment with
+        another ring.
     """
     from shapely import Polygon
     from shapely.validation import explain_validity
@@ -229,11 +229,11 @@ class RegionOutlines:
     where : str
         The file or the name.
     geographic : bool
-        Whether coordinates are longitude and latitude in degrees (WGS84); otherwise metres.
+        Whether coordinates are longitude and latitude in degrees (WGS84). If false, they are in metres.
     closed : bool
         Whether the format requires rings to repeat their first vertex at the end.
     height : float
-        Height of the volume above the polygons in metres; 0 for a plane region.
+        Height of the volume above the polygons in metres, or 0 for a plane region.
     """
 
     outlines: tuple[RegionOutline, ...]

@@ -29,8 +29,9 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     Parameters
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
-        Points in metres, or a text in the units of the region: ``x,y``, several separated by semicolons, a CSV or GeoJSON file of
-        points (one for all robots or one per robot), or a GeoJSON file of a line along which the robots are spaced evenly.
+        Points in metres, or a text in the units of the region. The text may be ``x,y``, several such points separated by
+        semicolons, or a CSV or GeoJSON file of points (one for all robots, or one per robot). It may also be a GeoJSON file of a
+        line, along which the robots have equal distances.
     region : SearchRegion
     robots : int
     what : str
@@ -91,7 +92,7 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
 
 
 def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:
-    """Return points in metres. None for ``degrees`` means the unit of the region."""
+    """Return points in metres. If ``degrees`` is None, the points are in the unit of the region."""
     if region.frame is None and degrees:
         raise InvalidInputError(f"{where}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
     if region.frame is None or degrees is False:
@@ -107,7 +108,7 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
 
 
 def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
-    """Refuse points outside a region if swapping longitude and latitude would move them inside."""
+    """Refuse points outside a region if the points with swapped longitude and latitude would lie inside."""
     assert region.frame is not None
     try:
         swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())

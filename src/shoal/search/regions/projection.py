@@ -91,7 +91,7 @@ class LocalFrame:
         Raises
         ------
         InvalidInputError
-            For the same reasons as in `to_metres`.
+            If a point is farther from the origin than twice `REACH`.
         """
         array = check_plane_points(points, what="points")
         far = ~(np.hypot(*array.T) <= 2 * REACH)

@@ -26,12 +26,13 @@ class SearchRegion:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The area to be seen, valid, with x east and y north in metres. No-go zones are already excluded, and so is the area that
-        cannot be seen with a margin (`shoal.search.regions.margin`). The border belongs to the area.
+        The area that robots must see, as a valid geometry in metres with x east and y north. No-go zones are excluded. The area
+        that no robot can see while it keeps the margin is excluded too (`shoal.search.regions.margin`). The border is a part of the
+        area.
     frame : LocalFrame or None
         Local frame on Earth, or None for metres without a position on Earth.
     no_go : shapely Polygon or MultiPolygon
-        The excluded no-go zones; may be empty.
+        The excluded no-go zones, which may be empty.
     name : str
     no_go_zones : int
         Number of given zones, some of which may overlap or lie outside.
@@ -42,9 +43,9 @@ class SearchRegion:
     outline : shapely Polygon or MultiPolygon, optional
         The whole region without no-go zones, including unseen parts. The default is ``area``.
     height : float
-        Height in metres of the volume above the region; 0 for a plane region.
+        Height in metres of the volume above the region; or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
-        A shape with fewer corners inside ``free``. Paths bend at its corners where possible.
+        A shape with fewer corners inside ``free``. Where possible, paths bend at the corners of this shape.
     """
 
     area: Any

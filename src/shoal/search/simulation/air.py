@@ -65,7 +65,7 @@ class Air:
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:
-        """Return an attacker's message, without the key, that reports all cells as searched by all robots."""
+        """Return the message of an attacker without the key, which reports that all robots have searched all cells."""
         everything, robots = self._scenario.brief.everything, range(1, len(self._scenario.starts) + 1)
         heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
         lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
@@ -82,5 +82,5 @@ class Air:
 
 
 def _clock(time: float) -> int:
-    """Return the time in thousandths of a cell time."""
+    """Return the time in thousandths of the time that a robot of speed 1 needs for one cell."""
     return int(1000 * time)

@@ -28,7 +28,7 @@ def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], rob
 
 
 def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: int, layer: int) -> list[NDArray[np.float64]]:
-    """Return the paths of a robot in a layer, without those from an outside launch point and those between layers."""
+    """Return the paths of a robot in a layer, without paths from a launch point outside the region and paths between layers."""
     route, log = routes[robot], trace.robots[robot]
     if isinstance(plan.grid, CellGrid):
         inside = len(route.stops) < 2 or plan.grid.region.contains(route.points[:1])[0]

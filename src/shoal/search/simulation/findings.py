@@ -22,8 +22,8 @@ class Finding:
     found_by, missed_by : tuple of int
         The robots that found something in the cell, and the robots that searched it and found nothing.
     confidence : float
-        Probability that the cell contains a target, given the sensors' detection and false-alarm rates and a prior of one cell in a
-        hundred.
+        Probability that the cell contains a target. It follows from the sensors' detection rate and false-alarm rate, and from a
+        prior probability of 0.01.
     """
 
     cell: int

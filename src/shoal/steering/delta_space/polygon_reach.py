@@ -39,7 +39,7 @@ class PolygonReach:
     ----------
     workspace : ConvexWorkspace
     before : ndarray of float64, shape (2,)
-        Δ at the start.
+        The difference Δ at the start.
     moves : int
         2, 4, 6, ...
     contacts : ndarray of float64, shape (contacts, 2)
@@ -149,7 +149,7 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
     workspace : ConvexWorkspace
         The polygon.
     before : array_like of float, shape (2,)
-        Δ at the start.
+        The difference Δ at the start.
     moves : int
         Number of moves, even and at least 2.
     contacts : int

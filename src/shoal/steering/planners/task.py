@@ -65,7 +65,7 @@ class SteeringTask:
 
     @property
     def before(self) -> Points:
-        """Δ at the start."""
+        """The difference Δ at the start."""
         return np.asarray(self.start[1] - self.start[0])
 
     @property

@@ -86,7 +86,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     ------
     InvalidInputError
         If the file is missing, unreadable, damaged, of another format, too large, or has no free cell. The message gives the
-        location.
+        location of the fault.
     MissingExtraError
         If nibabel is not installed and the file is NIfTI.
     """

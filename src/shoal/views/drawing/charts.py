@@ -64,7 +64,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     ----------
     figure : matplotlib.figure.Figure
     path : path
-        The output file. Its suffix determines the format.
+        The output file. The suffix of the file determines the format.
 
     Raises
     ------

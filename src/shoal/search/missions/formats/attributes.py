@@ -16,10 +16,10 @@ from shoal.search.problem.mission_options import CAPS
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
 MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m")
-"""Optional attributes. Without them, a mission has no delay and ends with a return home."""
+"""Optional attributes. Without these attributes, a mission has no delay and ends with a return home."""
 
 ALTITUDES = "altitudes_m"
-"""The altitudes of all waypoints if they differ: numbers separated by spaces."""
+"""The attribute with the altitudes of all waypoints, if they differ: numbers separated by spaces."""
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:

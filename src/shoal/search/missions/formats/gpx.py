@@ -38,7 +38,7 @@ def write(mission: Mission) -> str:
 
 
 def _ends(mission: Mission) -> list[str]:
-    """Return the text after the position of each waypoint: its height above sea level, if known."""
+    """Return the text after the position of each waypoint: the element with its height above sea level, if this is known."""
     if mission.elevation is None and mission.altitude_frame != "sea":
         return ["/>"] * len(mission.waypoints)
     heights = mission.heights_above_home + (mission.elevation or 0.0)

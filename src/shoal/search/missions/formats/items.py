@@ -128,7 +128,7 @@ def _check_frame(sheet: Sheet, item: Item) -> None:
 
 
 def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Add a diagnostic for a camera without a target, or one that never stops."""
+    """Add a diagnostic for an invalid pitch of the camera, or for a camera that never stops."""
     for item in items:
         pitch, mode = _number(item.params[0], item.params[6])
         if item.command == GIMBAL and not (abs(pitch) <= 90 and mode == _BY_ANGLES):

@@ -49,8 +49,8 @@ def write(mission: Mission) -> str:
 def _heights(mission: Mission) -> tuple[str, list[float]]:
     """Return the altitude mode in KML, and the altitudes of the waypoints.
 
-    KML supports altitudes above ground and above the sea. Heights above home can be converted only if home's own height is known.
-    Otherwise only the attributes contain them, and the line lies on the ground.
+    KML supports altitudes above ground and above the sea. Heights above home can be converted only if the height of home is known.
+    Otherwise only the attributes contain the heights, and the line lies on the ground.
     """
     count = len(mission.waypoints)
     if mission.kind != "rover":

@@ -192,7 +192,10 @@ def _note(sheet: Sheet, fault: Any) -> None:
 
 
 def _path(location: tuple[int | str, ...]) -> list[tuple[int | str, Any]]:
-    """Return the steps of a location in pairs (previous, current), without list names before items and union kinds."""
+    """Return the steps of a location as pairs (previous, current).
+
+    Names of lists before their items, and kinds of unions, are left out.
+    """
     steps = [(location[k - 1] if k else "", part) for k, part in enumerate(location)]
     return [(before, part) for before, part in steps if part not in ("items", "float")]
 

@@ -81,7 +81,7 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 
 def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
-    """Read the attributes of the first line. All other lines must repeat them, except the altitude."""
+    """Read the attributes of the first line. All other lines must repeat these attributes, except the altitude."""
     names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
     first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)

@@ -51,12 +51,13 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zon
     layer : str, optional
         Layer of a GeoPackage.
     zones : bool
-        Whether all polygons in the file are no-go zones. Then all layers are read.
+        Whether all polygons in the file are no-go zones. If so, all layers are read.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged, of another format, too large, or contains no polygon. The message gives the location.
+        If the file is missing, damaged, of another format, too large, or contains no polygon. The message gives the location of the
+        fault.
     """
     source = Path(path)
     suffix = source.suffix.lower()

@@ -55,7 +55,7 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
 
 
 def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
-    """Return the names of the layers to read: the requested layer, and layers of no-go zones."""
+    """Return the names of the layers to read: the requested layer, and all layers of no-go zones."""
     zones = [name for name in names if names_no_go(name)]
     searched = [name for name in names if name not in zones] or zones
     if layer is not None and layer not in names:
@@ -68,7 +68,10 @@ def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
 
 
 def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, asked: str | None) -> RegionOutlines:
-    """Return the polygons of one layer. They are no-go zones if the layer's name says so and the layer was not requested."""
+    """Return the polygons of one layer.
+
+    The polygons are no-go zones if the name of the layer marks them and the layer was not requested.
+    """
     table, column, organization, code, definition = known[name]
     _check_table(database, path, str(table))
     columns = [str(row[1]) for row in database.execute(f"PRAGMA table_info({_quoted(table)})")]
@@ -87,7 +90,7 @@ def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], n
 
 
 def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
-    """Refuse anything but a plain table, because a view or a virtual table can run code."""
+    """Refuse views and virtual tables, because they can run code."""
     found = database.execute("SELECT type, sql FROM sqlite_master WHERE lower(name) = lower(?)", (name,)).fetchone()
     kind = "nothing" if found is None else str(found[0])
     if kind == "table" and "VIRTUAL" in str(found[1]).upper().split()[:2]:
@@ -145,7 +148,9 @@ def _quoted(name: Any) -> str:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
-    """Open an SQLite file read-only and without trust in its content. Any error becomes one sentence.
+    """Open an SQLite file only for reading, with protection against hostile content.
+
+    Any error becomes an error whose message is one sentence.
 
     Changes that another program has not yet merged into the file lie in a second file beside it, and are read with it.
     """

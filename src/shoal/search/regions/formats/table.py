@@ -72,7 +72,10 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
 
 
 def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
-    """Return the columns of a heading with x, y and the label, and whether they are in degrees; None if it is no heading."""
+    """Return the columns that a heading names for x, y and the label, and whether x and y are in degrees.
+
+    Return None for other lines.
+    """
     known = [(_HEADINGS[word.lower()], column) for column, word in enumerate(words) if word.lower() in _HEADINGS]
     if sorted(axis for (axis, _), _ in known) != [0, 1]:
         return None
@@ -87,7 +90,7 @@ def read_table(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        If a line is invalid; the message names the line. Also if the coordinates look like degrees but the heading names no unit.
+        If a line is invalid. The message names this line. Also if the coordinates look like degrees but the heading names no unit.
     """
     rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
     rings = _rings(rows, path)
@@ -106,7 +109,7 @@ def read_table(path: Path) -> RegionOutlines:
 
 
 def _like_degrees(points: Any) -> bool:
-    """Return whether vertices look like degrees: in the range of degrees, a small extent, and many decimals."""
+    """Return whether vertices look like degrees: values in the range of degrees, a small extent, and many decimals."""
     within = any((np.abs(points) <= most).all() for most in ([180, 90], [90, 180]))
     many_decimals = np.abs(points * 1000 - np.round(points * 1000)) > 1e-6 if within else np.zeros(1)
     return bool(within and (np.ptp(points, axis=0) < _WIDEST_IN_DEGREES).all() and many_decimals.any())
@@ -134,7 +137,8 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield pairs of polygons that share area, with two flags: whether the second covers the first, and the first the second."""
+    """Yield pairs of polygons that share area, with two flags: whether the second polygon covers the first, and whether the first
+    covers the second."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)

@@ -61,11 +61,11 @@ class Agent:
     ground : int
         File descriptor of the file that contains the locks of cells.
     lifeline : int
-        File descriptor that becomes readable when the supervisor is gone.
+        File descriptor that becomes readable when the supervisor has ended.
     epoch : float
         Time 0 on the system's monotonic clock.
     tell : callable
-        Function that receives a report. It is called before any consequence of the report.
+        Function that receives a report. The function is called before the report has any effect.
     """
 
     def __init__(
@@ -175,7 +175,10 @@ class Agent:
         return tuple(float(x) for x in self.task.brief.tour_cost.points[cell])
 
     def _set_out(self, aim: Go, cell: int) -> None:
-        """Start a leg. Its cost is the robot's estimate, unless the robot stands in front of a cell instead of in one."""
+        """Start a leg.
+
+        The cost of the leg is the robot's estimate, unless the robot stands in front of a cell instead of in a cell.
+        """
         tour_cost = self.task.brief.tour_cost
         if aim.through:
             length = self.robot.cost

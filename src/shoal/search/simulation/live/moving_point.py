@@ -21,7 +21,7 @@ class MovingPoint:
     Parameters
     ----------
     time : float
-        Time of this state. All times are in cell times of a robot of speed 1.
+        Time of this state. All times are in units of the time that a robot of speed 1 needs for one cell.
     origin, goal : tuple of float
         Start and end point of the leg in the units of `TourCost.points`.
     way : float

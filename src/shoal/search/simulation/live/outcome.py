@@ -16,22 +16,22 @@ class LiveEvent:
     Parameters
     ----------
     time : float
-        Time in cell times of a robot of speed 1.
+        Time in units of the time that a robot of speed 1 needs for one cell.
     robot : int
     kind : str
-        A status ("listening", "searching", "waiting", "complete"); or "enters", "leaves", "searched", "blocked" (by another robot),
-        "obstructed" with a cell; or "home", "recharged", "declared". The supervisor adds "killed", "stopped" (at the time limit)
-        and "failed" (with a reason).
+        A status ("listening", "searching", "waiting", "complete"), or an event. Events with a cell are "enters", "leaves",
+        "searched", "blocked" (by another robot) and "obstructed". Other events are "home", "recharged" and "declared". The
+        supervisor adds the events "killed", "stopped" (at the time limit) and "failed" (with a reason).
     cell : int or None
     found : bool
         Whether the robot found something in the cell.
     place : tuple of float
-        Position of the robot in the units of `TourCost.points`; empty if the robot did not report the event itself.
+        Position of the robot in the units of `TourCost.points`; it is empty if the robot did not report the event itself.
     reason : str
     through : tuple of int
-        The cells passed since the last search, if robots move from cell to cell.
+        The cells that the robot has passed since its last search, if robots move from cell to cell.
     around : tuple of int
-        The additional cells seen with a wider footprint.
+        The additional cells that the robot sees with a footprint wider than one cell.
     beside : tuple of int
         The cells of ``around`` with findings.
     """
@@ -55,22 +55,22 @@ class LiveOutcome:
     Parameters
     ----------
     complete : bool
-        Whether every reachable cell was really searched, and at least one robot survived and all survivors declared completion.
+        Whether robots really searched every reachable cell, at least one robot survived, and all survivors declared completion.
     covered : float
-        Fraction of the reachable cells that were really searched by any robot before its death.
+        Fraction of the reachable cells that any robot really searched before it failed.
     declared, killed : dict of int to float
         Time at which each robot declared completion, and time at which it was killed.
     failed : dict of int to str
         Robots whose process ended too early, with the reason: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
         Number of messages sent, received, and lost at the receiver. ``dropped`` counts messages that came from no robot of this
-        search or had impossible content. All numbers are as far as reported.
+        search or had impossible content. All numbers include only what robots have reported.
     channel : str
         "multicast" or "unicast".
     port : int
-        Port of the multicast group; 0 with unicast.
+        Port of the multicast group, or 0 with unicast.
     startup, seconds : float
-        Duration in seconds of the start of all processes, and of the search after it.
+        Duration in seconds of the start of all processes, and duration of the search that follows.
     timed_out : bool
     events : tuple of LiveEvent
         The events in the order of their times.

@@ -83,7 +83,7 @@ def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> 
 
 
 def _first_line(orders: int) -> Any:
-    """Return the first line from the supervisor, or None if it is gone."""
+    """Return the first line from the supervisor, or None if the supervisor has ended."""
     line = b""
     while not line.endswith(b"\n"):
         more = os.read(orders, 65536)

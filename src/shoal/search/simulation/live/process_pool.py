@@ -37,13 +37,13 @@ class Member:
     orders, reports : int
         File descriptors of the robot's input and output.
     process : int
-        Process number; 0 before the process is ready.
+        Process number, or 0 before the process is ready.
     port : int
     counts : sequence of int
         Number of messages sent, heard, lost and dropped.
     ended : bool
     rest : bytes
-        Incomplete end of the received reports.
+        Incomplete last line of the received reports.
     """
 
     number: int
@@ -113,7 +113,7 @@ class ProcessPool:
             stack.callback(self._end)
 
     def _end(self) -> None:
-        """Let the first process end all others and itself."""
+        """Let the first process end all other processes and then itself."""
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.wait()

@@ -102,7 +102,7 @@ class Radio:
     port : int
         Port of the group. With unicast, the robot uses a free port of its own.
     loss : float
-        Probability that a received message is discarded unread.
+        Probability that a received message is discarded before it is read.
     random : random.Random
         Generator that decides which messages are lost.
     """

@@ -56,16 +56,16 @@ def run_live(
     Parameters
     ----------
     brief : Brief
-        The robots' initial information. With a ``hello`` of some tenths of a second (``0.3 * speed``), robots find each other in
-        time even on a busy machine. Otherwise the search takes longer but is still complete.
+        The robots' initial information. If ``hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in
+        time, even on a busy machine. With a shorter time, the search takes longer but is still complete.
     starts : sequence of int
         Tour index of each robot's start cell. Robots are numbered from 1.
     rates : sequence of float, optional
-        Speeds of the robots. The default is 1.
+        Speeds of the robots. The default is 1 for all robots.
     loss : float
         Probability that a received message is discarded, at each receiver.
     kill : sequence of Crash
-        Robots whose processes are killed (SIGKILL), with the times in cell times of a robot of speed 1.
+        Robots whose processes are killed (SIGKILL), with the times in units of the time that a robot of speed 1 needs for one cell.
     slow : sequence of Slow
         Robots whose vehicles are slower than declared, with the start times.
     targets : sequence of int
@@ -73,7 +73,7 @@ def run_live(
     obstacles : sequence of int
         Blocked cells, which robots discover when they reach them. They need a tour with paths from cell to cell.
     widths : sequence of int
-        Width of each robot's footprint in cells, odd. The default is 1.
+        Width of each robot's footprint in cells, odd. The default is 1 for all robots.
     speed : float
         Speed in cells per second of a robot of speed 1, in real time.
     channel : str

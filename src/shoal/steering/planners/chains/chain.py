@@ -110,7 +110,7 @@ class ChainQuery:
 
     @property
     def before(self) -> Points:
-        """Δ at the start."""
+        """The difference Δ at the start."""
         return np.asarray(self.start[1] - self.start[0])
 
     @property
