@@ -145,8 +145,9 @@ class SearchProblem(Problem):
     )  # fmt: skip
     margin: float = option(
         0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
-    ) layer: str | None = option(None, help="Layer of a GeoPackage; it is required if the file has several layers.") inner: str |
-    None = option(
+    )
+    layer: str | None = option(None, help="Layer of a GeoPackage; it is required if the file has several layers.")
+    inner: str | None = option(
         None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. Without this option a file with "
         "such a polygon is refused.", choices=INNER,
     )  # fmt: skip

@@ -99,7 +99,7 @@ class MissionOptions(Problem):
         metavar="SECONDS",
     )
     airspace: float | None = option(
-        None, help="Distance by which turns of fixed wings may leave the region, plus --margin. Default: as far as necessary; the "
+        None, help="Distance by which turns of fixed wings may leave the area inside --margin. Default: as far as necessary; the "
         "report states the distance.", unit="m", least=0, metavar="METRES",
     )  # fmt: skip
     ending: str | None = option(

@@ -122,8 +122,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run in which a helper saves the most time, and the distance of its entry from the front, or None without a
-    gain."""
+    """Return the run in which a helper saves the most time, and its entry's distance from the front, or None."""
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace

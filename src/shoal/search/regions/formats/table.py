@@ -137,8 +137,7 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield pairs of polygons that share area, with two flags: whether the second polygon covers the first, and whether the first
-    covers the second."""
+    """Yield pairs of polygons that share area, with two flags: the second covers the first, the first covers the second."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)
