@@ -204,7 +204,7 @@ def _most() -> tuple[str, bool]:
 @erratum(
     "paper W, Fig. 15",
     "the remaining distance from the goals falls as 8.66 / length³",
-    "this law holds only if particle 2 is always the toucher. If the nearer particle touches the wall instead, a distance "
+    "the printed law holds only if particle 2 is always the toucher. If the nearer particle touches the wall instead, a distance "
     "of 0.01 needs half the length",
     "a program computes two kinds of plans, cycle by cycle. In one kind particle 2 is the toucher, and in the other kind "
     "the nearer particle",

@@ -17,7 +17,7 @@ erratum = into(CHECKS)
 
 @erratum(
     "paper M, section III.B.1",
-    "depth-first search maps with one particle in at most 2 (m - 1) moves",
+    "depth-first search with one particle maps m free cells in at most 2 (m - 1) moves",
     "depth-first search takes at most 2 (m - 1) moves plus one move for each wall cell that it probes",
     "a program runs three episodes of depth-first search on each of three maps",
 )
@@ -74,7 +74,8 @@ def _handover() -> tuple[str, bool]:
     "paper M, algorithm 3",
     "BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell it returns if several are "
     "equally near",
-    "this choice changes the number of moves. On a line, the search order up, down, left, right saves a quarter of the moves",
+    "the choice among equally near cells changes the number of moves. On a line, "
+    "the search order up, down, left, right saves a quarter of the moves",
     "a program runs 60 episodes of 50 particles on line:500 with each of two orders of neighbours, from the same seeds",
 )
 def _ties() -> tuple[str, bool]:
@@ -99,7 +100,7 @@ def _ties() -> tuple[str, bool]:
 
 @erratum(
     "paper M, theorem 2",
-    "closest-frontier needs at most m (m + 1) / 2 moves",
+    "closest-frontier needs at most m (m + 1) / 2 moves for m free cells",
     "closest-frontier needs at most m (3m + 1) moves. The printed sum omits the walls, which are also frontier cells",
     "a program runs episodes with one particle in straight corridors of 1 to 6 cells",
 )
