@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, segments, shift_across, shift_along
+from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, RIGHT, UP, segments, shift_across, shift_along
 
 OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown cells that are not on the frontier
 BOARDS = 3
@@ -85,11 +85,13 @@ def advance(scene, state, command):
     """Simulate one command in place. Return the number of classified frontier cells, which are in ``scene.tried``."""
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
-    tried, frontier, classified = scene.tried, state[FRONTIER], 0
+    tried, ground, frontier = scene.tried, scene.ground, state[FRONTIER]
+    classified, found = 0, ZERO
     for i in range(tried.shape[0]):
         classified += popcount(tried[i])
+        found |= tried[i] & ground[i]
         frontier[i] &= ~tried[i]
-    if scene.mapping:
+    if scene.mapping and found != ZERO:
         discover(scene, frontier, state[UNSEEN])
     return classified
 
@@ -116,21 +118,31 @@ def push(scene, occupied, frontier, command):
 @in_place_kernel
 def discover(scene, frontier, unseen):
     """Add the unseen neighbours of the new free cells to the frontier."""
-    width, layer = scene.width, scene.width * scene.rows
-    for i in range(frontier.shape[0]):
-        found = scene.tried[i] & scene.ground[i]
-        if found == ZERO:
+    for start in range(0, frontier.shape[0], GROUP):
+        tried, ground, some = scene.tried[start : start + GROUP], scene.ground[start : start + GROUP], ZERO
+        for i in range(tried.shape[0]):
+            some |= tried[i] & ground[i]
+        if some == ZERO:
             continue
-        reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
-        if found >> TOP != ZERO:
-            reveal(frontier, unseen, i + 1, ONE)
-        if found & ONE != ZERO:
-            reveal(frontier, unseen, i - 1, ONE << TOP)
-        reveal(frontier, unseen, i - width, found)
-        reveal(frontier, unseen, i + width, found)
-        if scene.layers > 1:
-            reveal(frontier, unseen, i - layer, found)
-            reveal(frontier, unseen, i + layer, found)
+        for i in range(tried.shape[0]):
+            if tried[i] & ground[i] != ZERO:
+                reveal_around(scene, frontier, unseen, start + i, tried[i] & ground[i])
+
+
+@in_place_kernel
+def reveal_around(scene, frontier, unseen, i, found):
+    """Add the unseen neighbours of the cells ``found`` in one word to the frontier."""
+    width, layer = scene.width, scene.width * scene.rows
+    reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
+    if found >> TOP != ZERO:
+        reveal(frontier, unseen, i + 1, ONE)
+    if found & ONE != ZERO:
+        reveal(frontier, unseen, i - 1, ONE << TOP)
+    reveal(frontier, unseen, i - width, found)
+    reveal(frontier, unseen, i + width, found)
+    if scene.layers > 1:
+        reveal(frontier, unseen, i - layer, found)
+        reveal(frontier, unseen, i + layer, found)
 
 
 @in_place_kernel

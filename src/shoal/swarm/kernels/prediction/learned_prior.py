@@ -42,6 +42,7 @@ class LearnedPrior(NamedTuple):
     inner: NDArray[np.uint64]  # a board: all cells except the rim, which is never free
     opened: NDArray[np.uint64]  # (SPAN,): the free cells of the window, row by row
     walls: NDArray[np.uint64]  # (SPAN,)
+    used: NDArray[np.int64]  # (SPAN * SPAN,): the rows of ``first`` for the known cells of the window
     sums: NDArray[np.int32]  # (hidden,)
     marks: NDArray[np.uint64]  # for each cell: hash of its window at the last evaluation
     told: NDArray[np.uint8]  # and the index of the result in ``chances``
@@ -80,14 +81,27 @@ def look(learned, opened, known, cell, command):
 
 
 @in_place_kernel
-def add_weights(learned, command, kind, row, cells):
-    """Add the weights of some cells in one row of the window to the sums."""
-    sums = learned.sums
+def list_weights(learned, command, kind, row, cells, size):
+    """Append the rows of ``first`` for some cells in one row of the window to the list ``used``. Return its length."""
     while cells != ZERO:
-        weights = learned.first[learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN]
-        for i in range(sums.shape[0]):
-            sums[i] += weights[i]
+        learned.used[size] = learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN
         cells &= cells - ONE
+        size += 1
+    return size
+
+
+@in_place_kernel
+def add_weights(learned, size):
+    """Add the listed rows of ``first`` to the sums. Four rows at once, because storing the sums takes most of the time."""
+    first, sums, used = learned.first, learned.sums, learned.used
+    for at in range(0, size - 3, 4):
+        a, b, c, d = first[used[at]], first[used[at + 1]], first[used[at + 2]], first[used[at + 3]]
+        for i in range(sums.shape[0]):
+            sums[i] += a[i] + b[i] + c[i] + d[i]
+    for at in range(size - size % 4, size):
+        a = first[used[at]]
+        for i in range(sums.shape[0]):
+            sums[i] += a[i]
 
 
 @in_place_kernel
@@ -96,9 +110,11 @@ def log_odds(learned, command):
     sums, none = learned.sums, np.int32(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
+    size = np.int64(0)
     for row in range(SPAN):
-        add_weights(learned, command, 0, row, learned.opened[row])
-        add_weights(learned, command, 1, row, learned.walls[row])
+        size = list_weights(learned, command, 0, row, learned.opened[row], size)
+        size = list_weights(learned, command, 1, row, learned.walls[row], size)
+    add_weights(learned, size)
     for i in range(sums.shape[0]):
         sums[i] = max(sums[i], none)
     total = np.int64(learned.last_bias[0])

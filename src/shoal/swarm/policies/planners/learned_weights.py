@@ -33,6 +33,7 @@ def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
         inner=inner,
         opened=np.zeros(SPAN, dtype=np.uint64),
         walls=np.zeros(SPAN, dtype=np.uint64),
+        used=np.zeros(SPAN * SPAN, dtype=np.int64),
         sums=np.zeros(len(weights()["first_bias"]), dtype=np.int32),
         marks=np.zeros(size, dtype=np.uint64),
         told=np.zeros(size, dtype=np.uint8),
