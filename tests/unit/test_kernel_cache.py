@@ -12,12 +12,14 @@ import tempfile
 import time
 import zipfile
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from shoal.core import notices
-from shoal.jit import COMPILING, cache, lowered
+from shoal.jit import COMPILING, folders, lowered
+from shoal.jit.machine_code import kinds_of
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -60,7 +62,7 @@ def played(script, *kinds, **more):
 
 def imported(script):
     """Return what the kernels give in this process, as if it had begun anew, and whether they were compiled."""
-    for function in (lowered.stamp, lowered._opened, cache.folder_of):
+    for function in (folders.stamp, lowered._opened, folders.folder_of):
         function.cache_clear()
     module = importlib.util.module_from_spec(importlib.util.spec_from_file_location(script.stem, script))
     module.__spec__.loader.exec_module(module)
@@ -122,6 +124,40 @@ def test_installed_by_root_and_used_by_somebody_without_a_home(script, tmp_path,
     assert not list((temporary / f"shoal-kernels-{NOBODY}").iterdir())
 
 
+def test_a_kernel_in_the_cache_needs_no_numba(script):
+    """Importing Numba takes longer than most commands. Whatever is imported later works beside what is loaded."""
+    imported(script)
+    program = """if True:
+        import sys, numpy as np, small_kernels
+        print(small_kernels.total(np.arange(4)), "numba" in sys.modules)
+        print(small_kernels.total(np.arange(4.0)), "numba" in sys.modules)
+        """
+    done = subprocess.run([sys.executable, "-c", program], cwd=script.parent, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == ["12 False", "12.0 True"]
+
+
+def test_what_determines_a_compiled_form():
+    class Pair(NamedTuple):
+        one: object
+        other: object
+
+    class Twin(NamedTuple):
+        one: object
+        other: object
+
+    numbers = np.zeros((4, 6))
+    fixed = numbers.copy()
+    fixed.setflags(write=False)
+    arrays = [numbers, numbers.astype(np.float32), numbers.ravel(), numbers[:, ::2], numbers.T, fixed, numbers.view(np.recarray)]
+    records = [np.rec.array(np.zeros(1, dtype=[(name, kind)]))[0] for name, kind in (("a", "i8"), ("b", "i8"), ("a", "f8"))]
+    values = [*arrays, *records, 1, 2**63, True, 1.0, None, np.int8(1), (1, 2), (1, 2.0), Pair(1, 2), Twin(1, 2), Pair(1, numbers)]
+    assert len({kinds_of((value,)) for value in values}) == len(values)
+    assert kinds_of((1, Pair(2, numbers))) == kinds_of((-5, Pair(7, numbers + 1)))
+    for value in ("text", [1], np.timedelta64(1), {}):
+        with pytest.raises(TypeError):
+            kinds_of((1, value))
+
+
 def test_damaged_files_are_replaced(script):
     imported(script)
     (whole,) = (script.parent / "__pycache__").glob("*.kernel")
@@ -133,7 +169,7 @@ def test_damaged_files_are_replaced(script):
 def test_a_full_disk_costs_time_and_one_line(script, told, tmp_path, monkeypatch):
     small = tmp_path / "small"
     small.mkdir()
-    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=8k", "none", str(small)], capture_output=True, check=False)
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", "size=4k", "none", str(small)], capture_output=True, check=False)
     if mounted.returncode:
         pytest.skip("no small disk can be mounted here")
     try:

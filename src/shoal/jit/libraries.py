@@ -39,13 +39,3 @@ class Entry(JITCodeLibrary):
         self._final_module.verify()
         self._finalize_final_module()
         return self
-
-    @classmethod
-    def of_machine_code(cls, codegen: Any, name: str, code: bytes, symbols: tuple[str, ...]) -> Entry:
-        """Load machine code that defines the given symbols."""
-        self = cls(codegen, name)
-        self.enable_object_caching()
-        self._set_compiled_object(code)
-        self._finalize_final_module()
-        codegen._engine._defined_symbols.update(symbols)
-        return self

@@ -10,7 +10,6 @@ has the measurements.
 
 from __future__ import annotations
 
-import hashlib
 import zipfile
 from functools import cache
 from pathlib import Path
@@ -19,18 +18,11 @@ import llvmlite
 import numba
 from llvmlite import binding
 
+from shoal.jit.folders import stamp
+
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
 """The kernels that were compiled so far, by part and name. The value is None except while archives are written."""
-
-
-@cache
-def stamp(part: Path) -> bytes:
-    """Return a digest of all kernels of a part and of the compiler module."""
-    digest = hashlib.blake2b(digest_size=16)
-    for file in (Path(__file__).with_name("compiler.py"), *sorted(part.rglob("*.py"))):
-        digest.update(file.read_bytes())
-    return digest.digest()
 
 
 def _fitting(part: Path) -> bytes:

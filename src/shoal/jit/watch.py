@@ -1,47 +1,31 @@
-"""A notice to the user that kernels are being compiled, and a stopwatch without the time for compilation."""
+"""A stopwatch that excludes the time for compiling and loading kernels, and the notice that kernels are compiled."""
 
 from __future__ import annotations
 
 import threading
 import time
-from typing import Any
-
-from numba.core import event
-
-from shoal.core.notices import tell_once
 
 COMPILING = "compiling kernels: once after an installation, some seconds for each kind of run ..."
+_times = threading.local()
 
 
-class _Watch(event.Listener):
-    """Print a notice when a kernel is compiled, and measure each thread's time for loading and compiling."""
+class Loading:
+    """A block that loads or compiles kernels. Its time counts once, even if such blocks contain each other."""
 
-    def __init__(self) -> None:
-        self.times = threading.local()
+    def __enter__(self) -> None:
+        _times.depth = getattr(_times, "depth", 0) + 1
+        if _times.depth == 1:
+            _times.began = time.perf_counter()
 
-    def on_start(self, event: Any) -> None:
-        if event.kind == "numba:compiler_lock":
-            self.times.depth = getattr(self.times, "depth", 0) + 1
-            if self.times.depth == 1:
-                self.times.began = time.perf_counter()
-        else:
-            tell_once(COMPILING)
-
-    def on_end(self, event: Any) -> None:
-        if event.kind == "numba:compiler_lock":
-            self.times.depth -= 1
-            if self.times.depth == 0:
-                self.times.spent = getattr(self.times, "spent", 0.0) + time.perf_counter() - self.times.began
-
-
-_watch = _Watch()
-for _kind in ("numba:compile", "numba:compiler_lock"):
-    event.register(_kind, _watch)
+    def __exit__(self, *error: object) -> None:
+        _times.depth -= 1
+        if _times.depth == 0:
+            _times.spent = seconds_compiling() + time.perf_counter() - _times.began
 
 
 def seconds_compiling() -> float:
     """Return how many seconds this thread has spent on loading and compiling kernels."""
-    return float(getattr(_watch.times, "spent", 0.0))
+    return float(getattr(_times, "spent", 0.0))
 
 
 class Stopwatch:
@@ -59,5 +43,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since the stopwatch was created, without the time for compiling and loading kernels."""
+        """Return the seconds since this object was made, without compilation."""
         return time.perf_counter() - seconds_compiling() - self._began

@@ -1,0 +1,91 @@
+"""Folders for compiled kernels: beside the sources, the user's cache folder, the folder SHOAL_CACHE, or a private folder."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import tempfile
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from shoal.core.notices import tell_once
+
+ENVIRONMENT = "SHOAL_CACHE"
+"""Environment variable that names the cache folder."""
+
+
+@cache
+def folder_of(sources: Path) -> Path | None:
+    """Return the cache folder for the kernels of a source folder, or None if no folder is writable."""
+    subfolder = f"{sources.name}-{hashlib.blake2b(str(sources).encode(), digest_size=6).hexdigest()}"
+    named = os.environ.get(ENVIRONMENT)
+    if named:
+        folder = Path(named).expanduser() / subfolder
+        if _is_usable(folder):
+            return folder
+        tell_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
+        return None
+    for folder in (sources / "__pycache__", _users_cache() / subfolder):
+        if _is_usable(folder):
+            return folder
+    private = _private_folder()
+    if private is None:
+        tell_once(f"kernels are compiled anew by each run: no cache folder can be written (name one with {ENVIRONMENT})")
+        return None
+    tell_once(f"compiled kernels are kept in {private}: no other folder can be written (name one with {ENVIRONMENT})")
+    return private / subfolder if _is_usable(private / subfolder) else None
+
+
+def _users_cache() -> Path:
+    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
+    return Path(home) / "shoal"
+
+
+def _is_usable(folder: Path) -> bool:
+    """Return whether files can be created in a folder. A missing folder is created."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+@cache
+def _private_folder() -> Path | None:
+    """Return a folder for temporary files that only this user can write to, because the code in this folder is executed."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
+    try:
+        with suppress(FileExistsError):
+            folder.mkdir(mode=0o700)
+        found = folder.lstat()
+        if hasattr(os, "getuid") and (folder.is_symlink() or found.st_uid != user or found.st_mode & 0o077):
+            return None
+    except OSError:
+        return None
+    return folder if _is_usable(folder) else None
+
+
+def part_of(function: Callable[..., Any]) -> Path:
+    """Return the folder of all kernels among which a kernel is: it has to be compiled again if any of them changes."""
+    sources = Path(function.__code__.co_filename).parents
+    return next((one for one in sources if one.name == "kernels"), sources[0])
+
+
+@cache
+def stamp(part: Path) -> bytes:
+    """Return a digest of all kernels of a part and of the compiler module."""
+    digest = hashlib.blake2b(digest_size=16)
+    for file in (Path(__file__).with_name("compiler.py"), *sorted(part.rglob("*.py"))):
+        digest.update(file.read_bytes())
+    return digest.digest()
+
+
+def name_of(function: Callable[..., Any]) -> str:
+    """Return the name of a kernel in archives and caches."""
+    return re.sub(r"[^\w.-]", "", f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}")

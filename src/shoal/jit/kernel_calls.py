@@ -1,0 +1,85 @@
+"""Kernels as Python calls them. Their machine code comes from the cache, without Numba; or Numba compiles it."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from functools import cached_property, update_wrapper
+from typing import Any
+
+from shoal.jit.machine_code import kinds_of, load
+from shoal.jit.watch import Loading
+
+_lock = threading.RLock()
+
+
+class Kernel:
+    """A function to be compiled. A call from Python uses its entry; a call from another kernel makes it a part of this kernel."""
+
+    def __init__(self, function: Callable[..., Any], **options: bool) -> None:
+        update_wrapper(self, function)
+        self._function, self._options = function, options
+        self._loaded: dict[Any, Callable[..., Any]] = {}  # by the kinds of the arguments
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the entry. The first call with arguments of some kinds loads or compiles it."""
+        try:
+            kinds = kinds_of(arguments)
+        except TypeError:
+            return self.entry(*arguments)
+        found = self._loaded.get(kinds)
+        if found is None:
+            with _lock, Loading():
+                found = self._loaded[kinds] = load(self._function, kinds) or self._compile(kinds, arguments)
+        return found(*arguments)
+
+    def _compile(self, kinds: Any, arguments: tuple[Any, ...]) -> Any:
+        self.entry._cache.kinds = kinds
+        return self.entry.compile(tuple(self.entry.typeof_pyval(one) for one in arguments))
+
+    @cached_property
+    def _compilable(self) -> Any:
+        from shoal.jit import compiler  # Numba is slow to import
+
+        return compiler.Kernel(self._function, **self._options)
+
+    @property
+    def entry(self) -> Any:
+        """The function as Numba compiles it for Python."""
+        return self._compilable.entry
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The Numba type of this kernel in compiled code."""
+        return self._compilable._numba_type_
+
+    def __reduce__(self) -> str:
+        return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # which module it is in, pickle knows
+
+
+def _named_apart(function: Callable[..., Any]) -> None:
+    """Add the names of the enclosed kernels to the name of a kernel that was made inside a function.
+
+    Machine code is linked by name. Numba distinguishes such kernels by a number that starts again in each process. Without this
+    name, a kernel from the cache could be confused with another one that the process compiles.
+    """
+    if "<locals>" in function.__qualname__:
+        made_of = [cell.cell_contents for cell in function.__closure__ or ()]
+        names = [one.__qualname__.split(".")[-1] if callable(one) else repr(one) for one in made_of]
+        function.__qualname__ = f"{function.__qualname__}_{'_'.join(names)}"
+
+
+def _compiled(function: Callable[..., Any], **options: bool) -> Any:
+    _named_apart(function)
+    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else Kernel(function, **options)
+
+
+def kernel(function: Callable[..., Any]) -> Any:
+    """Mark a function for compilation at its first call."""
+    return _compiled(function)
+
+
+def in_place_kernel(function: Callable[..., Any]) -> Any:
+    """Mark a function that creates no arrays for compilation without reference counting."""
+    return _compiled(function, _nrt=False)

@@ -1,0 +1,185 @@
+"""Machine code from the cache, loaded and called without Numba, because importing Numba takes longer than most commands.
+
+Numba made the machine code, which therefore needs the modules of Numba that are written in C, and LLVM's loader.
+"""
+
+from __future__ import annotations
+
+import builtins
+import ctypes
+import hashlib
+import os
+import pickle
+import sys
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib.machinery import PathFinder
+from importlib.util import find_spec, module_from_spec
+from operator import attrgetter
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any, NamedTuple
+
+import llvmlite
+import numpy as np
+from llvmlite import binding
+
+from shoal.core.notices import tell_once
+from shoal.jit.folders import folder_of, name_of, part_of, stamp
+
+_LAYOUT = 0x1 | 0x2 | 0x100 | 0x400  # flags of arrays that matter: contiguous in C or Fortran order, aligned, writable
+_of_array = attrgetter("dtype", "ndim", "flags.num")
+_PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")])
+
+
+class MachineCode(NamedTuple):
+    """The machine code of a kernel, and what calling it needs."""
+
+    code: bytes
+    name: str  # of the function
+    wrapper: str  # symbol of the function that takes Python's objects
+    own: str  # symbol of the variable that points to the kernel's constants
+    constants: dict[str, list[Any]]  # constants by the symbol of the variable that points to them
+    needed: tuple[str, ...]  # symbols that other code defines
+
+
+def kinds_of(values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return what the compiled form of a kernel depends on, for each of its arguments. Every call needs this, so it is short.
+
+    Raises
+    ------
+    TypeError
+        If only Numba can tell.
+    """
+    kinds: list[Any] = []
+    for value in values:
+        kind = type(value)
+        if kind is np.ndarray:
+            kinds.append(_of_array(value))
+        elif kind in _PLAIN:
+            kinds.append(kind)
+        elif kind is int:
+            kinds.append(int if -(2**63) <= value < 2**63 else "large")
+        elif issubclass(kind, tuple):
+            kinds.append((kind, kinds_of(value)))
+        elif issubclass(kind, np.ndarray):
+            kinds.append((kind, _of_array(value)))
+        elif kind is np.record:
+            kinds.append((kind, value.dtype))
+        else:
+            raise TypeError(kind)
+    return tuple(kinds)
+
+
+def _without_flags(kinds: Any) -> Any:
+    """Return kinds of arguments without those flags of arrays that do not matter."""
+    if not isinstance(kinds, tuple):
+        return kinds
+    if kinds and isinstance(kinds[0], np.dtype):
+        return *kinds[:2], kinds[2] & _LAYOUT
+    return tuple(_without_flags(each) for each in kinds)
+
+
+def load(function: Callable[..., Any], kinds: Any) -> Any:
+    """Return a kernel's function for arguments of some kinds from the cache, or None if it has to be compiled."""
+    with suppress(Exception):  # no file, or a damaged file: unpickling may raise anything
+        file = _file_of(function, kinds)
+        content = b"" if file is None else file.read_bytes()
+        if content[:16] == stamp(part_of(function)):
+            return _linker().link(pickle.loads(content[16:]), function)
+    return None
+
+
+def save(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
+    """Write a kernel's pickled machine code for arguments of some kinds to the cache."""
+    file = _file_of(function, kinds)
+    if file is None:
+        return
+    temporary = file.with_suffix(f".{os.getpid()}")
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        temporary.write_bytes(stamp(part_of(function)) + stored)
+        temporary.replace(file)
+    except OSError as error:
+        tell_once(f"compiled kernels cannot be kept in {file.parent}: {error.strerror or error}")
+        with suppress(OSError):
+            temporary.unlink()
+
+
+def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
+    folder = folder_of(Path(function.__code__.co_filename).parent)
+    digest = hashlib.blake2b(repr((_without_flags(kinds), _maker())).encode(), digest_size=8).hexdigest()
+    return folder and folder / f"{name_of(function)}-{digest}.kernel"
+
+
+@cache
+def _maker() -> tuple[Any, ...]:
+    """Return what machine code depends on besides the kernels: versions, and the processor."""
+    versions = (_folder_of_numba() / "_version.py").read_bytes(), llvmlite.__version__, sys.implementation.cache_tag
+    settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
+    return *versions, settings, binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
+
+
+def _folder_of_numba() -> Path:
+    found = find_spec("numba")
+    if found is None or found.origin is None:
+        raise ImportError("numba")
+    return Path(found.origin).parent
+
+
+def _extension(name: str) -> ModuleType:
+    """Import a module of Numba that is written in C, without importing the package."""
+    if name in sys.modules:
+        return sys.modules[name]
+    found = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
+    if found is None or found.loader is None:
+        raise ImportError(name)
+    module = module_from_spec(found)
+    found.loader.exec_module(module)
+    return sys.modules.setdefault(name, module)
+
+
+class _Linker:
+    """LLVM's loader of machine code, and the symbols that Numba's machine code needs."""
+
+    def __init__(self) -> None:
+        binding.initialize_native_target()
+        binding.initialize_native_asmprinter()
+        target = binding.Target.from_default_triple()
+        reloc = "static" if target.name.startswith("x86") else "default"
+        machine = target.create_target_machine(reloc=reloc, codemodel="jitdefault", jit=True)
+        self._engine = binding.create_mcjit_compiler(binding.parse_assembly(""), machine)
+        self._functions = _extension("numba._dynfunc")
+        helpers, runtime = _extension("numba._helperlib").c_helpers, _extension("numba.core.runtime._nrt_python").c_helpers
+        binding.add_symbol("_Py_NoneStruct", id(None))
+        for name, address in (helpers | self._functions.c_helpers).items():
+            binding.add_symbol(f"numba_{name}", address)
+        for name, address in runtime.items():
+            binding.add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+        for name, error in vars(builtins).items():
+            if isinstance(error, type) and issubclass(error, BaseException):
+                binding.add_symbol(f"PyExc_{name}", id(error))
+
+    def link(self, stored: MachineCode, function: Callable[..., Any]) -> Any:
+        """Load machine code and return it as a function."""
+        if not all(binding.address_of_symbol(name) for name in stored.needed):
+            from numba.core.registry import cpu_target
+
+            _ = cpu_target.target_context  # this tells LLVM all symbols that Numba knows
+        self._engine.add_object_file(binding.ObjectFileRef.from_data(stored.code))
+        self._engine.finalize_object()
+        environments = {}
+        for symbol, constants in stored.constants.items():
+            environments[symbol] = self._functions.Environment(function.__globals__)
+            environments[symbol].consts.extend(constants)
+            address = self._engine.get_global_value_address(symbol)
+            ctypes.c_void_p.from_address(address).value = id(environments[symbol])
+        address = self._engine.get_function_address(stored.wrapper)
+        own, module = environments[stored.own], SimpleNamespace(__name__=function.__module__)
+        return self._functions.make_function(module, stored.name, "", address, own, (self._engine, environments))
+
+
+@cache
+def _linker() -> _Linker:
+    return _Linker()
