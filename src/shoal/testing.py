@@ -133,7 +133,7 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
     rules : sequence of str, optional
         Move rules to test. The default is ``policy.rules`` if the policy has this attribute, otherwise all rules.
     max_moves : int
-        Maximum number of moves. A longer episode counts as endless.
+        Maximum number of moves. A longer episode counts as endless, which is a violation.
     seed : int
 
     Raises

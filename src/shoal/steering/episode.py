@@ -39,7 +39,7 @@ class SteeringEpisode(Episode):
     problem : SteeringProblem
         The problem as the user declared it.
     planner : str
-        The planner that planned: the requested planner, or the planner that ``auto`` chose.
+        The planner that made the plan: the requested planner, or the planner that ``auto`` chose.
     status : Status
         ``solved``: all particles are within the tolerance of their goals. ``approachable``: moves come arbitrarily close to the
         goals but cannot reach them, and this plan ends outside the tolerance; ``error`` is the remaining distance. ``unreachable``:
@@ -56,7 +56,7 @@ class SteeringEpisode(Episode):
     lower_bound : float or None
         Lower bound on the length of any plan that ends within the tolerance, or None if no bound is known.
     seconds : float
-        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, time of the whole run.
+        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, it is the time of the whole run.
     versions : dict
         Versions of Shoal and its libraries.
     """
@@ -221,7 +221,7 @@ class SteeringEpisode(Episode):
 
 
 def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Return numbers as an array of the given shape, where None allows any length."""
+    """Return numbers as an array of the given shape, in which None stands for any length."""
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -111,8 +111,8 @@ class SteeringProblem(Problem):
     ------
     InvalidInputError, UnknownNameError
         If a value has the wrong type or range, or fields contradict each other. For a workspace object, also if a point is outside,
-        two particles with different goals start at one point, or the planner does not support the task. For other workspaces, `run`
-        checks this.
+        if two particles with different goals start at the same point, or if the planner does not support the task. For other
+        workspaces, `run` checks this.
 
     Notes
     -----
@@ -301,7 +301,10 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return a random point for each particle, uniform in the workspace. Particles with a radius fit in and do not overlap."""
+        """Return a random point for each particle, uniform in the workspace.
+
+        Particles with a radius lie inside and do not overlap.
+        """
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         if workspace.round:
             low, high = workspace.center - workspace.radius, workspace.center + workspace.radius

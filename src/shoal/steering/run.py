@@ -30,14 +30,14 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem. Planners know its friction but not its noise. The plan is sent unchanged, except by the planner robust.
+        The problem. Planners know its friction but not its noise. All planners except robust send the plan unchanged.
     seed : int
         Seed for random starts and goals, noise, and planners with random decisions.
 
     Returns
     -------
     SteeringEpisode
-        The episode. It is false as a bool unless the problem was solved.
+        The episode. ``bool(episode)`` is true only if the problem was solved.
 
     Raises
     ------
@@ -133,7 +133,10 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
 
 
 def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
-    """Return the planner's moves. If its time is limited, return the moves of greedy if these are better."""
+    """Return the moves that the planner finds.
+
+    If the planning time is limited and the plan of greedy is better, return the moves of greedy.
+    """
     plans = [planner.plan(task)]
     if task.deadline < inf and simple:
         plans.append(Greedy().plan(task))
@@ -143,7 +146,7 @@ def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
-    """Return the reason why the moves found do not solve the problem."""
+    """Return the reason why the moves that were found do not solve the problem."""
     if found > problem.max_moves:
         return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
     if not len(inputs):

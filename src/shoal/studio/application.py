@@ -27,7 +27,10 @@ from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
 
 WAITING = 1000
-"""Maximum number of messages that wait for a slow browser. Then its websocket is closed, and the browser reconnects."""
+"""Maximum number of messages that wait for a slow browser.
+
+If there are more, the websocket is closed, and the browser connects again.
+"""
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
 _STATIC = {"static": resources.files("shoal.studio") / "static", "player": resources.files("shoal.views.player")}
@@ -211,7 +214,7 @@ def _static(name: str) -> Response:
 
 
 def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Return a handler that converts errors to one sentence."""
+    """Return a handler of requests that answers errors with one sentence."""
 
     async def handled(request: Request) -> Response:
         try:

@@ -13,7 +13,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
-"""Maximum number of pixels of a picture in the studio. The command opens larger pictures."""
+"""Maximum number of pixels of a picture in the studio. The command line can open larger pictures."""
 
 PAPERS = "papers"
 """Subfolder for the reproduced figures of the papers."""

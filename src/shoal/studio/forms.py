@@ -71,7 +71,7 @@ def _property(declared: Declaration) -> dict[str, Any]:
 
 
 def _as_in_forms(text: str) -> str:
-    """Return the help of an option as a form says it: fields in place of flags, and nothing of what only the command takes.
+    """Return the help of an option for a form: with field names in place of flags, without parts for the command only.
 
     Examples
     --------
@@ -201,7 +201,7 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
-    """Return whether the command line can express a value, that is, whether parsing its text gives the same value."""
+    """Return whether the command line can express a value. If it can, the text of the value is parsed to the same value."""
     if declared.type is not object:
         return True
     try:

@@ -24,7 +24,7 @@ LARGEST_UPLOAD = 512 * 2**20
 """Maximum size in bytes of an uploaded file."""
 
 SLOWEST = 10.0
-"""Maximum seconds between two pieces of a body, and until a request is complete."""
+"""Maximum number of seconds between two pieces of a request's body, and until a request is complete."""
 
 MOST_CONNECTIONS = 200
 MOST_SOCKETS = 16
@@ -58,12 +58,12 @@ class Guard:
     application : callable
         The protected application.
     port : int
-        Port of the server. Requests for any other host are refused, and so are requests from other sites' pages.
+        Port of the server. Requests for any other host, and requests from pages of other sites, are refused.
 
     Attributes
     ----------
     token : str
-        Secret in the address that is opened first. It is exchanged for a cookie.
+        Secret in the address that is opened first. The server exchanges it for a cookie.
     """
 
     def __init__(self, application: Application, port: int) -> None:
@@ -142,7 +142,7 @@ def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
 
 
 def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive) -> Receive:
-    """Return a ``receive`` that refuses bodies that are too large or too slow while they arrive."""
+    """Return a ``receive`` that refuses a body while it arrives, if it is too large or too slow."""
     most = LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
     told = headers.get(b"content-length", b"0")
     came, whole = 0, False
@@ -167,7 +167,7 @@ def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], recei
 
 
 def _private(send: Send, host: str) -> Send:
-    """Return a ``send`` that adds the common headers of all answers."""
+    """Return a ``send`` that adds the headers that all answers have."""
 
     async def private(message: Message) -> None:
         if message["type"] == "http.response.start":

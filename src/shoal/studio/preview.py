@@ -13,7 +13,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
 PATIENCE = 60.0
-"""Maximum seconds for an answer. A process that takes longer is ended."""
+"""Maximum seconds for an answer. If a process takes longer, it is ended."""
 
 
 class Preview:

@@ -18,7 +18,7 @@ from shoal.studio.guard import Guard, LimitedConnection
 from shoal.studio.jobs.store import FILE
 
 PORT = 8790
-"""Default port of the studio. If it is in use, any free port is used."""
+"""Default port of the studio. If this port is in use, any free port is used."""
 
 
 def listening(port: int | None) -> socket.socket:
@@ -50,7 +50,7 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
     Parameters
     ----------
     root : path
-        The folder, which is created if it does not exist. It contains the whole state.
+        The folder, which is created if it does not exist. The folder contains the whole state of the studio.
     port : int, optional
     browser : bool
         Whether to open a browser.
@@ -97,7 +97,7 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Lock the folder, because two servers would start each job twice."""
+    """Lock the folder, because two servers for one folder would start each job twice."""
     with ExitStack() as held:
         try:
             held.enter_context(locked(folder / FILE, "studio"))

@@ -16,7 +16,7 @@ from shoal.studio.forms import schema_of
 PLAYED = tuple(kind for kind in KINDS if kind != "function")
 """Kinds of problems that the studio can sweep.
 
-Functions are excluded because they are third-party code, which only the command runs.
+Functions are excluded, because they are third-party code. Only the command line runs such code.
 """
 
 

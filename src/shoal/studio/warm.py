@@ -15,7 +15,7 @@ from shoal.swarm.run import load_kernels
 
 
 def _load() -> None:
-    """Load the kernels of the default policy and of plans for two particles, and everything else that a run needs."""
+    """Load the kernels of the default policy and of plans for two particles, and all other kernels that a run needs."""
     for policy in ("best", "closest-frontier"):
         problem = SwarmProblem([[1, 1]], particles=1, policy=policy)
         load_kernels(problem)

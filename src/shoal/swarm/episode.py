@@ -43,7 +43,7 @@ class SwarmEpisode(Episode):
     Parameters
     ----------
     problem : SwarmProblem
-        The problem as the user declared it. Its place is the workspace of the episode.
+        The problem as the user declared it. The place of the problem is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start.
     trace : Trace
@@ -56,17 +56,17 @@ class SwarmEpisode(Episode):
     first_frontier : int
         Number of frontier cells at the start.
     targets : ndarray of bool, the shape of the workspace, or None
-        The cells to cover. None for a mapping task.
+        The cells to cover. It is None for a mapping task.
     seed, trial : int
         Seed and trial number; see `shoal.swarm.grid.randomness`.
     seconds : float
-        Computing time in seconds, planning included.
+        Computing time in seconds, including planning.
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
-        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. The workspace then
-        consists of the free cells that were found.
+        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. In this case, the
+        workspace consists of the free cells that were found.
     truth : ndarray of bool, optional
-        Only for a rig with noise: the true free cells if known. They allow classification errors to be shown.
+        Only for a rig with noise: the true free cells if known. With them, figures can show classification errors.
     """
 
     part: ClassVar[str] = "swarm"
@@ -283,7 +283,8 @@ class SwarmEpisode(Episode):
         Raises
         ------
         InvalidInputError
-            If the path has another suffix, or if the episode is a rig episode with noise, which is kept in the rig's log.
+            If the path has another suffix, or if the episode comes from a rig with noise. Such an episode is stored in the rig's
+            log.
         OutputError
             If the file cannot be written.
         """

@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return how to check and write a field whose value is a name or an object of the given kind."""
+    """Return the functions that check and write a field whose value is a name or an object of a given kind."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":

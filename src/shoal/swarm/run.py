@@ -46,11 +46,11 @@ def run(
     seed, trial : int
         Seed and trial number, at least 0. The same pair always gives the same episode.
     stepwise : bool
-        Run built-in policies step by step as well, like third-party policies. The episode is the same.
+        Whether to run built-in policies step by step, like third-party policies. The resulting episode is the same.
     on_moves : callable, optional
         Function that is called with the progress: (moves so far, frontier cells left).
     on_trace : callable, optional
-        Function that receives each piece of the trace during the run. The episode is the same.
+        Function that receives each piece of the trace during the run. The resulting episode is the same.
 
     Returns
     -------

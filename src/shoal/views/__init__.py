@@ -107,7 +107,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return a view module of the episode's part. The views of other parts, and their kernels, are not loaded."""
+    """Return a view module of the episode's part. The views of other parts and the kernels of other parts are not loaded."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected one of a swarm, of steering or of a search, got {type(episode).__name__}")

@@ -41,14 +41,15 @@ class SimulationOutcome:
     Parameters
     ----------
     covered : int
-        The cells searched by robots that do not lie, as a bitset.
+        The cells that robots without the fault liar searched, as a bitset.
     covered_at : float
-        Time at which the last reachable cell was searched by a robot that does not lie; infinite if some cell never was.
+        Time at which the last reachable cell was searched by a robot that does not lie, or infinity if some cell was never searched
+        so.
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
     sent, lost : int
-        Number of messages, counted per receiver, and number of messages that did not arrive intact.
+        Number of messages, counted for each receiver, and number of messages that were lost or damaged.
     takeovers : int
         Number of times that a robot started to search another robot's part.
     time : float

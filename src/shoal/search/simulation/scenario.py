@@ -178,7 +178,10 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
 
 
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
-    """Return random crashes of different robots, at times up to twice the time of an equal share of the cells."""
+    """Return random crashes of different robots.
+
+    The times are random, up to twice the time in which a robot searches an equal share of the cells.
+    """
     rng = np.random.default_rng([seed, 2])
     dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
     layers = layers_of(plan.grid)

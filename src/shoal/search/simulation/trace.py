@@ -32,15 +32,16 @@ class RobotLog:
     Parameters
     ----------
     cells : ndarray of int64, shape (k,)
-        Tour indices of the cells in which the robot stopped to search, including, with a wider footprint, the cells around.
+        Tour indices of the cells in which the robot stopped to search. With a footprint wider than one cell, the cells around are
+        included.
     times : ndarray of float64, shape (k,)
-        Time at which each cell was searched, in cell times.
+        Time at which each cell was searched, in units of the time that a robot of speed 1 needs for one cell.
     states : tuple of (float, str)
         Start times of the statuses "listening", "searching", "waiting", "complete", "paused" and "dead".
     found : tuple of (int, tuple of int)
         Findings known to the robot at the end: cells, and the robots that found something there.
     detours : tuple of tuple of int
-        If robots move from cell to cell: the cells passed on the way to each searched cell; otherwise empty.
+        The cells that the robot passed on the way to each searched cell, if robots move from cell to cell. Otherwise it is empty.
     obstructed : tuple of (float, int)
         Time and cell of each discovered obstacle.
     """
@@ -66,16 +67,16 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        Time in cell times at which the last reachable cell was searched by the required number of robots; infinite if some cell
-        never was.
+        Time at which the last reachable cell was searched by the required number of robots, or infinity if this never happened. The
+        unit is the time that a robot of speed 1 needs for one cell.
     declared : dict of int to float
         Time at which each robot (counted from 1) declared completion.
     sent, lost : int
         Number of messages, counted per receiver.
     takeovers : int
-        Number of times that a robot started with the part of a robot presumed dead.
+        Number of times that a robot began to search the part of a robot that it presumed dead.
     dropped : int
-        Number of foreign and impossible messages in a live search.
+        Number of messages from other senders, or with impossible content, in a live search.
     """
 
     robots: tuple[RobotLog, ...]

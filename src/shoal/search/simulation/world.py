@@ -52,8 +52,8 @@ class SearchWorld:
     trace : bool
         Whether to record every event.
     decide : callable, optional
-        Function that chooses the destination of idle robots instead of the protocol; see `advance`. Robots then start without
-        listening, and no tour is divided among them.
+        Function that chooses the destination of idle robots instead of the protocol; see `advance`. If it is given, robots start
+        without listening, and no tour is divided among them.
     """
 
     def __init__(
@@ -179,7 +179,7 @@ class SearchWorld:
             self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
-        """Enter a cell to search it if no other robot is in it."""
+        """Enter a cell and search it, if no other robot is in the cell."""
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):
@@ -261,7 +261,7 @@ class SearchWorld:
                 self._write(vehicle, "declared")
 
     def _length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length of a path through some cells."""
+        """Return the length of a path through given cells."""
         tour_cost = self.scenario.brief.tour_cost
         return sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
@@ -291,12 +291,12 @@ class SearchWorld:
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
     def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
-        """Return the extra distance to a cell for a robot that has not departed, compared with the distance from its start cell."""
+        """Return the distance to a cell from the launch point of a waiting robot, minus the distance from its start cell."""
         robot = vehicle.robot
         return self.scenario.brief.from_launch(robot.number, vehicle.place, cell) if robot.at_launch else 0.0
 
     def _takes_over(self, vehicle: SimulatedRobot) -> bool:
-        """Return whether a robot starts with the part of another robot that it presumes dead."""
+        """Return whether a robot begins to search the part of another robot that it presumes dead."""
         robot = vehicle.robot
         part = next((part for part in robot.parts if robot.aim is not None and part.bits >> robot.aim & 1), None)
         if part is None:

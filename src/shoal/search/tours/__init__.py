@@ -46,12 +46,12 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
         object, or a class that is called without arguments), or an object with the methods of `TourMaker`.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
         A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. In 3 dimensions "hilbert",
-        "open-hilbert" and "hilbert-rectangle" are 3-D curves. For the other names, the tours of all layers are joined.
+        "open-hilbert" and "hilbert-rectangle" are 3-D curves. For the other names, the tours of all layers are joined to one tour.
 
     Returns
     -------
     Tour
-        A tour that visits each True cell once. It finishes each connected component of the mask before the next.
+        A tour that visits each True cell once. The tour finishes each connected component of the mask before the next one.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 
 MAX_ORDER = {2: 31, 3: 20}
-"""The largest order by number of dimensions, because indices are int64."""
+"""The largest order for each number of dimensions. Indices of larger curves do not fit into int64."""
 
 
 def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -29,12 +29,13 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1 (8^order - 1). Index 0 is the lower left cell (of layer 0), the last index the lower right.
+        Indices from 0 to 4^order - 1 (8^order - 1). Index 0 is the lower left cell (of layer 0), and the last index is the lower
+        right cell.
 
     Raises
     ------
     InvalidInputError
-        If a cell is not on the curve, or the array has other values than whole numbers.
+        If a cell is not on the curve, or the array contains values that are not whole numbers.
 
     Notes
     -----
@@ -69,7 +70,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     Returns
     -------
     ndarray of int64, shape (..., dimensions)
-        (row, col), row 0 on top, or (layer, row, col).
+        (row, col) with row 0 on top, or (layer, row, col).
 
     Raises
     ------
@@ -108,7 +109,8 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1. Index 0 is the lowest cell just left of the centre; the last index is right of it.
+        Indices from 0 to 4^order - 1. Index 0 is the cell in the lowest row just left of the centre. The last index is the cell to
+        the right of it.
 
     Raises
     ------

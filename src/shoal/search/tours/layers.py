@@ -37,17 +37,17 @@ def joined(
     floors : sequence of int, optional
         Layer of each tour. The default is 0, 1, 2, ...
     turn : float
-        Cost of a turn in the unit of the points. Tours are cut at turns rather than on straight sections.
+        Cost of a turn in the unit of the points. If it is above 0, tours are cut at turns where possible, not on straight sections.
 
     Returns
     -------
     Tour
-        Tour of cells (layer, row, col). It is closed if all given tours are.
+        Tour of cells (layer, row, col). The tour is closed if all given tours are closed.
 
     Notes
     -----
-    For layers that spanning-tree coverage fills, the result is a Hamiltonian cycle of the 3-D grid, similar to the plane case in Y.
-    Gabriely and E. Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
+    For layers that spanning-tree coverage fills, the result is a Hamiltonian cycle of the 3-D grid. The plane case is similar: see
+    Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
 
     Examples
     --------
@@ -69,7 +69,7 @@ def joined(
 
 
 def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
-    """Return a closed path with another one inserted. Cells from ``low`` on belong to the layer below."""
+    """Return a closed path into which another closed path is inserted. Cells from ``low`` on belong to the layer below."""
     from scipy.spatial import KDTree
 
     ends = np.roll(way, -1)

@@ -19,7 +19,7 @@ def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
     Parameters
     ----------
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        True where a robot must search, with row 0 on top; or a shape.
+        A mask that is True where a robot must search, with row 0 on top. Or the shape of a full grid.
 
     Returns
     -------

@@ -51,7 +51,10 @@ class SpanningTreeTour:
 
 
 def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
-    """Return the full 2 x 2 blocks for the best of four alignments, and the flat index of the first block's first cell."""
+    """Return the full 2 x 2 blocks for the best of four alignments.
+
+    Return also the flat index of the first cell of the first block.
+    """
     square = region[:-1, :-1] & region[1:, :-1] & region[:-1, 1:] & region[1:, 1:]
     row, col = max(
         ((row, col) for row in (0, 1) for col in (0, 1)), key=lambda at: np.count_nonzero(square[at[0] :: 2, at[1] :: 2])

@@ -24,7 +24,7 @@ class TourMetrics:
     length : float
         Sum of all Euclidean steps in cell sides. For a closed tour, it includes the closing edge.
     closing_edge : float
-        Length of the step from the last cell back to the first; 0 for an open tour.
+        Length of the step from the last cell back to the first, or 0 for an open tour.
     turns : int
         Number of cells at which the direction changes. For a closed tour, it includes the first and the last cell.
     turns_per_cell : float
@@ -33,13 +33,13 @@ class TourMetrics:
     neighbour_steps : float
         Fraction of steps between cells that share a side (in 3 dimensions a face), including the closing edge.
     neighbour_stretch : float
-        Mean distance along the tour of two cells that share a side; for a closed tour, the shorter direction. This is the average
-        nearest-neighbour stretch of P. Xu and S. Tirthapura, "A lower bound on proximity preservation by space filling curves",
-        IPDPS 2012.
+        Mean distance along the tour between two cells that share a side. On a closed tour, the shorter direction counts. This is
+        the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity preservation by space filling
+        curves", IPDPS 2012.
     dilation : float
-        Largest ratio of the squared distance of two cells to their distance along the tour, where the closing edge counts as one
-        step. It is evaluated at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, ..., and so is a lower bound of the worst-case
-        locality WL2 of H. Haverkort and F. van Walderveen, "Locality and bounding-box quality of two-dimensional space-filling
+        Largest ratio of two cells' squared distance to their distance along the tour. The closing edge counts as one step. The
+        ratio is evaluated only at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, .... Therefore it is a lower bound on the worst-case
+        locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional space-filling
         curves", Computational Geometry 43, 2010. WL2 tends to 6 for the Hilbert curve.
     """
 

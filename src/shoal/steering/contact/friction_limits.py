@@ -46,7 +46,10 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, wide: float) -> str | None:
-    """Return the reason on a disk. The direction of the goal's difference may be inexact by the angle ``wide``."""
+    """Return the reason for the limit on a disk.
+
+    The direction of the goal's difference may be wrong by up to the angle ``wide``.
+    """
     large, small, cone = float(np.hypot(*before)), float(np.hypot(*after)), float(np.arctan(friction))
     most = max(large, 2 * workspace.radius * float(np.sin(cone)))
     if small > most:
@@ -82,7 +85,7 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return the reason given by a gauge of the walls' normals, or None."""
+    """Return the reason that a gauge of the walls' normals gives for a limit, or None."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:

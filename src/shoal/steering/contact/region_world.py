@@ -30,12 +30,12 @@ class RegionWorld(SteeringWorld):
     ----------
     workspace : Region
     touch : float
-        Contact tolerance relative to the size: a particle closer to an edge than this is on it.
+        Contact tolerance relative to the size: a particle whose distance to an edge is smaller touches the edge.
 
     Notes
     -----
-    Source: own extension; see the outlook of paper W, section VIII. In a convex region, the dynamics equal paper W, section III,
-    eq. 1.
+    Source: an extension by Shoal; see the outlook of paper W, section VIII. In a convex region, the dynamics equal paper W, section
+    III, eq. 1.
 
     Examples
     --------
@@ -82,7 +82,7 @@ class RegionWorld(SteeringWorld):
 
 
 def _boxes_of_runs(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the boxes around about as many runs of edges as there are edges in each; float64, shape (runs, 4)."""
+    """Return the bounding boxes of runs of edges. There are about as many runs as edges in each run; float64, shape (runs, 4)."""
     runs = ceil(sqrt(len(edges)))
     length = -(-len(edges) // runs)
     ends = edges[np.minimum(np.arange(runs * length), len(edges) - 1)].reshape(runs, 2 * length, 2)

@@ -113,7 +113,7 @@ class ContactWorld(SteeringWorld):
     radius : float
         Radius of the particles.
     touch : float
-        Contact tolerance relative to the size: a particle closer to a wall than this is on it.
+        Contact tolerance relative to the size: a particle whose distance to a wall is smaller touches the wall.
 
     Raises
     ------
@@ -122,7 +122,8 @@ class ContactWorld(SteeringWorld):
 
     Notes
     -----
-    Source: paper W, section III, eq. 1; section VII.A for the gain. Finite friction, gain model and radius are own extensions.
+    Source: paper W, section III, eq. 1; section VII.A for the gain. Finite friction, the gain model and the radius are extensions
+    by Shoal.
 
     Examples
     --------

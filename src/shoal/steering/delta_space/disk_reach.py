@@ -39,7 +39,8 @@ class DiskReach:
     moves : int
         2, 4, 6, ...
     radii : ndarray of float64, shape (n,)
-        Extent of Δ in n directions: the midpoints of n equal intervals from 0 to π. The set is symmetrical.
+        Extent of the set of differences Δ in n directions. These are the midpoints of n equal intervals from 0 to π. The set is
+        symmetrical, so the other directions follow.
     """
 
     radius: float
@@ -132,12 +133,12 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
 
 def _ahead(count: int) -> NDArray[np.float64]:
-    """Return the directions from 0 to π."""
+    """Return the directions of the radii, from 0 to π."""
     return pi * (np.arange(count) + 0.5) / count
 
 
 def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the extent of Δ in each direction, from contacts with given depths of the other particle."""
+    """Return the extent of the set of differences Δ in each direction, from contacts with given depths of the other particle."""
     slope = np.cos(ahead[:, None] - contacts)  # length of each chord, and its inward component per unit of length
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)

@@ -47,7 +47,7 @@ class PolygonReach:
     walls : ndarray of int64, shape (contacts,)
         Index of the wall of each contact.
     depths : ndarray of float64, shape (2, contacts)
-        H_(moves - 2) for σ = 1 and σ = -1. Negative where the toucher cannot be.
+        H_(moves - 2) for σ = 1 and σ = -1. The depth is negative where the toucher cannot be.
     """
 
     workspace: ConvexWorkspace

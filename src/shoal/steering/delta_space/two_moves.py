@@ -28,9 +28,9 @@ class Crossing:
     toucher : int
         The particle that touches the wall, 1 or 2.
     wall : int
-        Index of the wall's side; -1 for a round wall.
+        Index of the side that is the wall, or -1 for a round wall.
     first, last : ndarray of float64, shape (2,)
-        Ends of the part of the wall where the toucher may be.
+        Ends of the part of the wall at which the toucher may be.
     contact : ndarray of float64, shape (2,)
         Midpoint of that part.
     slack : float
@@ -67,7 +67,7 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
     Raises
     ------
     InvalidInputError
-        If the workspace has another kind, or a difference is not the difference of two of its points.
+        If the workspace is neither a polygon nor a disk, or a given difference is not the difference of two of its points.
 
     Notes
     -----
@@ -179,7 +179,7 @@ def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Point
     Raises
     ------
     InvalidInputError
-        For the same reasons as in `reached_in_two_moves`.
+        If `reached_in_two_moves` raises it.
     """
     start = _check_difference(workspace, before, "before")
     return _disk_pieces(workspace.radius, start) if workspace.round else _polygon_pieces(workspace, start)

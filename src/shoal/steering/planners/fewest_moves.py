@@ -56,7 +56,7 @@ class FewestMoves:
         return _fewer(best, chains)
 
     def _raised(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the plane with vertical components added."""
+        """Return a plan in the plane after adding vertical components."""
         below = planar_task(task)
         flat = below.translation() if why_unreachable(below) is None else None
         if flat is None and why_unreachable(below) is None:
@@ -75,7 +75,7 @@ class FewestMoves:
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
 
     def _long(self, task: SteeringTask) -> Points | None:
-        """Return the plan of a chain with more cycles: the fewest on a dense roadmap, or None if the roadmap has no chain."""
+        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if the roadmap has no chain."""
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
@@ -89,7 +89,7 @@ class FewestMoves:
 
 
 def _finished(task: SteeringTask, plan: Points) -> Points | None:
-    """Return the beginning of a plan with three or four final moves that complete it, or None if that saves no moves."""
+    """Return a plan whose beginning is kept and whose end is replaced by three or four moves, or None if that saves no moves."""
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)
     for total in range(lasts[0] + 1, len(plan)):

@@ -104,7 +104,7 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
 
 
 def _is_slow(left: float, before: float, tolerance: float) -> bool:
-    """Return whether too many cycles remain at the current rate of progress, assuming that each cycle has the same factor."""
+    """Return whether too many cycles remain, if each further cycle reduces the error by the same factor as the last one."""
     return (
         before < inf
         and left > tolerance
@@ -144,7 +144,10 @@ def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points]
 
 
 def _spatial_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of the plane with heights of its contacts. It adds cycles if the heights are not feasible."""
+    """Return a chain in the plane after adding the heights of its contacts.
+
+    If the heights are not feasible, the method adds cycles.
+    """
     flat = query.flat()
     if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:
         chain = greedy_chain(flat, tolerance=tolerance, cycles=cycles)

@@ -48,7 +48,8 @@ class Sampling:
 
     Notes
     -----
-    Source: own method; see the outlook of paper W, section VIII. It proves nothing if it fails: None means that no plan was found.
+    Source: a method of Shoal; see the outlook of paper W, section VIII. A failure proves nothing: None means only that the planner
+    has found no plan.
     """
 
     name = "sampling"
@@ -143,7 +144,7 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return all moves to the last node and from there to the goal by translations, or None if no translation path exists."""
+        """Return all moves to the last node, and from there the translations to the goal, or None if no such translations exist."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -202,14 +203,14 @@ class FreeOffsets:
     Attributes
     ----------
     free, inner : shapely.Polygon
-        ``free``: the free offsets. ``inner``: the offsets where paths may bend, slightly smaller so that rounding errors stay
-        inside ``free``.
+        ``free``: the offsets without collision. ``inner``: the offsets where paths may bend, slightly smaller so that rounding
+        errors stay inside ``free``.
     places : ndarray of float64, shape (n, 2)
         The point nearest to the goal, and the reflex corners of ``inner``, where shortest paths bend.
     reach : float
         Maximum distance of an offset outside ``inner`` that can still be connected by a straight move.
     seen : dict of int to ndarray of bool, shape (n,)
-        Which places can be reached by a straight free path, for each place that was asked so far.
+        For each place that was needed so far, the places that a straight free path connects with it.
     """
 
     free: Any
@@ -279,7 +280,7 @@ def _reflex_corners(ring: Points) -> Points:
 
 
 def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
-    """Return which other places can be reached by a straight free path."""
+    """Return which other places a straight free path connects with a place."""
     import shapely
 
     lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
@@ -297,7 +298,7 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
 
 
 def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a plan without unnecessary moves and with pairs of moves merged, as long as the plan still works."""
+    """Return a plan after removing moves and merging pairs of moves, as long as the plan still works."""
     changed = True
     while changed:
         changed = False

@@ -51,7 +51,7 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
 
 
 def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
-    """Return the shorter plan of two moves, or None."""
+    """Return the shorter one of the plans of two moves, or None."""
     found = []
     for toucher in (0, 1):
         two = np.zeros_like(start)

@@ -48,7 +48,7 @@ class Shortest:
         return next((moves for moves in found if misses(task, moves) or task.is_sure(moves)), found[0] if found else None)
 
     def _raised(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the plane with vertical components added."""
+        """Return a plan in the plane after adding vertical components."""
         below = planar_task(task)
         if why_unreachable(below) is not None:
             return None
@@ -58,6 +58,6 @@ class Shortest:
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
-    """Return the chain of the planner greedy, with any number of cycles."""
+    """Return the chain that the planner greedy finds, with any number of cycles."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return [] if chain is None else [chain]

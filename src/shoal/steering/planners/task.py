@@ -37,7 +37,7 @@ class SteeringTask:
     Parameters
     ----------
     world : ContactWorld
-        The world, or another world with ``room``, ``step`` and ``play``.
+        The world, or another object with ``room``, ``step`` and ``play``.
     start, goal : ndarray of float64, shape (n, d)
         Positions of the particles, with one goal assigned to each particle.
     tolerance : float
@@ -47,7 +47,7 @@ class SteeringTask:
     seed : int
         Seed for planners with random decisions.
     deadline : float
-        Time at which to return the best plan so far, in terms of `time.monotonic`.
+        Time of `time.monotonic` at which the planner must return the best plan so far.
     """
 
     world: Any
@@ -153,7 +153,7 @@ class SteeringTask:
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain.
 
-        Each move starts from the simulated end of the previous ones, so rounding errors do not add up.
+        Each move starts from the simulated end of the previous move. Therefore rounding errors do not add up.
         """
         room, walls = self.world.room, query.walls
         state = walls.restored(query.start)
@@ -187,7 +187,7 @@ class SteeringTask:
         return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
 
     def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
-        """Add moves to a plan. Return the state after them."""
+        """Add moves to a plan. Return the state after these moves."""
         for step in steps:
             moves.append(step)
             state = self.world.step(state, step)

@@ -38,12 +38,13 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     Returns
     -------
     ndarray of float64, shape (moves, 3), or None
-        None if no vertical components solve the task, for example if a particle is held during all moves but one.
+        The result is None if no vertical components solve the task, for example if a wall holds a particle during all moves but
+        one.
 
     Notes
     -----
-    Own method. Paper W, section IV.G, corrects heights by separate moves while one particle is held; here they are combined with
-    the other moves.
+    A method of Shoal. Paper W, section IV.G, corrects heights by separate moves while one particle is held. This method combines
+    these corrections with the other moves.
     """
     room = task.world.room
     states = ContactWorld(room.base).play(task.start[:, :2], flat)
@@ -59,7 +60,7 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
 def _least_vertical_moves(
     shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Return the smallest vertical moves between given heights that stay within 0 .. height, or None if none exist."""
+    """Return the smallest vertical moves between given heights that stay within 0 .. height, or None if no such moves exist."""
     from scipy.optimize import linprog
 
     count = len(shares)

@@ -26,7 +26,7 @@ class Apparatus:
     inputs : list of ndarray of float64, shape (d,)
         The moves that were sent.
     remark : str
-        The planner's remark about the run. It becomes part of the reason.
+        The planner's remark about the run. This remark becomes a part of the episode's reason.
     """
 
     def __init__(self, problem: SteeringProblem, start: Points, *, seed: int) -> None:

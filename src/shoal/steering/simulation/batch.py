@@ -19,7 +19,7 @@ from shoal.steering.problem import SteeringProblem, check_can_part
 from shoal.steering.workspaces.convex_geometry import Points
 
 SEEDS = 2**31
-"""Seeds of episodes that nobody gave one are drawn below this."""
+"""Exclusive upper limit of the seeds that are drawn for episodes without a given seed."""
 
 
 class SteeringBatch:
@@ -34,14 +34,15 @@ class SteeringBatch:
     Attributes
     ----------
     states, seen : ndarray of float64, shape (worlds, particles, dimensions)
-        Where the particles are, and where the camera sees them.
+        The positions of the particles, and their positions as the camera sees them.
     goals : ndarray of float64, shape (worlds, orders, particles, dimensions)
-        Of interchangeable particles in every order; otherwise in one.
+        The goals. For interchangeable particles, they are given in every order, otherwise in one order.
     errors : ndarray of float64, shape (worlds,)
-        The distance to its goal of the particle that is farthest from it, in the best order.
+        The largest distance of a particle from its goal, for the best order of the goals.
     moves, seeds : ndarray of int64, shape (worlds,)
     terminated, truncated : ndarray of bool, shape (worlds,)
-        Whether all particles are at their goals, within the tolerance; whether the limit of moves was reached before that.
+        ``terminated``: all particles are within the tolerance of their goals. ``truncated``: the maximum number of moves was
+        reached before.
 
     Raises
     ------
@@ -49,7 +50,7 @@ class SteeringBatch:
 
     Notes
     -----
-    A world does exactly what `shoal.steering.simulation.apparatus.Apparatus` does with its seed.
+    A world behaves exactly like `shoal.steering.simulation.apparatus.Apparatus` does with its seed.
 
     Examples
     --------
@@ -86,14 +87,14 @@ class SteeringBatch:
         Parameters
         ----------
         where : ndarray of bool, shape (worlds,), optional
-            Which worlds; by default all.
+            Mask of the worlds to reset. The default is all worlds.
         seed : int, or sequence of int or None, one a world, optional
-            Of the episode, ``seed + i`` for world i; without a seed each world draws the next one.
+            Seed of the new episode: ``seed + i`` for world i. Without a seed, each world draws its next seed.
 
         Raises
         ------
         InvalidInputError
-            Then no world has changed.
+            In this case, no world has changed.
         """
         chosen, problem = self._chosen(where), self.problem
         rngs = world_generators(seed, chosen, len(self), self._rngs)

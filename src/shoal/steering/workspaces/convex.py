@@ -28,15 +28,16 @@ class ConvexWorkspace:
     kind : str
         "polygon", "disk", "prism" or "cylinder".
     vertices : ndarray of float64, shape (n, 2)
-        Corners of the polygon or of the prism's base, counter-clockwise. Empty for a disk or cylinder.
+        Corners of the polygon or of the prism's base, counter-clockwise. It is empty for a disk or a cylinder.
     radius : float
-        Radius of the disk or cylinder; 0 for other kinds.
+        Radius of the disk or cylinder, or 0 for other kinds.
     center : ndarray of float64, shape (2,)
         Centre of the disk or cylinder, or the mean of the vertices.
     height : float
-        Height of the prism or cylinder, which stands on z = 0; 0 for a plane workspace.
+        Height of the prism or cylinder, which stands on z = 0, or 0 for a plane workspace.
     open_ends : bool
-        Whether the prism or cylinder is a tube without end caps. Particles can leave through its ends, and no cap holds them.
+        Whether the prism or cylinder is a tube without end caps. Particles can leave through the ends of the tube, and no cap holds
+        particles.
     """
 
     kind: str

@@ -111,7 +111,7 @@ def _signed_area(corners: Points) -> float:
 
 
 def _thickness(corners: Points) -> float:
-    """Return the largest distance of the points from their best-fitting line."""
+    """Return the largest distance of the points from the line that fits them best."""
     centred = corners - corners.mean(axis=0)
     return float(np.abs(centred @ np.linalg.svd(centred, full_matrices=False)[2][1]).max())
 

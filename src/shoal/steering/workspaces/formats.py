@@ -45,13 +45,13 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
         A name: ``square`` (side 1, from the origin), ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` or
         ``regular:SIDES`` (around the origin, corners on a circle of radius 0.5), ``disk`` (radius 0.5) or ``disk:RADIUS``. A file:
         ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, or ``.svg``. In an SVG drawing the largest closed line
-        is the outline and the other lines are obstacles; units are those of the drawing, with y turned up. Well-known text:
-        ``POLYGON ((0 0, ...))``. Or the dict of a problem file: ``{"type": "polygon", "vertices": [...]}`` and others.
+        is the outline and the other lines are obstacles; units are those of the drawing, with the y axis upwards. Well-known text:
+        ``POLYGON ((0 0, ...))``. Or a dict as in a problem file, such as ``{"type": "polygon", "vertices": [...]}``.
 
     Returns
     -------
     ConvexWorkspace or Region
-        The workspace. It is a region if the source has obstacles or has the type region.
+        The workspace. The result is a region if the source has obstacles or the type "region".
 
     Raises
     ------

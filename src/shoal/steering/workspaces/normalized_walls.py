@@ -22,14 +22,14 @@ class NormalizedWalls:
     Parameters
     ----------
     frames : ndarray of float64, shape (walls, d, d)
-        For each flat wall: its midpoint and d - 1 unit vectors along it.
+        For each flat wall, its midpoint and d - 1 unit vectors along the wall.
     reaches : ndarray of float64, shape (walls,)
         Half of each flat wall's largest extent along these vectors.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
-        Which flat walls may interfere with a contact on each other flat wall and, in the last row, on the circle.
+        Which flat walls may interfere with a contact on a flat wall (one row for each) or on the circle (last row).
     circle : ndarray of float64, shape (3,)
-        Centre (x, y) and radius of the round wall; zeros if there is none.
+        Centre (x, y) and radius of the round wall, or zeros without a round wall.
     height : float
         Height of a prism or cylinder.
     scale : float
@@ -37,7 +37,7 @@ class NormalizedWalls:
     origin : ndarray of float64, shape (d,)
         The origin of normalized coordinates in the workspace.
     base : NormalizedWalls or None
-        For a prism or cylinder: the walls of its base in the plane.
+        The walls of the base in the plane, for a prism or a cylinder.
     """
 
     frames: NDArray[np.float64]

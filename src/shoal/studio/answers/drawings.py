@@ -34,8 +34,8 @@ class Drawing:
     Parameters
     ----------
     parts, zones : tuple of ndarray of float64, shape (n, 2)
-        Corners of polygons to search and of no-go zones, in the units of a region: longitude and latitude with a frame, otherwise
-        metres.
+        Corners of polygons to search and of no-go zones, in the units of a region: longitude and latitude if there is a frame,
+        otherwise metres.
     frame : LocalFrame or None
         Local frame of the metres in the drawing.
     """

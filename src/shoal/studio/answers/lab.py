@@ -20,7 +20,7 @@ from shoal.studio.forms import checked_seed
 from shoal.studio.sweeps import checked_sweep, sweep_copies, sweep_forms
 
 MOST_SHOWN = 300
-"""Maximum number of a sweep's points on a page. Exports contain all points."""
+"""Maximum number of points of a sweep that a page shows. Exports contain all points."""
 
 
 def lab_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
@@ -79,7 +79,10 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
-    """Return problem and seed of the first trial of each point for playing, except for third-party code."""
+    """Return the problem and the seed of the first trial of each point, which a page can play.
+
+    Points with third-party code are left out.
+    """
     if stored.form.problem.get("kind") not in PARTS:
         return []
     try:

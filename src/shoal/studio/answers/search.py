@@ -20,7 +20,7 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_seed
 
 MOST_DRAWN = 200_000
-"""Maximum number of drawn path corners."""
+"""Maximum number of corners of paths that a page draws."""
 
 _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a turn
 
@@ -62,7 +62,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Canvas:
-    """The metres in which a page draws: those of the region, or those of another position on Earth."""
+    """The coordinates in metres in which a page draws: those of the region, or those around another position on Earth."""
 
     def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
         self.own, self.shown = own, own if shown is None or own is None else shown

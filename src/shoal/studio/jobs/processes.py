@@ -14,7 +14,7 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 MEMORY = 3 * 2**30
-"""Maximum data size in bytes of a process of the studio. Larger allocations fail."""
+"""Maximum data size in bytes of a process of the studio. If a process needs more memory, the allocation fails."""
 
 Say = Callable[[str, Any], None]
 """Function with which a job reports events: a kind and its content."""
@@ -39,7 +39,7 @@ class Worker:
     Parameters
     ----------
     work : str
-        MODULE:FUNCTION, imported only in the process. The function takes the connection and the arguments.
+        MODULE:FUNCTION, which is imported only in the process. The function takes the connection and the arguments.
     *arguments
         Further arguments of the function.
 

@@ -28,10 +28,10 @@ KINDS = {
     "table": f"{_JOBS}.sweeps:write",
     "missions": f"{_JOBS}.missions:missions_zip",
 }
-"""The function for each kind of job. Only the processes of jobs import it, so the server starts fast."""
+"""The function for each kind of job. Only the processes of jobs import the functions. Therefore the server starts fast."""
 
 LONG = ("sweep", "reproduce")
-"""Kinds of long jobs. While one is running, a processor is kept free for interactive jobs."""
+"""Kinds of long jobs. While a long job is running, one processor is kept free for interactive jobs."""
 
 MOST_PIECES = 50_000_000
 """Maximum number of characters of a running episode that are kept for browsers that begin to watch."""

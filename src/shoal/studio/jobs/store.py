@@ -16,7 +16,7 @@ from shoal.lab.storage.schema import told, transaction
 FILE = ".studio.sqlite"
 APPLICATION = 0x53484A42  # "SHJB"
 MOST_TRIES = 2
-"""Maximum number of starts of a job. A job that the server's end has stopped this often is marked as interrupted."""
+"""Maximum number of starts of a job. If the end of a server has stopped a job so many times, the job is marked as interrupted."""
 
 _TABLE = """CREATE TABLE IF NOT EXISTS jobs (
   id INTEGER PRIMARY KEY, kind TEXT NOT NULL, spec TEXT NOT NULL, state TEXT NOT NULL, urgent INTEGER NOT NULL,
@@ -34,7 +34,8 @@ class JobStore:
     Parameters
     ----------
     folder : Path
-        Jobs that were running when the last server ended are queued again, or marked as interrupted.
+        Folder of the studio. Jobs that were running when the last server ended are added to the queue again, or marked as
+        interrupted.
 
     Raises
     ------
@@ -139,7 +140,7 @@ class JobStore:
         self._connection.close()
 
     def _job(self, row: tuple[Any, ...]) -> dict[str, Any]:
-        """Return the validated job of a row, because the file may come from somebody else."""
+        """Return the job of a row after validating it, because the file may come from another person."""
         job = dict(zip(_COLUMNS.split(", "), row, strict=True))
         where = f"{self.path}: job {shortened(job['id'])}"
         check_choice(job["state"], what=f"{where}: state", choices=_STATES)

@@ -13,7 +13,7 @@ from shoal.swarm.problem import SwarmProblem
 
 LARGEST = 2**62
 ALIKE = ("rule", "task", "slip", "misplace", "miss", "confidence")
-"""Problem fields that must be equal in all problems of a batch."""
+"""Fields that must be equal in all problems of a batch."""
 
 
 def check_problems(problems: list[SwarmProblem]) -> None:

@@ -127,7 +127,7 @@ class Inspection:
         Parameters
         ----------
         names : sequence of str
-            Plane names out of `PLANES`. The default is the first four.
+            Names of planes from `PLANES`. The default is the first four planes.
         where : array_like of bool, shape (worlds,), optional
             Mask of the worlds to return. The default is all worlds.
         out : ndarray of uint8, C-contiguous, optional
@@ -136,7 +136,7 @@ class Inspection:
         Returns
         -------
         ndarray of uint8, shape (worlds, planes, ...)
-            The last axes have the shape `layout.window`, which includes a rim of one cell because rim cells must also be
+            The last axes have the shape `layout.window`, which includes a rim of one cell, because cells of the rim must also be
             classified.
 
         Raises
@@ -162,7 +162,7 @@ class Inspection:
         Parameters
         ----------
         names : sequence of str
-            Plane names out of `PLANES`.
+            Names of planes from `PLANES`.
         centers : ndarray of int64, shape (worlds, ndim)
             Plane indices of each window's central cell.
         side : int
@@ -206,7 +206,7 @@ class Inspection:
         Returns
         -------
         ndarray of int64, shape (worlds,)
-            Length of the path in cells. It is 0 if no path exists.
+            Length of the path in cells. The length is 0 if no path exists.
         ndarray of int64, shape (worlds,)
         ndarray of int64, shape (worlds, ndim)
             Plane indices of the path's last cell.

@@ -21,7 +21,7 @@ class PaddedMaps:
     Parameters
     ----------
     places : sequence of GridWorkspace
-        The maps. All must have 2 dimensions or all must have 3.
+        The maps. All maps must have the same number of dimensions, 2 or 3.
 
     Raises
     ------

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 SMALLEST = 1 << 14
-"""Minimum number of board words (64 cells each) for which an extra thread pays off; about 10 µs of work."""
+"""Minimum number of board words (64 cells each) for which another thread saves time. It is about 10 µs of work."""
 
 
 def processors() -> int:
@@ -27,12 +27,12 @@ def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, 
     Parameters
     ----------
     work : callable
-        Function that processes the worlds from ``first`` to ``last`` - 1. Its result for one world must not depend on the division
+        Function that processes the worlds from ``first`` to ``last`` - 1. The result for one world must not depend on the division
         into parts.
     count : int
         Number of worlds.
     words : int
-        Board words per world. Small worlds get fewer threads.
+        Number of board words per world. For small worlds, fewer threads are used.
     threads : int
         Maximum number of threads.
     """

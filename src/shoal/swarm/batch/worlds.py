@@ -41,9 +41,9 @@ class WorldBatch(Inspection):
     Parameters
     ----------
     problem : SwarmProblem, or sequence of them
-        One problem for all worlds, or several. Several problems may differ in the fields that define the start of an episode, such
-        as map, particles and placement. Each episode draws one of the problems at random. All boards are padded to a common shape.
-        The problem's policy is ignored.
+        One problem for all worlds, or several problems. Several problems may differ in the fields that define the start of an
+        episode, such as map, particles and placement. Each episode draws one of the problems at random. The boards of all worlds
+        are padded to a common shape. The problem's policy is ignored.
     worlds : int
         Number of worlds.
     seed : int, sequence of int, or None
@@ -146,15 +146,15 @@ class WorldBatch(Inspection):
         where : array_like of bool, shape (worlds,), optional
             Mask of the worlds to reset. The default is all worlds.
         seed : int, or sequence of int or None, one a world, optional
-            Seed of the new episode: ``seed + i`` for world i, or one seed per world. Later episodes derive their seeds from it.
-            Without a seed, each world draws its next one.
+            Seed of the new episode: ``seed + i`` for world i, or one seed per world. The seeds of later episodes are computed from
+            this seed. Without a seed, each world draws its next seed.
         maps : array_like of int, optional
-            Index of the problem for each world, or one index for all worlds. By default each world draws its problem at random.
+            Index of the problem for each world, or one index for all worlds. By default, each world draws its problem at random.
 
         Raises
         ------
         InvalidInputError
-            If an argument is invalid. No world has changed then.
+            If an argument is invalid. In this case, no world has changed.
         """
         chosen = self._chosen(where)
         if not chosen.size:
@@ -225,7 +225,7 @@ class WorldBatch(Inspection):
         ------
         InvalidInputError
             If the number of commands is not the number of worlds, a command is invalid, or the episode of a selected world has
-            ended. No world has changed then.
+            ended. In this case, no world has changed.
         """
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
@@ -267,7 +267,7 @@ class WorldBatch(Inspection):
         share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
 
     def _show(self, chosen: NDArray[np.int64]) -> None:
-        """Write the boards and the end of episode for worlds that the kernels do not support."""
+        """Write the boards, and whether the episode has ended, for worlds that the kernels do not support."""
         steps = self._steps
         for world in chosen.tolist():
             swarm = self._swarms[world]

@@ -96,7 +96,7 @@ class Board:
     layout : GridLayout
         The window of cells that the set can contain.
     words : ndarray of uint64, shape ``layout.words``
-        The packed cells. The array is not copied, so do not change it afterwards.
+        The packed cells. The array is not copied. Do not change it afterwards.
 
     Notes
     -----

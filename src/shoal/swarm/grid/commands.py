@@ -9,7 +9,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
 
 LETTERS = "lurdio"
-"""Left, up, right, down. In 3-D also in (towards layer 0) and out."""
+"""Left, up, right, down. In 3-D, also in (towards layer 0) and out."""
 
 RULES: Registry[str] = Registry("move rule", open_to_others=False)
 RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
@@ -43,7 +43,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     Parameters
     ----------
     commands : str
-        Letters out of ``lurd`` (2-D) or ``lurdio`` (3-D).
+        Letters of ``lurd`` (2-D) or ``lurdio`` (3-D).
     ndim : int
         2 or 3.
 

@@ -67,7 +67,10 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
 
 
 def _takes(function: object, *arguments: object) -> bool:
-    """Return whether a function accepts the placement arguments. Built-in functions without a signature pass."""
+    """Return whether a function accepts the placement arguments.
+
+    Functions without a signature, such as some functions of Python, are accepted.
+    """
     if not callable(function):
         return False
     try:

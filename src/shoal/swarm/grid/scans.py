@@ -35,9 +35,9 @@ class ScanRule:
     Parameters
     ----------
     kind : str
-        "equal": scan after `step` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one direction. "hyper": scan after
-        1, 4, 27, 256, ... commands. "adaptive": choose the number with the highest expected number of classified cells per price.
-        Adaptive skips scans whose outcome is known.
+        "equal": scan after each `step` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one direction. "hyper": scan
+        after 1, 4, 27, 256, ... commands. "adaptive": choose the number with the highest expected number of classified cells per
+        price. The kind "adaptive" leaves out scans whose outcome is certain.
     step : int
         Number of commands for the kind "equal".
     scan_cost, move_cost : float
@@ -135,7 +135,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Parameters
     ----------
     before, after : SwarmState
-        States observed by the two scans. Under the rule merge they include the number of particles per cell.
+        States observed by the two scans. Under the rule merge, they include the number of particles per cell.
     command : str
         The letter of the repeated command.
     steps : int
@@ -144,7 +144,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Returns
     -------
     iterator of SwarmState
-        Yields ``steps`` states. Once no particle moves any more, it yields ``after`` itself.
+        Yields ``steps`` states. When no particle moves any more, it yields ``after`` itself.
 
     Raises
     ------
@@ -153,7 +153,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
 
     Notes
     -----
-    Only for the rules block and merge. Under tilt, each run has one command.
+    The function supports only the rules block and merge. Under tilt, each run has one command.
 
     Examples
     --------

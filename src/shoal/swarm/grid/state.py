@@ -55,7 +55,8 @@ class SwarmState:
     occupied : Board
         Cells that hold at least one particle.
     counts : ndarray of int32, shape ``layout.window``, or None
-        Number of particles per cell under the rule merge, where several particles may share a cell; otherwise None.
+        Number of particles per cell under the rule merge, under which several particles may share a cell. Under other rules, it is
+        None.
     """
 
     occupied: Board

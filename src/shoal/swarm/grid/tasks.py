@@ -110,7 +110,7 @@ class SubsetCoverage(Coverage):
     Parameters
     ----------
     fraction : float
-        Fraction of free cells to visit, above 0 and at most 1. At least one cell is drawn. The papers use 0.1.
+        Fraction of free cells to visit, above 0 and at most 1. At least one cell is drawn. The papers use the fraction 0.1.
     """
 
     name: ClassVar[str] = "subset-coverage"

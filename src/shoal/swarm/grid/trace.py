@@ -29,7 +29,7 @@ class Trace(NamedTuple):
     travelled : ndarray of int64
         Total distance of all particles in cells for each command.
     scanned : ndarray of bool
-        Whether a scan followed each command. One more scan precedes the first command.
+        Whether a scan followed each command. One more scan takes place before the first command.
     """
 
     commands: NDArray[np.int8]

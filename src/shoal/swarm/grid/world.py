@@ -91,7 +91,7 @@ class GridWorld:
         Raises
         ------
         InvalidInputError
-            For the reasons given in `check_start`.
+            If `check_start` refuses the cells.
         """
         checked = check_start(self.workspace, cells, rule=self.rule)
         return SwarmState.of_cells(self.layout, checked, shared=self.rule == "merge")

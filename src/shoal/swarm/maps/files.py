@@ -34,7 +34,7 @@ class MapFormat:
     read : callable
         Function from a path and the options to the free cells and the size of a cell.
     encode : callable
-        Function from a workspace to the bytes of a file that ``read`` can read.
+        Function from a workspace to the bytes of a file that the function ``read`` can read.
     dimensions : tuple of int
         Numbers of dimensions that the format supports.
     """
@@ -116,7 +116,7 @@ def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | 
 
 
 def _suffix(path: Path) -> str:
-    """Return the lower-case suffix of a file. ``x.nii.gz`` has the suffix ``.nii.gz``."""
+    """Return the suffix of a file in lower case. ``x.nii.gz`` has the suffix ``.nii.gz``."""
     return ".nii.gz" if path.name.lower().endswith(".nii.gz") else path.suffix.lower()
 
 
@@ -127,7 +127,7 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     ----------
     workspace : GridWorkspace
     path : path
-        The output file. Its suffix determines the format, as for `read_map`.
+        The output file. Its suffix determines the format, as in `read_map`.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
-    """Return the result of ``turn`` for each page of a picture. Sizes are checked before any page is decoded."""
+    """Return the result of ``turn`` for each page of a picture. The sizes of all pages are checked before any page is decoded."""
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
-"""The content of a cell: a state of `Belief.states`, or a particle in a free cell."""
+"""Codes for the content of a cell: the states of `Belief.states`, and a particle in a free cell."""
 
 # The colours differ for all common kinds of colour blindness and in greyscale: particles vermilion, frontier sky blue.
 PALETTE: dict[str, str] = {

@@ -75,7 +75,7 @@ def _nibabel() -> Any:
 
 @contextmanager
 def _silent(logger: logging.Logger) -> Iterator[None]:
-    """Suppress a library's messages on stderr that our error repeats."""
+    """Suppress messages of a library on stderr, because Shoal's error message repeats them."""
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -85,7 +85,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
 
 
 def _check_archive(path: Path, expected: int) -> None:
-    """Read a compressed volume to its end to verify the checksum, because nibabel stops earlier."""
+    """Read a compressed volume to its end, so that its checksum is verified. The library nibabel stops earlier."""
     if not path.name.lower().endswith(".gz"):
         return
     with gzip.open(path) as file:

@@ -37,7 +37,7 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        True where a particle can be. Nonzero numbers count as free.
+        Array that is True where a particle can be. Nonzero numbers count as free.
     what : str
         Name of the array in error messages.
 
@@ -73,12 +73,12 @@ class GridWorkspace:
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        True where a particle can be. Row 0 is the top of the picture, layer 0 the front. The free space may be disconnected, and
-        corridors may be one cell wide. The array is stored as a read-only copy.
+        Array that is True where a particle can be. Row 0 is the top of the picture, and layer 0 is the front. The free space may be
+        disconnected, and corridors may be one cell wide. The array is stored as a read-only copy.
     name : str
         Name of the workspace in summaries and files.
     spacing : tuple of float, optional
-        Size of a cell along each axis in millimetres, if known. Pictures and files use it; the simulation counts cells.
+        Size of a cell along each axis in millimetres, if known. Pictures and files use the spacing. The simulation counts cells.
 
     Raises
     ------

@@ -66,10 +66,10 @@ class NoisyBelief:
     ----------
     shape : tuple of int
     seen : Board
-        The particles observed in the first scan.
+        The particles that the first scan shows.
     noise : Noise
     confidence : float
-        Probability from which a cell counts as free or as an obstacle; above 0.75.
+        Probability from which a cell counts as free or as an obstacle. It is above 0.75.
 
     Raises
     ------
@@ -78,8 +78,8 @@ class NoisyBelief:
     Notes
     -----
     Each move spreads every particle over the cells that it may have entered. The next scan then weights each cell, together with
-    the cell behind it, by Bayes' rule. Apart from that, cells are treated as independent. A move without a scan only spreads the
-    particles. Docs: docs/concepts/noise.md.
+    the cell behind it, by Bayes' rule. In all other respects, cells are treated as independent. A move without a scan only spreads
+    the particles. Docs: docs/concepts/noise.md.
 
     Examples
     --------

@@ -30,8 +30,9 @@ class Moment:
     particles : ndarray of bool
         Cells with particles. For a rig, whose true positions are unknown, these are the cells of the last scan.
     looks : ndarray of uint8
-        A shade for each cell: from ``OBSTACLE`` (classified) over ``UNKNOWN`` to ``FREE`` (classified), linear in log-odds.
-        ``FRONTIER`` is added for frontier cells. Cells known to be classified wrongly have ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
+        A shade for each cell, linear in the log-odds, from ``OBSTACLE`` (classified) through ``UNKNOWN`` to ``FREE`` (classified).
+        ``FRONTIER`` is added for frontier cells. If the true map is known, wrongly classified cells have the shade ``FALSE_FREE``
+        or ``FALSE_OBSTACLE``.
     """
 
     particles: NDArray[np.bool_]

@@ -60,7 +60,7 @@ class ElectParticle(Searching):
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
         """Return a path and its start cell.
 
-        If the elected particle reaches no frontier cell, the nearest particle's path is used.
+        If the elected particle can reach no frontier cell, return the path of the particle nearest to the frontier.
         """
         plan, start = "", cell
         for sources in (Board.of_cells(view.occupied.layout, [cell]), view.occupied):

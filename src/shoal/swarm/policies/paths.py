@@ -71,7 +71,7 @@ def path_to_frontier(
     rule : str
         The move rule. Under "tilt", the path consists of tilts between stop cells and has the fewest tilts.
     mapping : bool
-        Whether frontier cells are unknown (mapping) or known to be free (coverage). Only the rule "tilt" uses it.
+        Whether frontier cells are unknown (mapping) or known to be free (coverage). Only the rule "tilt" uses this argument.
     ties : str
         "column-major" (leftmost column first, top to bottom) or "row-major".
     neighbours : str

@@ -21,7 +21,7 @@ class View:
     Parameters
     ----------
     belief : Belief
-        The belief of the task. Its frontier holds the cells that are still to be classified or covered.
+        The belief of the task. The frontier of the belief contains the cells that must still be classified or covered.
     occupied : Board
         The cells that hold particles now.
     rule : str

@@ -43,14 +43,14 @@ class Drive:
         The policy that ran. It names the policy that ``auto`` chose.
     status : Status
     trace : Trace
-        The commands sent and their effects.
+        The commands that were sent, and their effects.
     belief : Belief
         The belief about the map at the end.
     cells : ndarray of int64, shape (n, ndim)
         Estimated cells of the particles at the end.
     episode : SwarmEpisode or None
-        The run as an episode in a workspace made of the free cells found; use it for films, figures and verification. With noise it
-        also stores the scans. None if no free cell was found.
+        The run as an episode, for films, figures and verification. Its workspace consists of the free cells that were found. With
+        noise, the episode also contains the scans. It is None if no free cell was found.
     link : LinkCounts or None
         Connection statistics of a remote rig.
     seconds : float
@@ -118,8 +118,8 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     on_moves : callable, optional
         Function that is called with the progress.
     **fields
-        Fields of `SwarmProblem` listed in `shoal.swarm.problem.DRIVEN`. With ``slip``, ``misplace`` or ``miss``, no observation
-        counts as an error of the rig.
+        Fields of `SwarmProblem` listed in `shoal.swarm.problem.DRIVEN`. If ``slip``, ``misplace`` or ``miss`` is given, no
+        observation counts as an error of the rig.
 
     Raises
     ------
@@ -228,7 +228,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     Raises
     ------
     InvalidInputError
-        For the reasons given in `read_log`.
+        If `read_log` raises it.
     RigError
         If the recorded positions are inconsistent.
     """

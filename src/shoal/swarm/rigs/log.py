@@ -177,7 +177,7 @@ class RecordedRig:
         The policy that ran.
     seed : int
     commands : str
-        The recorded commands up to the last scan. Later commands are left out.
+        The recorded commands before the last scan. Later commands are left out.
     scans : dict
         Observed cells of each scan, by the number of moves before it.
     events : list of dict
@@ -208,7 +208,7 @@ class RecordedRig:
         Raises
         ------
         RigError
-            If the command differs from the recorded one.
+            If the command differs from the recorded command.
         """
         if self._at >= len(self.commands) or self.commands[self._at] != command:
             there = self.commands[self._at : self._at + 1] or "the end"

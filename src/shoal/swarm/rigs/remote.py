@@ -86,7 +86,7 @@ class RemoteRig:
 
     Notes
     -----
-    The object is a context manager that closes the connection at the end. Closing does not stop the rig; `stop` does.
+    The object is a context manager that closes the connection at the end. Closing does not stop the rig; only `stop` does.
     """
 
     def __init__(
@@ -183,7 +183,7 @@ class RemoteRig:
         raise RigError(f"{self.transport.name}: the rig has not confirmed the stop command within {self.end_after:g} s")
 
     def _messages(self, timeout: float) -> Iterator[Message | None]:
-        """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged message.
+        """Yield the messages that arrive in time, and None for each damaged message.
 
         Raises
         ------
@@ -259,7 +259,7 @@ class RemoteRig:
         self.on_event("reconnected", {"seq": self._seq})
 
     def _reopen(self, pause: float) -> float:
-        """Wait, try once to reopen the connection, and return the next waiting time."""
+        """Wait, try once to open the connection again, and return the next waiting time."""
         self.transport.close()
         time.sleep(pause)
         try:
@@ -328,7 +328,7 @@ def open_rig(
     Parameters
     ----------
     spec : str
-        ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud unless its spec ends with
+        ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud. The spec may end with
         another speed, as in ``serial:/dev/ttyUSB0@9600``. A command is a program that uses the protocol on its standard input and
         output.
     repeat_after : float

@@ -40,7 +40,7 @@ class RigSwarm(ABC):
     ----------
     belief : Belief
     state : SwarmState
-        Cells of the particles, observed or estimated.
+        Observed or estimated cells of the particles.
     start : ndarray of int64, shape (n, ndim)
         The first positions.
     first_frontier : int
@@ -105,8 +105,8 @@ class ExactRigSwarm(RigSwarm):
     Raises
     ------
     RigError
-        If no positions are observed, or a position is outside the free space. Later also if the commands cannot explain the
-        positions.
+        If no positions are observed, or a position is outside the free space. After the first observation, also if the commands
+        cannot explain the positions.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -173,7 +173,7 @@ class ExactRigSwarm(RigSwarm):
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
     def _check(self, belief: Belief, code: int, after: SwarmState) -> None:
-        """Refuse positions that do not follow from the previous positions in a map with exactly the cells known to be free."""
+        """Refuse positions that the previous positions and the cells known to be free do not explain."""
         should = pushed(self.layout, belief.open.words, self.state, code, self.rule)
         wrong = should.occupied ^ after.occupied
         if wrong or should != after:

@@ -108,7 +108,7 @@ class SerialTransport(Transport):
     Parameters
     ----------
     device : str
-        Device name such as ``/dev/ttyUSB0``. If the device disappears and returns under the same name, the connection is resumed.
+        Device name such as ``/dev/ttyUSB0``. If the device disappears and returns under the same name, the connection continues.
     baud : int
     """
 

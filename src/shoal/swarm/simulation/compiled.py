@@ -94,7 +94,7 @@ PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
 }
 """For each policy code: the kernel that runs the policy, and the function that makes its working memory.
 
-Fixed commands need neither.
+Fixed commands need no kernel and no working memory.
 """
 
 
@@ -213,7 +213,7 @@ class NoisyGame:
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        The belief. Its arrays also hold the true state.
+        The belief. The belief, whose arrays also hold the true state.
     rng : Generator
         Generator of the noise.
     every : int

@@ -22,9 +22,11 @@ from shoal.swarm.policies.protocol import Policy, View
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
-"""Number of consecutive runs without motion or classification after which the policy counts as stalled."""
+"""Number of consecutive runs without any motion or classified cell after which the policy counts as stalled."""
 NOISY_TIMES = 20
-"""With noise: a policy without progress is stopped after this multiple of closest-frontier's longest path through known free cells.
+"""Factor for noise.
+
+A policy without progress is stopped after this multiple of closest-frontier's longest path through known free cells.
 """
 
 

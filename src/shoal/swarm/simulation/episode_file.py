@@ -30,7 +30,7 @@ _COLUMNS: dict[str, type[np.generic]] = {
     "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64,
 }  # fmt: skip
 MOST_COMMANDS = 20_000_000
-"""Maximum number of commands in an episode file, which then has 340 MB."""
+"""Maximum number of commands in an episode file. Such a file has 340 MB."""
 
 _ROOM = 1024  # maximum bytes of an array's header
 _LIMITS = {

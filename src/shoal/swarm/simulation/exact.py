@@ -54,7 +54,10 @@ class ExactSwarm:
         return rows, True
 
     def _pushes(self, command: str, steps: int) -> Iterator[Iterator[SwarmState]]:
-        """Yield, for each command of a run, the states after its pushes. Of a longer run, only the end is observed."""
+        """Yield, for each command of a run, the states after its pushes.
+
+        If a run has several commands, only its end is observed.
+        """
         if steps == 1:
             yield self.world.pushes(self.state, command)
             return

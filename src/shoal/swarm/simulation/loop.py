@@ -49,7 +49,7 @@ class Controlled(Protocol):
         command : str
         steps : int
         scan : bool
-            Whether a scan must follow. Otherwise the scan may be skipped if its outcome is known.
+            Whether a scan must follow. If false, the scan may be left out if its outcome is certain.
 
         Returns
         -------

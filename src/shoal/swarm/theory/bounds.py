@@ -24,10 +24,10 @@ class LowerBound:
         Counting bound: each move classifies at most one cell per particle.
     distance : int
         Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs d
-        moves and then the counting bound of N cells.
+        moves, and after them as many moves as the counting bound of N cells.
     axes : int
-        Axis bound: the sum over the axes of the commands needed along each axis. Some cells cannot be reached with fewer commands
-        along the axis, whatever the other commands are. Some walls can be probed along this axis only.
+        Axis bound: the sum, over all axes, of the number of commands that are necessary along the axis. Some cells cannot be
+        reached with fewer commands along this axis, for any other commands. Some walls can be probed only along this axis.
     """
 
     count: int

@@ -29,9 +29,9 @@ class Published:
     ----------
     x, mean : ndarray of float64, shape (n,)
     std : ndarray of float64, shape (n,), optional
-        Standard deviations; NaN where none is published.
+        Standard deviations, or NaN where none is published.
     points : bool
-        Whether to draw circles because only some points of the curve are published.
+        Whether to draw circles, because only single points of the curve are published.
     """
 
     x: Numbers
@@ -115,7 +115,7 @@ def add_note(figure: Figure, note: str) -> None:
 
 
 def _behind(axes: Axes, published: Published | None, colour: str) -> None:
-    """Draw a published curve behind ours."""
+    """Draw a published curve behind Shoal's curves."""
     if published is None:
         return
     if published.points:
@@ -178,7 +178,7 @@ def frontier_curves(
         Number of frontier cells before the first move and after each move.
     title, note : str
     printed : mapping from name to float, optional
-        Mean numbers of moves printed in a paper, to be marked.
+        Mean numbers of moves that a paper prints and that the figure marks.
 
     Raises
     ------

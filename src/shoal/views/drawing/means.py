@@ -27,7 +27,7 @@ class PointMean:
         Values of the axes by name.
     mean : float
     low, high : float
-        Ends of the confidence interval; NaN for a single trial.
+        Ends of the confidence interval, or NaN for a single trial.
     """
 
     values: Mapping[str, Any]

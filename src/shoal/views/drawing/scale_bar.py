@@ -37,9 +37,9 @@ def draw_scale_bar(
     size : float
         Length of one unit of the x axis in ``unit``.
     north : float, optional
-        Direction of north from up, in degrees clockwise. Without it, no arrow is drawn.
+        Direction of north from up, in degrees clockwise. If it is None, no arrow is drawn.
     above : float, optional
-        Position on the x axis at which the bar ends above the map. By default the bar is below the map.
+        Position on the x axis at which the bar ends above the map. By default, the bar is below the map.
     """
     from matplotlib.transforms import blended_transform_factory
 

@@ -35,7 +35,8 @@ def render(part: str, data: Mapping[str, Any]) -> str:
     Returns
     -------
     str
-        An HTML document with inline styles, scripts and data. It loads no other files; its content security policy forbids that.
+        An HTML document with inline styles, scripts and data. The page loads no other files, because its content security policy
+        forbids it.
 
     Raises
     ------

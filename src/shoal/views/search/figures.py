@@ -79,7 +79,7 @@ def _summary(episode: SearchEpisode) -> str:
 
 
 def _draw_ground(axes: Axes, history: SearchHistory) -> None:
-    """Draw the cells in the colours of their searchers, and the region with its holes over them."""
+    """Draw the cells in the colours of the robots that searched them, and over the cells the region with its holes."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
     from matplotlib.patches import PathPatch
@@ -166,7 +166,7 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
 
 
 def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
-    """Draw the path of a robot that died before it searched any cell."""
+    """Draw the path of a robot that failed before it searched any cell."""
     way = history.trajectories[robot].points
     if len(way) > 1:
         axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
@@ -217,7 +217,10 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> N
 
 
 def _draw_robots(axes: Axes, history: SearchHistory) -> None:
-    """Draw starts and deaths. The numbers of close starts are moved apart and connected to the starts by lines."""
+    """Draw the starts of the robots, and the places where robots failed.
+
+    The numbers of starts that are close together are moved apart, and lines connect them with the starts.
+    """
     places = history.on_picture(history.episode.plan.places)
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
@@ -265,7 +268,7 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
 
 
 def _not_seen(history: SearchHistory) -> Any:
-    """Return the areas that were not seen in some layer, as drawn, without obstacles."""
+    """Return the areas, in drawing coordinates and without obstacles, that were not seen in at least one layer."""
     import shapely
 
     panels, episode = history.panels, history.episode

@@ -38,11 +38,11 @@ class Activity:
     Parameters
     ----------
     begin, end : float
-        Times in cell times.
+        Times in units of the time that a robot of speed 1 needs for one cell.
     kind : str
         "listening", "own" (searching its own part), "taken" (searching another's), "waiting", "paused", "dead" or "complete".
     other : int
-        Number of the robot that owns the part; 0 if the part belongs to no other robot.
+        Number of the robot to which the part belongs, or 0 if it belongs to no other robot.
     """
 
     begin: float

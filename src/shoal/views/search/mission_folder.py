@@ -38,7 +38,7 @@ class MissionFolder:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an option is invalid, or a rover would have to leave the region. The error is raised at once, before any planning.
+        If an option is invalid, or a rover would have to leave the region. The error is raised before any planning.
     """
 
     def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:

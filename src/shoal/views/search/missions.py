@@ -36,7 +36,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     Parameters
     ----------
     missions : sequence of Mission
-        The missions, in degrees if the region is.
+        The missions, in degrees if the region is in degrees.
     region : SearchRegion
     approach : MissionApproach, optional
     """
@@ -138,7 +138,7 @@ def _shade(colour: str, share: float) -> tuple[float, ...]:
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
-    """Draw launch, landing and rally points once each, with the numbers of the robots that start there."""
+    """Draw each launch, landing and rally point once, with the numbers of the robots that start there."""
     placed = np.array if region.frame is None else region.frame.to_metres
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:

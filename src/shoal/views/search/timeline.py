@@ -85,7 +85,7 @@ def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch
 
 
 def _draw_moments(axes: Axes, history: SearchHistory) -> None:
-    """Mark the time at which all cells were searched, and the time at which the last robot knew it."""
+    """Mark the time at which all cells were searched, and the time at which the last robot knew this."""
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
     if episode.trace.covered_at < inf:

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
 _BRIGHTEST = 0.93
 """Upper limit of the colour map viridis, whose last yellow is too pale for a thin line on white."""
 _LINES = 40_000
-"""Maximum number of cells for drawing lines. Larger tours are drawn as a picture of visiting times, because lines would merge."""
+"""Maximum number of cells for drawing lines.
+
+Larger tours are drawn as a picture of visiting times, because lines would merge into areas.
+"""
 _GROUND, _OUTSIDE = "#ffffff", "#e3e6ea"
 
 
@@ -91,7 +94,7 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
 
 
 def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the steps without the closing edge, float64 of shape (N - 1, 2, dimensions), and which of them cross a gap."""
+    """Return the steps without the closing edge, float64 of shape (N - 1, 2, dimensions), and a mask of those across a gap."""
     return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
 
 

@@ -28,9 +28,10 @@ class RobotTrajectory:
     Parameters
     ----------
     times : ndarray of float64, shape (k,)
-        Increasing times in cell times.
+        Increasing times in units of the time that a robot of speed 1 needs for one cell.
     points : ndarray of float64, shape (k, 2)
-        Positions in metres. The motion between them is uniform; before and after them the robot stands still.
+        Positions in metres. The motion between two positions is uniform. Before the first and after the last position, the robot
+        stands still.
     """
 
     times: Floats
@@ -78,7 +79,7 @@ class RobotWays:
         return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return the path between two points in the form of `of`, and the distances of its points along the path, as in costs."""
+        """Return the path between two points in the form of `of`, and the distances in metres of its points along the path."""
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:

@@ -90,7 +90,7 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
     Parameters
     ----------
     sets : sequence of DiskReach or PolygonReach
-        Sets as returned by `disk_reach` and `polygon_reach`, at least one.
+        The sets that `disk_reach` and `polygon_reach` return; at least one set.
     points : array_like of float, shape (2, 2), optional
         Start points of the particles.
     """

@@ -120,7 +120,7 @@ class SteeringFilm:
     def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: FilmMoment, turn: float) -> None:
         """Draw the dial with the current command.
 
-        Its length is relative to the longest command; in 3-D it is drawn in perspective.
+        The length of its arrow is relative to the longest command. In 3-D, the dial is drawn in perspective.
         """
         canvas, unit = self._canvas, self._unit
         canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)

@@ -39,7 +39,7 @@ class MoveTrajectory:
     points : ndarray of float64, shape (keys, n, d)
         Positions of the particles at these fractions.
     held : tuple of tuple of (int, int)
-        For each segment, the pairs (particle, wall) for which a wall holds a particle or lets it slide. Walls are numbered as in
+        For each segment, the pairs (particle, wall) in which the wall holds the particle or lets it slide. Walls are numbered as in
         the workspace.
     """
 
@@ -101,7 +101,10 @@ def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
 
 
 def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tuple[NDArray[np.float64], Points]:
-    """Return fractions and the positions there, so that straight segments between them stay within ``fine`` of the path."""
+    """Return fractions of a move and the positions there.
+
+    Straight segments between these positions stay within ``fine`` of the path.
+    """
     known = {0.0: start} | {share: at(share) for share in np.linspace(0, 1, 9)[1:].tolist()}
     open_ = list(pairwise(sorted(known)))
     while open_:

@@ -15,7 +15,7 @@ from shoal.swarm.noise import moments
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
 """Colours of wrongly classified cells: an obstacle as free, and a free cell as obstacle.
 
-They differ from particles for all common kinds of colour blindness.
+For all common kinds of colour blindness, they differ from the colour of particles.
 """
 
 FRONTIER_TINT = 0.65
@@ -31,7 +31,7 @@ class CellPalette:
     rgb : ndarray of uint8, shape (n, 3)
         The colours by code; the last is the colour of a particle.
     solid : ndarray of bool, shape (n,)
-        Which codes are drawn in a 3-D view. Unknown cells and obstacles are not, because they would hide everything.
+        Which codes are drawn in a 3-D view. Unknown cells and obstacles are not drawn, because they would hide all other cells.
     """
 
     rgb: NDArray[np.uint8]

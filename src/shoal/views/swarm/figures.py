@@ -37,7 +37,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     ----------
     episode : SwarmEpisode
     moves : int, optional
-        Number of moves before the picture; None for the end.
+        Number of moves before the picture, or None for the end.
 
     Raises
     ------

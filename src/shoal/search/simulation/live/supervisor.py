@@ -67,7 +67,7 @@ def run_live(
     kill : sequence of Crash
         Robots whose processes are killed (SIGKILL), with the times in units of the time that a robot of speed 1 needs for one cell.
     slow : sequence of Slow
-        Robots whose vehicles are slower than declared, with the start times.
+        Robots whose vehicles become slower than declared, with the times from which they are slower.
     targets : sequence of int
         Cells that contain a target.
     obstacles : sequence of int
@@ -77,19 +77,21 @@ def run_live(
     speed : float
         Speed in cells per second of a robot of speed 1, in real time.
     channel : str
-        "multicast"; "unicast", to each robot's port; or "auto", which uses unicast if multicast is not available.
+        "multicast", "unicast" (a message to each robot's port) or "auto". With "auto", unicast is used if multicast is not
+        available.
     port : int
-        Port of the multicast group 239.83.72.76; 0 for a free port.
+        Port of the multicast group 239.83.72.76, or 0 for a free port.
     key : bytes
-        Secret from which the signing key is derived, together with the tour and the starts. The default is a new random secret.
+        Secret. The key that signs messages is computed from this secret, the tour and the starts. The default is a new random
+        secret.
     packet : int
         Maximum length of a message in bytes. Longer beacons are divided into several messages.
     seed : int
-        Seed of the message losses. The assignment of random draws to messages depends on the system, so two runs always differ.
+        Seed of the message losses. The order of messages depends on the operating system. Therefore two runs always differ.
     timeout : float, optional
         Seconds after the start of the search at which running processes are killed.
     on_event : callable, optional
-        Function that is called with each `LiveEvent` as it arrives. An exception in it ends the search.
+        Function that is called with each `LiveEvent` when it arrives. An exception in this function ends the search.
 
     Raises
     ------
@@ -165,14 +167,14 @@ def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequen
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key of one search. A signature by it is invalid in another search with the same key file."""
+    """Return the key of one search. In another search with the same key file, a signature with this key is invalid."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
 
 
 def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
-    """Return the channel and the port of the group, which stays reserved."""
+    """Return the channel and the port of the group. The port stays reserved."""
     if channel not in ("auto", "multicast", "unicast"):
         raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
     if channel != "unicast":

@@ -35,9 +35,9 @@ class LiveTask:
     targets : frozenset of int
         Cells that contain a target.
     blocked : int
-        Blocked cells as a bitset. Vehicles collide with them; the robots do not know them.
+        Blocked cells as a bitset. Vehicles collide with these cells, but the robots do not know them.
     widths : tuple of int
-        Width of each robot's footprint in cells. An empty tuple means 1.
+        Width of each robot's footprint in cells. An empty tuple means 1 for all robots.
     key : bytes
         Key of this run. Messages without its signature come from other senders.
     packet : int

@@ -25,7 +25,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float
 
     Notes
     -----
-    Source: paper W, section VI, Fig. 15: antipodal goals can only be approached. The backward plan is an own addition.
+    Source: paper W, section VI, Fig. 15: antipodal goals can only be approached. The backward plan is an addition by Shoal.
     """
     if query.walls.dimensions != 2:
         return None

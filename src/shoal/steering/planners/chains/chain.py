@@ -40,7 +40,7 @@ class Chain:
         Positions of the contacts along their walls, and the differences between cycles.
     length : float
     last : ndarray of float64, shape (d,), optional
-        Δ at the end, if it differs from the goal's.
+        The difference Δ at the end, if it differs from the goals' difference.
     """
 
     touchers: NDArray[np.int64]
@@ -88,10 +88,10 @@ class ChainQuery:
     push : float
         Component into the wall of each adjustment, relative to its length.
     rounds : ndarray of float64
-        Sharpness of the barrier function in each round of the optimization. Few rounds with low values keep the chain far from all
-        limits.
+        Sharpness of the barrier function (which keeps chains inside their limits) in each round of the optimization. Few rounds
+        with low values keep the chain far from all limits.
     deadline : float
-        Time at which the search stops, in terms of `time.monotonic`.
+        Time of `time.monotonic` at which the search stops.
     """
 
     walls: NormalizedWalls

@@ -55,7 +55,7 @@ def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cyc
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk, every effect of a contact of particle 1 can also be
+    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk, each result of a contact of particle 1 can also be
     achieved by particle 2 on the opposite side.
     """
     if query.walls.round:

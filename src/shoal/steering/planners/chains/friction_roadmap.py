@@ -40,7 +40,7 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
 
 
 def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
-    """Return the smallest |Δ| from which one cycle reaches a difference of length ``size`` and angle 0, and its angle."""
+    """Return length and angle of the shortest difference from which one cycle reaches length ``size`` at angle 0."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]

@@ -187,7 +187,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return, for each cycle over a round wall, the toucher with the shorter path, keeping the differences."""
+    """Return, for each cycle over a round wall, the toucher with the shorter path for the same differences."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
@@ -218,7 +218,7 @@ def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
 def _new_contacts(
     query: ChainQuery, chain: Chain, along: list[Points], place: int, toucher: int, point: Points
 ) -> Iterator[tuple[int, Points, float, float]]:
-    """Yield wall, contact, fraction of the change after it, and path length for a new cycle of a particle at ``point``."""
+    """Yield new cycles of a particle at ``point``: wall, contact, the fraction of the change after it, and path length."""
     walls = query.walls
     flat = len(walls.normals)
     ways = walls.normals @ point - walls.offsets

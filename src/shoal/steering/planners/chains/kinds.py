@@ -25,7 +25,7 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
     Notes
     -----
     The contact is a root z, |z| = 1, of A z^4 - B z^3 + conj(B) z - conj(A), with A = conj(S G) and B = r conj(S + G) (Alhazen's
-    problem). Near the wall, roots lie close together. There the nearest wall points of both points are equally good.
+    problem). Near the wall, roots lie close together. There, the nearest points on the wall are equally good.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)

@@ -16,7 +16,8 @@ from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides
 from shoal.steering.workspaces.convex_geometry import Points
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
-"""Settings of the roadmaps that are tried in turn: numbers of extreme differences, of directions, minimum gain, random nodes.
+"""Settings of the roadmaps that are tried in turn: the number of extreme differences, the number of directions, the minimum gain,
+and the number of random nodes.
 """
 
 _INSIDE = 1 + 1e-2  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
@@ -28,10 +29,10 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 
     Notes
     -----
-    This own method is a probabilistic roadmap in the Δ configuration space. Its links are two-move sets. Its nodes lie where these
-    sets extend farthest: the largest reachable differences in each direction from the start, and the smallest differences from
-    which the goal can be reached. With friction, only paths along these nodes may exist. For polygons with many corners, the
-    roadmap uses only a few of their sides.
+    This method of Shoal is a probabilistic roadmap in the Δ configuration space. A link between two differences means that two
+    moves lead from one to the other. Its nodes lie where these sets extend farthest: the largest reachable differences in each
+    direction from the start, and the smallest differences from which the goal can be reached. With friction, only paths along these
+    nodes may exist. For polygons with many corners, the roadmap uses only a few of their sides.
     """
     few = between_few_sides(query)
     if few is not query:
@@ -78,7 +79,7 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
-    """Return the directions in which cycles change Δ: along the wall normals and along the edges of the friction cones."""
+    """Return the directions in which cycles change Δ: along the wall normals, and along the edges of friction cones."""
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
@@ -97,7 +98,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
 
 
 def _over(nodes: Points, model: CycleModel) -> Chain | None:
-    """Return the chain with fewest cycles from node 0 to node 1."""
+    """Return the chain with the fewest cycles from node 0 to node 1."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
     if not fewest_cycles(nodes, model, parents, order):
         return None

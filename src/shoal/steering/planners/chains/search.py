@@ -26,12 +26,12 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
     cycles : tuple of int
         Numbers of cycles in the order of the search.
     first_found : bool
-        Whether to stop at the first number of cycles that has a chain.
+        Whether to stop at the first number of cycles for which a chain exists.
 
     Notes
     -----
-    On flat walls, branch and bound searches all kinds of chains; each kind is a convex problem. On a round wall, the best of many
-    initial guesses are refined.
+    On flat walls, branch and bound searches all kinds of chains; each kind leads to a convex problem. On a round wall, the best of
+    many initial guesses are refined.
     """
     best: Chain | None = None
     for number in cycles:
@@ -137,7 +137,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
-    """Yield feasible chains of contacts of particle 1 over a round wall, from contact angles all around."""
+    """Yield feasible chains of contacts of particle 1 over a round wall, for contact angles all around the circle."""
     walls, d = query.walls, query.walls.dimensions
     radius = walls.circle[2]
     ends = {1: 9, 2: 7, 3: 3}.get(cycles, 2)

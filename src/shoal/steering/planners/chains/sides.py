@@ -44,13 +44,16 @@ def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
 
 
 def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
-    """Return the position along a side of the point nearest to ``point``, measured from the side's midpoint."""
+    """Return the position along a side of its point nearest to ``point``, measured from the midpoint of the side."""
     frame, end = walls.frames[side], np.linalg.norm(walls.frames[side, 0, :2] - walls.corners[side])
     return float(np.clip(frame[1] @ (point - frame[0]), -0.9 * end, 0.9 * end))
 
 
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
-    """Yield chains in which a contact at the end of its side moves ``step`` sides further. Their stored lengths are out of date."""
+    """Yield chains in which a contact at the end of its side moves ``step`` sides further.
+
+    The stored lengths of these chains are those of the old chain.
+    """
     walls, d = query.walls, query.walls.dimensions
     contacts = chain.contacts(walls)
     for m, side in enumerate(chain.walls.tolist()):

@@ -32,7 +32,7 @@ class Robust:
 
     Notes
     -----
-    Own method. The apparatus of paper W, section VII.A, had a nonuniform field.
+    A method of Shoal. The apparatus of paper W, section VII.A, had a nonuniform field.
     """
 
     name = "robust"
@@ -63,7 +63,7 @@ class Robust:
 
 
 def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
-    """Return the loop for a workspace and its noise, which is slight up to a part of the tolerance."""
+    """Return the loop that suits a workspace and its noise. Noise below a part of the tolerance counts as slight."""
     convex = not isinstance(task.world.room, Region)
     known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
     return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(task, apparatus, noise)

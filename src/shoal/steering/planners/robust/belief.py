@@ -31,7 +31,7 @@ class PositionBelief:
     ----------
     states : ndarray of float64, shape (states, 2, 2)
     state : ndarray of float64, shape (2, 2)
-        The one of them nearest to their mean.
+        The state that is nearest to the mean of all states.
     """
 
     def __init__(self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator) -> None:
@@ -44,7 +44,7 @@ class PositionBelief:
         self._settle(self._anew(seen) if states is None else states)
 
     def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
-        """Return the states after a move, as likely as they agree with what is seen; None if hardly any does."""
+        """Return states after a move, drawn by their agreement with the observation, or None if hardly any state agrees."""
         moves = move + self.rng.normal(scale=self.noise.execution, size=(STATES, 2))
         states = self.states.copy()
         kernels.step_all(states, moves, self.world)
@@ -62,7 +62,7 @@ class PositionBelief:
         return bool(near >= SURE - (SURE - SATISFIED) * share)
 
     def _anew(self, seen: Points) -> NDArray[np.float64]:
-        """Return states that agree with what is seen."""
+        """Return new states that agree with the observation."""
         if not self.noise.measurement:
             return np.repeat(seen[None], STATES, axis=0)
         states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
@@ -76,7 +76,7 @@ class PositionBelief:
 
 
 def _nearest(room: Any, points: Points) -> Points:
-    """Return the points of a plane workspace that are nearest to others; float64, shape (n, 2)."""
+    """Return the points of a plane workspace that are nearest to given points; float64, shape (n, 2)."""
     import shapely
 
     if room.round:

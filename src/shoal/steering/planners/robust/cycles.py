@@ -58,7 +58,7 @@ class Cycles:
         return self.task.error(self.seen) <= near
 
     def _good_enough(self) -> float:
-        """Return the maximum error of the difference for which a translation ends within the tolerance despite noise."""
+        """Return the maximum error of the difference with which a translation ends within the tolerance in spite of noise."""
         far: float = max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
         return far
 
@@ -88,7 +88,7 @@ class Cycles:
         return True
 
     def _chain_query(self, margin: float) -> ChainQuery:
-        """Return a chain query to the goal with the given margin to the walls and the same push into them."""
+        """Return a chain query to the goal, whose margin to the walls and whose push into the walls have the given value."""
         seen = self.seen
         wanted = self._wanted(seen)
         middle = self.task.goal.mean(axis=0)
@@ -100,7 +100,7 @@ class Cycles:
         )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
-        """Move the toucher against the wall with an overshoot. Return whether the observation shows it at the wall.
+        """Move the toucher against the wall with an overshoot. Return whether the observation shows the toucher at the wall.
 
         From far away, the uncertain gain would require a large overshoot, and the other particle might also meet the wall.
         Therefore the first move ends before the wall.
@@ -126,7 +126,7 @@ class Cycles:
         return False
 
     def _translate(self, move: Points) -> None:
-        """Send a translation that no wall blocks at its start. A particle that may touch a wall is lifted off first."""
+        """Send a translation that no wall blocks at its start. A particle that may touch a wall is first moved off the wall."""
         near = 3 * self.noise.measurement / self.room.size + 2e-9
         normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
         least = SURE * self.noise.execution + 1e-8 * self.room.size
@@ -187,7 +187,7 @@ class Cycles:
         return float(share * np.linalg.norm(move))
 
     def _wanted(self, seen: Points) -> Points:
-        """Return the difference that a translation to the goal, with the estimated gain, turns into the goal's difference."""
+        """Return the difference from which a translation to the goals, with the estimated gain, leads to the goals' difference."""
         goal = self.task.goal
         before = goal.copy()
         move = (goal - seen).mean(axis=0)
@@ -223,11 +223,11 @@ class Cycles:
         return float(self.room.depth(point))
 
     def _inside(self, points: Points) -> Points:
-        """Return points with those outside the workspace projected onto the wall."""
+        """Return points after projecting those outside the workspace onto the wall."""
         return np.stack([self._foot(point) if self._distance(point) < 0 else point for point in points])
 
     def _foot(self, point: Points) -> Points:
-        """Return the nearest point of the nearest wall. Near a corner, it is corrected to be inside."""
+        """Return the nearest point of the nearest wall. Near a corner, the point is corrected so that it lies inside."""
         room = self.room
         for _round in range(4):
             walls = room.wall_distances(point)

@@ -39,7 +39,7 @@ class Replanning:
     task : SteeringTask
     apparatus : shoal.steering.simulation.apparatus.Apparatus
     noise : SteeringProblem
-        Its execution and measurement, as they are assumed.
+        The problem with the assumed noise: its fields ``execution`` and ``measurement``.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
@@ -68,7 +68,7 @@ class Replanning:
             expected -= 1
 
     def _plan(self, last: Any, expected: float) -> tuple[tuple[kernels.Steps, int], float]:
-        """Return the steps of the best plan from here, and how many moves it takes on average."""
+        """Return the steps of the best plan from the present belief, and its mean number of moves."""
         sent = len(self.apparatus.inputs)
         left, cycle = min(self.task.max_moves - sent, MOST_STEPS), min(self.cycle * IMPATIENCE**sent, 1e6)
         task = replace(self.task, start=self.belief.state, max_moves=left)
@@ -88,13 +88,13 @@ class Replanning:
         return min(found, key=lambda one: one[1])
 
     def _judged(self, plan: tuple[kernels.Steps, int], noise: kernels.Noise) -> tuple[tuple[kernels.Steps, int], float]:
-        """Return a plan, and how many moves it takes on average."""
+        """Return a plan with its mean number of moves in simulations with noise."""
         task = replace(self.task, start=self.belief.state)
         _, _, cost = improved(task, self.world, _copied(plan), plan[1], self.rng, changes=0, noise=noise)
         return plan, cost
 
     def _plans_at_hand(self, task: SteeringTask, last: Any) -> Iterator[tuple[kernels.Steps, int]]:
-        """Yield what is left of the last plan, the same with its first step again, and mere translations, around obstacles, too."""
+        """Yield the rest of the last plan, this rest with its first step repeated, and translations, also around obstacles."""
         offset = (task.start - task.goal).mean(axis=0)
         for moves in [-offset[None], *self.translations.around(offset)]:
             if len(moves) <= task.max_moves:
@@ -105,7 +105,7 @@ class Replanning:
                     yield _copied(last, first), last[1] - first
 
     def _new_plans(self, task: SteeringTask, trees: int) -> Iterator[tuple[kernels.Steps, int]]:
-        """Yield plans for a world without noise, and the same with contacts that push into their walls."""
+        """Yield plans for a world without noise, and the same plans with contacts that push into their walls."""
         plans = [None if isinstance(self.room, Region) else Shortest().plan(task)]
         for tree in range(trees if plans[0] is None else 0):
             if tree and task.late:
@@ -122,7 +122,7 @@ class Replanning:
 
 
 def _copied(plan: tuple[kernels.Steps, int], first: int = 0) -> kernels.Steps:
-    """Return a copy of the steps of a plan from one on."""
+    """Return a copy of the steps of a plan, beginning with a given step."""
     steps, count = new_steps(), plan[1] - first
     for new, old in zip(steps, plan[0], strict=True):
         new[:count] = old[first : plan[1]]

@@ -32,10 +32,10 @@ class Generator:
     example : str
         An example of a map name.
     function : callable
-        Function with one integer per axis, and ``seed=`` if the generator is seeded. It returns a bool ndarray of shape (H, W) or
-        (D, H, W).
+        Function with one integer argument per axis, and the argument ``seed`` if the generator is seeded. It returns a bool ndarray
+        of shape (H, W) or (D, H, W).
     seeded : bool
-        Whether the map depends on a seed. A map name with a seed is refused otherwise.
+        Whether the map depends on a seed. If it does not, a map name with a seed is refused.
     smallest, largest : int
         Limits on the product of the size's numbers.
     slow : bool

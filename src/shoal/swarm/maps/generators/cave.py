@@ -24,7 +24,7 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
     Returns
     -------
     ndarray, bool, shape (height, width)
-        True where free. The free cells are 4-connected and fill more than a third of the map.
+        True at free cells. The free cells are 4-connected and fill more than a third of the map.
     """
     rng = np.random.default_rng([seed, height, width])
     rounds = min(ROUNDS, min(width, height) // 4)

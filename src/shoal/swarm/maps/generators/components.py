@@ -14,7 +14,7 @@ def largest_part(free: Mask, *, corners: bool = False) -> Mask:
     Parameters
     ----------
     free : ndarray, bool, shape (H, W)
-        True where free.
+        True at free cells.
     corners : bool
         Whether cells that share only a corner count as connected.
     """

@@ -34,12 +34,12 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free; 125 by 125 for 5000 cells.
+        True at free cells. The shape is 125 by 125 for 5000 cells.
 
     Raises
     ------
     InvalidInputError
-        If the map would have more than ``MAX_CELLS`` cells, obstacles included.
+        If the map would have more than ``MAX_CELLS`` cells, including obstacles.
 
     Source: paper M, figure 7 (map "H-tree").
     """
@@ -75,14 +75,14 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
     Parameters
     ----------
     halves : tuple of int
-        Half-length of the bars of each level. Even levels are horizontal, odd levels vertical.
+        Half-length of the bars of each level. Bars of even levels are horizontal, and bars of odd levels are vertical.
     count : int
         Number of cells to keep, from 1 to ``tree_size(halves)``.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free. The map has no empty border.
+        True at free cells. The map has no empty border.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     if halves:
@@ -113,10 +113,10 @@ def _regular(levels: int) -> tuple[int, ...]:
 
 
 def _arms(halves: tuple[int, ...]) -> _Arms:
-    """Return all arms in cutting order.
+    """Return all arms in the order in which they are cut.
 
-    All arms that grow from an arm precede it. At a fork, the arm to the left or down, with all its branches, precedes the other
-    arm. The cut therefore starts at the lower left corner and removes branch by branch.
+    All arms that grow from an arm come before this arm. At a fork, the arm to the left or downwards comes first, with all its
+    branches. Therefore the cut starts at the lower left corner and removes one branch after another.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

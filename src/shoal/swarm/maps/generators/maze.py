@@ -22,7 +22,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (height, width)
-        True where free. The free cells form a 4-connected tree.
+        True at free cells. The free cells form a 4-connected tree.
     """
     rng = np.random.default_rng([seed, height, width])
     free = np.zeros((height, width), dtype=np.bool_)
@@ -40,7 +40,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
 
 
 def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return every room except the first as a flat index, and for each the room from which it was entered."""
+    """Return the flat index of every room except the first, and of the room from which each room was entered."""
     # Twelve is a multiple of 1, 2, 3 and 4, so one draw chooses uniformly among that many doors.
     draws = rng.integers(0, 12, rows * columns).tolist()
     unvisited = bytearray(b"\x01") * (rows * columns)

@@ -32,7 +32,7 @@ def generate(spec: str) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (H, W) or (D, H, W)
-        C-contiguous, True where free, row 0 on top.
+        C-contiguous, True at free cells, with row 0 on top.
 
     Raises
     ------

@@ -35,7 +35,7 @@ class VesselNetwork:
     points : ndarray, float64, shape (nodes, 2)
         Position of each node.
     parents : ndarray, int64, shape (nodes,)
-        Parent of each node, always a node with a smaller index. A root is its own parent.
+        Parent of each node, always a node with a smaller index. The parent of a root is the root itself.
     joints : tuple of ndarray, float64, shape (k, 2)
         Curves from the tip of a twig to another vessel.
     """
@@ -166,7 +166,10 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return the nodes that have the highest rank within distance ``room``. This prevents combs of parallel vessels."""
+    """Return the nodes that have the highest rank among the nodes within the distance ``room``.
+
+    This selection prevents dense rows of parallel vessels.
+    """
     from scipy.spatial import cKDTree
 
     one, two = cKDTree(places).query_pairs(room, output_type="ndarray").T
@@ -258,7 +261,7 @@ def _bend(start: Points, end: Points, heading: Points) -> Points:
 
 
 def _ancestor(parents: Indices, node: int, steps: int) -> int:
-    """Return the ancestor ``steps`` generations back, or the root if it comes first."""
+    """Return the ancestor of a node ``steps`` generations back, or the root if there are fewer generations."""
     for _ in range(steps):
         node = int(parents[node])
     return node

@@ -30,7 +30,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free. The free cells are 4-connected, and the map has no empty border.
+        True at free cells. The free cells are 4-connected, and the map has no empty border.
     """
     rng = np.random.default_rng([seed, count])
     network = grow_network(AREA_PER_CELL * count, rng)
@@ -57,8 +57,8 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
     """Return start and end points (segments, 2) and the width (segments,) of every straight vessel segment.
 
-    Following Murray's law, the width is a power of the demand that a vessel supplies. Here the demand is the total vessel length
-    behind the segment.
+    By Murray's law, the width is a power of the demand that a vessel supplies. Here the demand is the total vessel length behind
+    the segment.
     """
     points, parents = network.points, network.parents
     size = subtrees(parents)[1]
@@ -108,7 +108,7 @@ def _fill_specks(free: Mask) -> Mask:
 
 
 def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
-    """Reduce the map to ``count`` free cells by shortening dead ends cell by cell."""
+    """Reduce the map to ``count`` free cells: shorten dead ends, one cell after another."""
     free = np.pad(free, 1)
     excess = int(np.count_nonzero(free)) - count
     while excess > 0:

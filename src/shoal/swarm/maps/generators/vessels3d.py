@@ -23,7 +23,7 @@ def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
     Returns
     -------
     ndarray, bool, shape (D, H, W)
-        True where free. The free cells are 6-connected, and the map has no empty border.
+        True at free cells. The free cells are 6-connected, and the map has no empty border.
     """
     return _draw_vessels(count, np.random.default_rng([seed, count]), loops=0.0)
 
@@ -98,7 +98,10 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Split points by a plane along a branch, across the direction of largest spread. Neither half is empty."""
+    """Split points by a plane that contains a branch and crosses the direction in which the points spread most.
+
+    Neither half is empty.
+    """
     offset = points - points.mean(axis=0)
     length = float(np.linalg.norm(along))
     if length > 0:
@@ -182,7 +185,7 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 
 def _trimmed(free: Mask, count: int) -> Mask:
-    """Return the ``count`` free cells with the shortest paths to the inlet, without an empty border. This shortens twigs."""
+    """Return the ``count`` free cells with the shortest paths to the inlet, without an empty border. The twigs become shorter."""
     from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
 
     padded = np.pad(free, 1)

@@ -31,11 +31,11 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
     Parameters
     ----------
     flat : ndarray of float64, shape (H, W)
-        A picture with flat background in which vessels have high values.
+        A picture with a flat background, in which vessels have high values.
     view : ndarray of bool, shape (H, W)
         Mask of the pixels to evaluate.
     levels : int
-        Number of scales: 1 for vessels up to 10 pixels wide, and one more for each doubling of that width.
+        Number of scales: 1 for vessels up to 10 pixels wide, and one more scale for each doubling of this width.
     """
     answers = []
     for level in range(levels):
@@ -85,7 +85,7 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 
 
 def _line_strength(grey: Grey, view: Mask) -> Grey:
-    """Return the multi-scale line detector: the brightest line through each pixel minus the mean of the window around it."""
+    """Return the response of the multi-scale line detector: the brightest line through a pixel minus its surroundings."""
     total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)
@@ -112,9 +112,11 @@ def _line(length: int, angle: float) -> Grey:
 
 
 def _ridge_strength(grey: Grey) -> Grey:
-    """Return the maximum response of ridge filters: a second derivative of a Gaussian across the vessel, elongated along it.
+    """Return the maximum response of ridge filters.
 
-    The filters cover all widths and angles. Each has energy 1, so that all respond equally to noise.
+    A filter is the second derivative of a Gaussian across a vessel, and is long along the vessel.
+
+    The filters cover all widths and angles. Each filter has energy 1, so that all filters respond equally to noise.
     """
     reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")

@@ -28,14 +28,14 @@ def segment_vessels(
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
         Greyscale or colour picture with any range of values.
     width : int, optional
-        Larger side of the map in cells; the default is 160. The map is smaller if the vessels span fewer pixels.
+        Larger side of the map in cells; the default is 160. The map is smaller if the vessels extend over fewer pixels.
     low, high, bright, thickest
         Options of `find_vessels`.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True where free. The map contains one 4-connected network without an empty border.
+        True at free cells. The map contains one 4-connected network without an empty border.
 
     Raises
     ------
@@ -102,7 +102,7 @@ def _joined(mask: Mask) -> Mask:
 
 
 def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: NDArray[np.float64]) -> Mask:
-    """Return the cells that a skeleton passes through, with a corner cell at each diagonal step."""
+    """Return the cells through which a skeleton passes, with a corner cell at each diagonal step."""
     free = np.zeros(share.shape, dtype=np.bool_)
     at = np.argwhere(skeleton)
     free[rows[at[:, 0]], columns[at[:, 1]]] = True

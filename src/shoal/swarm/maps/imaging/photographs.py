@@ -31,7 +31,7 @@ class Photograph(NamedTuple):
     """The field of view without its border."""
 
     within: Mask
-    """The pixels in which vessels are searched for."""
+    """The pixels in which the finder searches for vessels."""
 
     def __repr__(self) -> str:
         return one_line(self)
@@ -93,7 +93,7 @@ def _scaled(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
 
 
 def _field_of_view(light: NDArray[np.float32]) -> Mask:
-    """Return the mask of pixels outside any black or white surround, at a size of at most `SIDE`."""
+    """Return the mask of the pixels that are not part of a black or white surround, at a size of at most `SIDE`."""
     from scipy import ndimage
 
     small = resized(light, _scaled(light.shape, min(1.0, SIDE / max(light.shape))))

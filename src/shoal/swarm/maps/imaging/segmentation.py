@@ -17,7 +17,10 @@ from shoal.swarm.maps.imaging.photographs import Grey, Photograph, read_photogra
 
 LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the threshold that best splits the responses
 SHARES = {True: (0.09, 0.16), False: (0.02, 0.4)}
-"""Minimum and maximum fraction of pixels above the threshold, with a field of view (experts mark 12 % on average) and without."""
+"""Minimum and maximum fraction of pixels above the threshold, with and without a field of view.
+
+In photographs with one, experts mark 12 % on average.
+"""
 THICKEST = {True: 0.0185, False: 0.035}
 """Width of the thickest vessel relative to the larger side, with a field of view and without."""
 CLEARLY_BRIGHTER = 3.0  # if bright lines are this much stronger than dark lines, dark lines are not tried
@@ -41,7 +44,7 @@ class Vessels:
     mask : ndarray of bool, shape (H, W)
         True at vessel pixels, at the photograph's own resolution.
     confidence : float
-        From 0 (noise, or edges of other objects) to 1.
+        Confidence from 0 (noise, or edges of other objects) to 1 (vessels).
     bright : bool
         Whether vessels are brighter than their surroundings.
     """
@@ -72,7 +75,7 @@ def find_vessels(
         its response is above ``low``, and counts if its response exceeds ``high`` somewhere. Lower values give more and finer
         vessels.
     bright : bool, optional
-        Whether vessels are brighter than their surroundings. By default, the clearer lines (bright or dark) are used.
+        Whether vessels are brighter than their surroundings. By default, the clearer lines (bright or dark) are taken as vessels.
     thickest : float, optional
         Width of the thickest vessel as a fraction of the picture's larger side. The default is 0.0185 for a photograph with a
         surround, such as a photograph of an eye, and 0.035 otherwise.
@@ -144,7 +147,10 @@ class VesselFinder:
         return self._clearest.mask(low, high, shape)
 
     def _clearest_at(self, levels: int, low: float, high: float) -> tuple[float, bool, _Filtered]:
-        """Return the result with the higher confidence, for bright or for dark lines, using ``levels`` sizes of the picture."""
+        """Return the result for bright or for dark lines, whichever has the higher confidence.
+
+        The filters run at ``levels`` sizes of the picture.
+        """
         view = self.picture.view
         flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
         if self.bright is not None:
@@ -163,7 +169,7 @@ class VesselFinder:
 
 @dataclass(frozen=True)
 class _Filtered:
-    """A picture with flat background, without structures of opposite brightness; its vessel response and the threshold."""
+    """A picture with a flat background, without structures of opposite brightness; with its response and threshold."""
 
     flat: Grey
     response: Grey
@@ -187,7 +193,7 @@ def photograph_response(image: ArrayLike) -> Grey:
 
 
 def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
-    """Return the filter response of a flat picture over ``levels`` sizes, and the threshold that splits it best."""
+    """Return the filter response of a flat picture over ``levels`` sizes, and the threshold that divides it best."""
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
@@ -203,7 +209,10 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
 
 
 def _without_opposite(flat: Grey, view: Mask) -> Grey:
-    """Return a flat picture with its low values clipped. Otherwise the filters respond beside structures of opposite brightness."""
+    """Return a flat picture with its low values clipped.
+
+    With the low values, the filters would respond beside structures of opposite brightness.
+    """
     return np.maximum(flat, -3 * 1.4826 * float(np.median(np.abs(flat[view]))))
 
 
@@ -229,7 +238,7 @@ def _levels(picture: Photograph, thickest: float) -> int:
 
 
 def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
-    """Return the strength of bright lines: the mean of the given fraction of strongest responses."""
+    """Return the strength of bright lines: the mean of the strongest responses, of which a given fraction is taken."""
     lines: NDArray[np.float64] = strongest_line(flat)[view]
     kept = max(1, int(share * lines.size))
     return float(np.partition(lines, -kept)[-kept:].mean())
@@ -248,9 +257,9 @@ def _without_small(found: Mask, least: float) -> Mask:
 def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     """Return the confidence that a network consists of vessels.
 
-    The confidence combines four criteria. Vessels give stronger lines than noise of the same spectrum. They differ from both of
-    their sides, whereas an edge differs from one. They are connected over long distances, unlike letters and stars. They have all
-    directions, unlike the joints of a wall.
+    The confidence combines four criteria. First, vessels give stronger lines than noise of the same spectrum. Second, a vessel
+    differs in brightness from both of its sides, but an edge differs from only one side. Third, vessels are connected over long
+    distances, but letters and stars are not. Fourth, vessels have all directions, but the joints of a wall do not.
     """
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))

@@ -104,7 +104,8 @@ def plan_coverage(
     rule : str
         "block" or "merge".
     budget : float
-        Mean number of simulated moves per command of the plan. Plans shorter than 200 commands count as 200.
+        Mean number of simulated moves per command of the plan. Plans of fewer than 200
+        commands count as 200 commands.
     attempts : int
         Number of plans to compute with different random changes. The shortest plan is returned.
     seed : int

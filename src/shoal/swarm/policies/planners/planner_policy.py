@@ -70,13 +70,13 @@ class Budgeted(PlannerPolicy):
     Parameters
     ----------
     budget : float
-        Mean number of simulated moves per move sent, for 1000 particles. Fewer particles need more moves, and planning pays off
-        more: n particles get (1000 / n) squared times the budget, at most ten times. More particles need fewer moves in total: n
-        particles get n / 1000 times the budget, at most four times. The same seed and budget give the same commands on every
-        machine.
+        Mean number of simulated moves per move sent, for 1000 particles. Fewer particles need more moves, and gain more from
+        planning. Therefore n < 1000 particles get (1000 / n) squared times the budget, at most ten times. More particles need fewer
+        moves in total. Therefore n > 1000 particles get n / 1000 times the budget, at most four times. The same seed and budget
+        give the same commands on every machine.
     milliseconds : float
-        If above 0, mean computing time per move, which replaces the budget. The commands then depend on the machine and its load.
-        An episode can still be replayed because it stores its commands.
+        Mean computing time per move in milliseconds. If it is above 0, it replaces the budget. The commands then depend on the
+        machine and its load. An episode can still be replayed, because it contains its commands.
     """
 
     budget: float = UNLIMITED

@@ -49,7 +49,7 @@ class Distribution:
     Parameters
     ----------
     first : int
-        The smallest value listed.
+        The smallest value of the quantity.
     counts : tuple of int
         Exact number of placements with the values first, first + 1, ...
     """
@@ -97,7 +97,7 @@ class Line:
 
     Notes
     -----
-    Source: paper M, section III.A. The number of placements is C(m, n), not C(m-n, n+1) as printed.
+    Source: paper M, section III.A. The number of placements is C(m, n). The paper prints C(m-n, n+1).
 
     Examples
     --------

@@ -38,7 +38,7 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Positions in 1 .. cells, ascending along the last axis.
+        Positions in 1 .. cells, in increasing order along the last axis.
     cells : int
 
     Returns
@@ -52,7 +52,7 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    Source: paper M, section III.A.2. The clump is the last term of its eq. 2.
+    Source: paper M, section III.A.2. The last term of its eq. 2 is the correction for the clump.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Positions in 1 .. cells, ascending along the last axis.
+        Positions in 1 .. cells, in increasing order along the last axis.
     cells : int
 
     Returns
@@ -88,7 +88,7 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    This corrects paper M, section III.A.2, which ignores that the first gap has already become smaller.
+    This corrects paper M, section III.A.2, which ignores that the moves to the left have already reduced the first gap.
 
     Examples
     --------

@@ -30,7 +30,7 @@ class LineSample:
     ----------
     line : Line
     first : ndarray
-        p_1, the position of the first particle: the number of moves left that finds the wall.
+        p_1, the position of the first particle: the number of moves to the left that find the wall.
     last : ndarray
         m + 1 - p_n, the same for the right wall.
     largest_gap : ndarray
@@ -42,7 +42,7 @@ class LineSample:
     coverage : ndarray
         Number of moves until every cell was visited and both ends are found.
     printed_coverage : ndarray
-        The papers' formula for the coverage.
+        The value of the papers' formula for the coverage.
     """
 
     line: Line

@@ -20,7 +20,7 @@ from shoal.swarm.theory.scan_schedules.schedules import (
 )
 
 MAX_SCANS = 20_000
-"""Maximum number of positions of an optimal schedule. Schedules of equal steps may have more positions."""
+"""Maximum number of positions of an optimal schedule. Schedules with equal steps may have more positions."""
 
 _PRECISION = 64  # bits of the bisection, after which the final steps are exact
 _LAST_STEPS = 50
@@ -88,8 +88,9 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     Returns
     -------
     OptimalSchedule
-        Exact if at most `MAX_SCANS` positions are enough and if distance and prices have up to nine digits. Otherwise the better of
-        two schedules: the best one with `MAX_SCANS` positions, to 19 digits, and the best one with equal steps.
+        The schedule is exact if at most `MAX_SCANS` positions are enough, and if distance and prices have up to nine digits.
+        Otherwise it is the better one of two schedules: the best schedule with `MAX_SCANS` positions (to 19 digits), and the best
+        schedule with equal steps.
 
     Raises
     ------
@@ -121,8 +122,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
     """Return the equal steps with the smallest worst-case ratio.
 
-    Two ratios compete for the worst case. The ratio of a wall at the start grows with the step; the ratio at the maximum distance
-    falls with it.
+    The worst case is the larger one of two ratios. The ratio for a wall at the start grows with the step. The ratio for a wall at
+    the maximum distance falls with the step.
     """
 
     def too_short(step: int) -> bool:
@@ -164,13 +165,13 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
 
 
 class _Latest:
-    """Scans as late as a ratio allows, with integer prices."""
+    """The schedule whose scans are as late as a ratio allows, with integer prices."""
 
     def __init__(self, scan: int, move: int, max_distance: int, max_scans: int) -> None:
         self.scan, self.move, self.end, self.max_scans = scan, move, max_distance + 1, max_scans
 
     def __call__(self, ratio: Fraction, *, below: bool = False) -> list[int] | None:
-        """Return the positions that keep a ratio (or stay below it), or None if no positions reach the end."""
+        """Return the positions that keep a ratio (or stay below it), or None if no positions reach the maximum distance."""
         p, q, scan, move = ratio.numerator, ratio.denominator, self.scan, self.move
         positions: list[int] = []
         last = 0

@@ -57,7 +57,7 @@ class Cost:
         Raises
         ------
         InvalidInputError
-            If a price is negative or not finite, or both are zero.
+            If a price is negative or not finite, or both prices are zero.
         """
         scan, move = check_prices(scan_cost, move_cost)
         return (scan * self.scans + move * self.moves) / (2 * scan + move * (self.distance + 1))
@@ -263,7 +263,7 @@ class Custom(ScanSchedule):
     Parameters
     ----------
     scans_after : sequence of int
-        Numbers of moves, ascending, at least 1.
+        Numbers of moves in increasing order, at least 1.
     name : str
 
     Raises

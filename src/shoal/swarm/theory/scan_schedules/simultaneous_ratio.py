@@ -17,7 +17,8 @@ class Bracket:
     Parameters
     ----------
     ratio : Fraction
-        The smallest bound on both ratios. No schedule keeps both ratios below it, and `schedule` reaches it.
+        The smallest bound that both ratios of one schedule can keep. No schedule keeps both ratios below this bound, and `schedule`
+        reaches it.
     schedule : Custom
     """
 
