@@ -1,7 +1,7 @@
 """python -m benchmarks.ablation: what each mechanism of the planner brings, on the same starts with it and without it.
 
 One row a mechanism: moves without it over moves with it, as a geometric mean of paired trials over all maps and numbers of
-particles, with its 95 % confidence interval (normal approximation, of the logarithms), and the means of each map. Above 1 the
+particles, with its 95 % confidence interval (normal approximation, of the logarithms), and the same for each map. Above 1 the
 mechanism helps.
 
 Options: --trials N (of each mechanism, in all), --maps, --counts, --only NAMES.
@@ -15,31 +15,27 @@ import math
 import numpy as np
 from tests.swarm_runs import run
 
-from benchmarks.planners import variant
+from benchmarks.planners import COUNTS, MAPS, policy_of, variant
 from shoal import GridWorkspace, open_map
-from shoal.swarm.policies import Policy, make_policy
+from shoal.swarm.policies import Policy
 
-MAPS = ("vessels:1000", "htree:1000", "rectangle:25x40", "line:1000")
-COUNTS = (50, 200, 600)
-
-# What the mechanism is without: the fields of Tuning that switch it off.
-MECHANISMS = {
-    "careful completion": {"left_behind_cost": 0},
-    "beam": {"beam_leaves": 0},
-    "variations": {"variations": 0},
-    "runs": {"run_candidates": 0},
+# What the mechanism is without: another planner, or the fields of Tuning that switch it off.
+MECHANISMS: dict[str, str | dict[str, float]] = {
+    "everything but the next command": "greedy-classify",
+    "the extensions of rollout": "rollout",
     "prediction": {"prediction_layers": 0},
     "prediction beyond 12 layers": {"prediction_layers": 12, "joint_chance": 0},
     "joint chance": {"joint_chance": 0},
     "lattices": {"lattices": 0},
     "learned prior": {"learned": 0},
-    "extrapolation": {"future_weight": 0},
+    "beam": {"beam_leaves": 0},
+    "runs": {"run_candidates": 0},
+    "variations": {"variations": 0},
+    "careful completion": {"left_behind_cost": 0},
+    "cells that will join the frontier": {"future_weight": 0},
+    "estimate beyond the horizon": {"end_surprise": 0},
     "early cells worth more with surprises": {"surprise_weight": 0},
     "shorter horizon with surprises": {"surprise_shrink": 0},
-    "end in sight by trust": {"end_surprise": 0},
-    "end in sight by few frontier cells": {"end_frontier": 0},
-    "far sight": {"far_surprise": 0},
-    "near horizon of its own": {"near_horizon": 300},
 }
 
 
@@ -60,23 +56,25 @@ def ratio(logarithms: list[float]) -> str:
 
 
 def main() -> None:
+    """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=100)
     parser.add_argument("--maps", default=",".join(MAPS))
-    parser.add_argument("--counts", default=",".join(map(str, COUNTS)))
+    parser.add_argument("--counts", default="1000", help=f"for example {','.join(map(str, COUNTS))}")
     parser.add_argument("--only", default=",".join(MECHANISMS))
     given = parser.parse_args()
     workspaces = {name: open_map(name) for name in given.maps.split(",")}
     counts = [int(count) for count in given.counts.split(",")]
-    whole = moves_of(workspaces, counts, make_policy("best"), given.trials)
+    whole = moves_of(workspaces, counts, policy_of("best"), given.trials)
     print(f"| without | moves without / with | {' | '.join(f'`{name}`' for name in workspaces)} |")
     print(f"|---|---|{'---|' * len(workspaces)}", flush=True)
     for name in given.only.split(","):
-        without = moves_of(workspaces, counts, variant("without", **MECHANISMS[name]), given.trials)
+        other = MECHANISMS[name]
+        policy = policy_of(other) if isinstance(other, str) else variant("without", **other)
+        without = moves_of(workspaces, counts, policy, given.trials)
         pairs = {place: [math.log(a / b) for a, b in zip(without[place], whole[place], strict=True)] for place in workspaces}
         every = [one for some in pairs.values() for one in some]
-        means = " | ".join(f"{math.exp(float(np.mean(some))):.3f}" for some in pairs.values())
-        print(f"| {name} | {ratio(every)} | {means} |", flush=True)
+        print(f"| {name} | {ratio(every)} | {' | '.join(ratio(some) for some in pairs.values())} |", flush=True)
 
 
 if __name__ == "__main__":
