@@ -1,6 +1,6 @@
 """Policy beam-rollout, the best planner.
 
-It simulates plans to the end of the task with two base policies, and its prediction extends farther.
+It completes plans with two base policies, and its prediction extends farther.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TUNING = Tuning(
 class BeamRollout(Budgeted):
     """The policy rollout with three extensions. ``best`` is another name for this planner.
 
-    First, the more reliable the prediction is, the farther the horizon. Second, a second base policy also completes plans,
+    First, the horizon is longer where the prediction is reliable. Second, a second base policy also completes plans,
     carefully: before it moves on, it probes cells that it would leave behind. Third, the prediction extends farther. It stops where
     the predicted cells are no longer likely to be all free. Source: docs/concepts/planners.md.
     """
