@@ -22,6 +22,7 @@ from shoal.search.missions import RULES
 TARGET = Path(__file__).parent / "reference"
 WIDTH = "84"  # what fits the page
 COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
+HELP = "```{ .text .frame }"  # on a phone, the lines of a frame do not wrap
 INTRO = """# Commands
 
 Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 a check failed (`replay`, `missions check`), 2 bad
@@ -51,7 +52,7 @@ def commands() -> str:
     """Return the text of docs/reference/commands.md."""
     names = ["", *COMMANDS]
     sections = [
-        f"\n## shoal{' ' * bool(name)}{name}\n\n```text\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
+        f"\n## shoal{' ' * bool(name)}{name}\n\n{HELP}\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
     ]
     return INTRO + "".join(sections)
 
