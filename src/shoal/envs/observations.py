@@ -78,6 +78,7 @@ def rewards_of(
 ) -> NDArray[np.float64]:
     """Return the reward of each world for one step.
 
-    It is a reward per newly classified cell, minus the price of the commands, plus a bonus at the end.
+    The reward is the number of newly classified cells times a reward per cell, minus the price of the commands, plus a bonus at the
+    end.
     """
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

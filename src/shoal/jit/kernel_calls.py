@@ -1,4 +1,7 @@
-"""Kernels as Python calls them. Their machine code comes from the cache, without Numba; or Numba compiles it."""
+"""Kernels as Python calls them. The machine code of a kernel comes from the cache, without Numba.
+
+If it is not there, Numba compiles the kernel.
+"""
 
 from __future__ import annotations
 

@@ -3,9 +3,9 @@
 Each part has one archive beside its kernels.
 
 Type inference and translation take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes
-the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise a
-kernel is compiled from its source on its first call. ``make kernels`` writes the archives; docs/adr/0013-kernels-lowered-ahead.md
-has the measurements.
+the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. If they
+have changed, a kernel is compiled from its source on its first call. ``make kernels`` writes the archives;
+docs/adr/0013-kernels-lowered-ahead.md has the measurements.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials:
 
     The means are compared by the logarithms of their ratios, with the errors of both curves. The curves agree under two conditions.
     The 95 % interval of the mean ratio over all n (numbers of particles) must lie within the margin, and no single n may have an
-    interval outside it. The intervals of single n are wide enough that chance refutes only one in twenty correct curves.
+    interval outside it. The intervals of single n are so wide that chance refutes only one in twenty correct curves.
 
     Parameters
     ----------

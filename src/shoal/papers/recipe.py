@@ -180,7 +180,7 @@ def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
 
 @cache
 def published_table(name: str) -> tuple[dict[str, str], ...]:
-    """Return the rows of a file with published data that Shoal contains."""
+    """Return the rows of a file with published data. Shoal contains such files."""
     text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
     return tuple(csv.DictReader(io.StringIO(text)))
 

@@ -199,7 +199,7 @@ class SteeringProblem(Problem):
 
     @property
     def noisy(self) -> bool:
-        """Whether runs with different seeds differ because of the disturbances, for every planner."""
+        """Whether runs with different seeds differ with every planner, because of the disturbances."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property

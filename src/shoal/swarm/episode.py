@@ -231,7 +231,7 @@ class SwarmEpisode(Episode):
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return the state and the belief after the last command. With noise, the state is estimated."""
+        """Return the state and the belief after the last command. With noise, the state is an estimate."""
         return self.replay.end.state, self.replay.end.belief
 
     @cached_property

@@ -313,7 +313,7 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """Return the diagnostics of several files of one mission, each only once.
 
-    The k-th diagnostic of one kind is the same mistake in every file.
+    Diagnostic number k of one kind is the same mistake in every file.
     """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()

@@ -101,7 +101,7 @@ def _play(
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
     """Return the JSON object that ``shoal map`` and ``shoal cover`` print.
 
-    It contains the values that all trials share, and lists with one entry per trial.
+    The object contains the values that all trials share, and lists with one entry per trial.
     """
     reports = [episode.report() for episode in episodes]
     each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)

@@ -1,7 +1,7 @@
 """The kinds of problems that a sweep can run: the problems of the three parts, and three further kinds.
 
-A sweep's problem contains only values that can be written as text. It therefore has one canonical form and can be sent to any
-worker. Each worker process opens a map, workspace or region only once.
+A sweep's problem contains only values that can be written as text. Therefore a sweep's problem has one canonical form, and can be
+sent to any worker. Each worker process opens a map, workspace or region only once.
 """
 
 from __future__ import annotations

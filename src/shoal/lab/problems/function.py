@@ -23,7 +23,9 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(MeasuredProblem):
-    """A third-party function "module:attribute". A trial calls it with ``seed`` and ``arguments``; it returns a dict of measures.
+    """A third-party function "module:attribute".
+
+    A trial calls this function with ``seed`` and ``arguments``, and gets a dict of measures.
 
     The function has an attribute ``measures``, a tuple of the keys of the dict that it returns.
     """

@@ -129,7 +129,7 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
 def hilbert_ii(order: int) -> Tour:
     """Return the curve Hilbert II (Peano's curve), closed by an edge.
 
-    It consists of S-shaped pieces of nine cells, with 3^order cells per side.
+    The curve consists of S-shaped pieces of nine cells, with 3^order cells per side.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     for k in range(order):

@@ -26,7 +26,7 @@ SQUARE_CASES = (
 
 @dataclass(frozen=True, eq=False)
 class GoalSweep:
-    """Costs of plans while the goal of one particle varies over the workspace while all other settings are fixed.
+    """Costs of plans for many goals of one particle, while all other settings are fixed.
 
     Parameters
     ----------

@@ -35,8 +35,8 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is a reflection.
 
-    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible one, and
-    the path is then not a reflection. None if no wall is suitable.
+    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible contact.
+    The path is then not a reflection. The result is None if no wall is suitable.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]

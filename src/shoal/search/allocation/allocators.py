@@ -71,7 +71,7 @@ def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot searches the shorter part of its cells, behind or ahead of its start. Then it searches the other part."""
+    """Each robot searches the shorter part of its cells, behind or ahead of its start. Then the robot searches the other part."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []

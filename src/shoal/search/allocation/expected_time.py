@@ -81,7 +81,9 @@ def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Gen
 
 
 def stay_share(robots: int, *, dead: int = 0) -> float:
-    """Return the limit of `expected_time` for many cells: H_k/k for k working robots, with H_k the sum of 1/1 to 1/k.
+    """Return the limit of `expected_time` for many cells.
+
+    The limit is H_k/k for k working robots, where H_k is the sum of 1/1 to 1/k.
 
     This is the mean of the longest of the k arcs into which k random points divide a circle.
 

@@ -46,7 +46,7 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres. Lengths of paths are given in this unit."""
+        """Side of the smallest cells in metres. The size of these cells is the unit of path lengths."""
         return min(layer.size for layer in self.layers)
 
     @property

@@ -25,7 +25,7 @@ class Part:
 
 @lru_cache(maxsize=256)
 def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
-    """Return the parts of all robots in the order of the tour. Robots in reserve are listed at their starts.
+    """Return the parts of all robots in the order of the tour. In this order, the position of a robot in reserve is its start.
 
     Parameters
     ----------

@@ -91,7 +91,7 @@ def rotated_shape(shape: Any, angle: float) -> Any:
 def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:
     """Return a lattice that covers an area given in the lattice's frame.
 
-    It is centred on the area's bounds, plus a shift; see `cells_of`.
+    The lattice is centred on the area's bounds, plus a shift; see `cells_of`.
 
     Raises
     ------

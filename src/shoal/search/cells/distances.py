@@ -186,9 +186,11 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Paths inside a region: straight if possible. Otherwise the path leads from cell to cell and is then shortened.
+    """Paths inside a region: straight if possible.
 
-    The length of such a path is an upper bound for the path that a robot takes (`RegionPaths.leg`). In a ring-shaped region, the
+    If no straight path is possible, the path leads from cell to cell and is then shortened.
+
+    The length of the path is an upper bound for the path that a robot takes (`RegionPaths.leg`). In a ring-shaped region, the
     robot's path is at most one twentieth shorter.
 
     Parameters

@@ -83,9 +83,9 @@ class RegionPaths:
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
 
-        The path is straight if it stays inside the region. Otherwise it is the shortest path around nearby corners of the region.
-        If there are too many corners, the path leads from cell to cell and is then shortened. It is then rarely much longer than
-        the shortest path.
+        The path is straight if it stays inside the region. If the straight path leaves the region, the path is the shortest one
+        around nearby corners of the region. If there are too many corners, the path leads from cell to cell and is then shortened.
+        Such a shortened path is rarely much longer than the shortest path.
 
         Raises
         ------

@@ -19,7 +19,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     """Return a point for each piece, on the centre line of its row, from which the whole piece is visible, or None.
 
     The point may lie in the previous or the next cell, so that a vehicle can continue straight. The point is as close as possible
-    to the cell. It lies on the side of the neighbouring cell that contains more of the region.
+    to the cell. The point lies on the side of the neighbouring cell that contains more of the region.
 
     Parameters
     ----------

@@ -133,7 +133,7 @@ def whole_way(
     """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
 
     The vehicle climbs vertically to the height ``climb``, by default that of the first waypoint, and flies straight to the first
-    waypoint. It descends from the height of the last waypoint, or, if the vehicle glides, during the last leg.
+    waypoint. The vehicle descends from the height of the last waypoint, or, if the vehicle glides, during the last leg.
 
     Examples
     --------

@@ -259,8 +259,8 @@ class Vehicle(Problem):
     def row_spacing(self) -> float | None:
         """The distance between neighbouring rows in metres (the footprint's width), or None without a camera or a detector.
 
-        For a camera, this distance is the width of an image minus the overlap. It is at most the length of an image, because at the
-        end of a row only half an image is seen.
+        For a camera, this distance is the width of an image minus the overlap. The row spacing is at most the length of an image,
+        because at the end of a row only half an image is seen.
         """
         if self.image_size is None:
             return self.detector_width

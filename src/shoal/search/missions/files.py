@@ -238,7 +238,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
 
     ``.plan`` and WPL files do not contain the robot and the sortie. The file name gives both. For any other file name, the mission
     counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of vehicle. The autopilot is assumed
-    to be PX4. The vehicle counts as a flying one if any waypoint is above ground.
+    to be PX4. The vehicle counts as flying if any waypoint is above ground.
 
     Parameters
     ----------

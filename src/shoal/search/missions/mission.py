@@ -162,7 +162,7 @@ class Mission:
 
     @property
     def n_items(self) -> int:
-        """Number of mission items in an autopilot: home, take-off (if it flies), speed, camera items, waypoints, return."""
+        """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
 
@@ -178,7 +178,7 @@ class Mission:
 
     @property
     def vertical_climb(self) -> float | None:
-        """Height in metres above home of the vertical climb after take-off; None for that of the first waypoint."""
+        """Height in metres above home of the vertical climb after take-off, or None if it is the height of the first waypoint."""
         if self.kind == "fixed-wing":
             return 0.0
         return None if self.take_off is None else self.take_off - self._base

@@ -262,7 +262,9 @@ def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
 
 
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
-    """Add diagnostics for waypoints and legs outside a region. Paths from a home outside and to an end outside are allowed.
+    """Add diagnostics for waypoints and legs outside a region.
+
+    Paths from a home outside the region and to an end outside the region are allowed.
 
     Turns of fixed wings may leave the region, but by at most ``airspace`` metres if this is given.
     """

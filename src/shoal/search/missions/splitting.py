@@ -53,8 +53,8 @@ def missions_of(
 ) -> tuple[Mission, ...]:
     """Return the missions of a robot's route, one for each sortie.
 
-    Each sortie begins at home and continues where the previous one ended. It ends at home before the battery falls below the
-    reserve. The calculation includes climb, paths, turns, wind and descent. A sortie may end at any point of a leg.
+    Each sortie begins at home and continues where the previous one ended. Each sortie ends at home before the battery falls below
+    the reserve. The calculation includes climb, paths, turns, wind and descent. A sortie may end at any point of a leg.
 
     Parameters
     ----------
@@ -283,7 +283,7 @@ def merged(points: Points, tolerance: float) -> Points:
 
     The algorithm starts a cone at each waypoint that is kept. The cone contains all directions in which a straight line passes
     every later point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all points
-    before it. Sources: R. Reumann, A. Witkam, 1974; for the exact form of the cone C. M. Williams, An efficient algorithm for the
+    before it. Sources: Reumann and Witkam, 1974; for the exact form of the cone, Williams, An efficient algorithm for the
     piecewise linear approximation of planar curves, 1978. Reversals are kept.
 
     Parameters

@@ -245,7 +245,7 @@ class SearchProblem(Problem):
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the tours to compare if a turn costs ``turn_cost`` cells. With a multiplicity above 1, they follow rows."""
+        """Return the tours to compare if a turn costs ``turn_cost`` cells. With a multiplicity above 1, the tours follow rows."""
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:

@@ -104,7 +104,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Return one number, or several separated by commas, from a text of the command line."""
+    """Return one number, or several numbers separated by commas, from a text of the command line."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:

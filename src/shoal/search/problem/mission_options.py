@@ -61,7 +61,7 @@ def check_separation(value: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MissionOptions(Problem):
-    """Settings for writing missions. They are the options of ``shoal search`` that belong to ``--missions``.
+    """Settings for writing missions. These settings are the options of ``shoal search`` that belong to ``--missions``.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """One copy of a message on its way: its delay, whether it is damaged, and a message that replaces it."""
+    """One copy of a message on its way, with its delay, a mark if it is damaged, and a message that may replace it."""
 
     delay: float = 0.0
     damaged: bool = False

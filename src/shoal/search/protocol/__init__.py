@@ -1,1 +1,4 @@
-"""The protocol of the robots: a pure state machine with its events and messages. It uses no clock, no input and no output."""
+"""The protocol of the robots: a pure state machine with its events and messages.
+
+The state machine uses no clock, no input and no output.
+"""

@@ -92,7 +92,7 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class WakeAt:
-    """Request to be woken at a time. It replaces the previous request."""
+    """The robot wants to be woken at a given time. It replaces the previous request."""
 
     time: float
 

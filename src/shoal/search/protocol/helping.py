@@ -2,8 +2,8 @@
 
 The remaining cells of a robot's part form runs of neighbouring cells that no robot is known to have searched. The heartbeats tell
 whether a robot is searching at the front of a run. A helper enters a run at the cell from which it would finish at the same time as
-that robot. It searches in the same direction. Every helper computes the places of all helpers, in the same order. Therefore few
-helpers choose the same place.
+that robot. The helper searches in the same direction as that robot. Every helper computes the places of all helpers, in the same
+order. Therefore few helpers choose the same place.
 """
 
 from __future__ import annotations

@@ -74,7 +74,7 @@ def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return a robot's speed and search rate in cells. They are the declared values, reduced by the robot's recent delay."""
+    """Return a robot's speed and search rate in cells. Both values are the declared values, reduced by the robot's recent delay."""
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:

@@ -28,8 +28,8 @@ LAG_UNIT = 1 / 16
 class Heartbeat:
     """The latest heartbeat of a robot: its number, the number of beacons that it had sent, its start, its speed and its status.
 
-    A heartbeat also contains the footprint's width in cells and the robot's current or target cell. It also contains the robot's
-    lag: the real time of its paths minus the time by its declared speed.
+    A heartbeat also contains the footprint's width in cells and the robot's current or target cell. A heartbeat also contains the
+    robot's lag: the real time of its paths minus the time by its declared speed.
     """
 
     robot: int

@@ -5,13 +5,13 @@ The same state machine runs in the simulation (`shoal.search.simulation`) and in
 
 The robot first listens and divides the tour among all robots that it knows. It searches its own part. After its own part, it
 searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If that robot is idle, it searches
-the same cells from the other side. While other robots work, the robot waits. But it stops waiting in time to search all unsearched
-cells alone, within the time of one complete round. Therefore a single surviving robot searches all cells in that time, even if all
-messages and all other robots are lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should
-complete").
+the same cells from the other side. While other robots work, the robot waits. A waiting robot stops waiting in time to search all
+unsearched cells alone, within the time of one complete round. Therefore a single surviving robot searches all cells in that time,
+even if all messages and all other robots are lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search
+should complete").
 
-If robots move from cell to cell, the robot may find a blocked cell. It reports the cell to the others, and all robots avoid it. The
-robots leave out cells that no robot can reach any more.
+If robots move from cell to cell, the robot may find a blocked cell. The robot reports the blocked cell to the others, and all
+robots avoid this cell. The robots leave out cells that no robot can reach any more.
 """
 
 from __future__ import annotations

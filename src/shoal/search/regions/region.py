@@ -21,7 +21,7 @@ TOUCH = 1e-6  # metres: tolerance for points inside the region
 
 @dataclass(frozen=True, eq=False)
 class SearchRegion:
-    """A region to search with its holes and no-go zones. Use `open_region` or `region_of` to create it.
+    """A region to search with its holes and no-go zones. Use `open_region` or `region_of` to create a region.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class SearchRegion:
 
     @property
     def area_m2(self) -> float:
-        """Area to be searched in square metres."""
+        """Area that must be searched, in square metres."""
         return float(self.area.area)
 
     @property

@@ -56,7 +56,7 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
-    """Return the cell of each index on the Hilbert curve. This is the inverse of `hilbert_encode`.
+    """Return the cell of each index on the Hilbert curve. This function is the inverse of `hilbert_encode`.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the cell of each index on the Moore curve. This is the inverse of `moore_encode`.
+    """Return the cell of each index on the Moore curve. This function is the inverse of `moore_encode`.
 
     Parameters
     ----------

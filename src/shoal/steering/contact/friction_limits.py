@@ -2,9 +2,9 @@
 
 A wall acts on a particle with a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
 directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. If no single reaction can increase a gauge of Δ,
-the value of the gauge never increases. A barrier is a closed curve around 0 and the initial Δ that no possible reaction crosses. It
-is a bound for one start. The longer Δ is, the fewer walls the particles can touch. The barrier therefore follows the outermost
-reactions in both directions around 0.
+the value of the gauge never increases. A barrier is a closed curve around 0 and the initial Δ that no possible reaction crosses. A
+barrier is a bound for one start. The longer Δ is, the fewer walls the particles can touch. The barrier therefore follows the
+outermost reactions in both directions around 0.
 """
 
 from __future__ import annotations

@@ -47,7 +47,7 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
     """Return small moves that take one particle off its walls while another particle is held, each with the state after it.
 
-    They are needed if no single move takes both particles off their walls, for example if they lie on opposite walls.
+    These moves are needed if no single move takes both particles off their walls, for example if they lie on opposite walls.
     """
     found = []
     for held in (0, 1):

@@ -1,11 +1,11 @@
 """The differences Δ of two particles that k moves reach on a disk, and their fraction of all differences.
 
-Each two further moves begin with a contact at a point c of the wall. They can bring the other particle to any point q whose depth
-below the wall at c is not larger than before. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0.
-The set is described by its *radii*: its extent in each direction. At a contact where the other particle can have depth H, Δ can
-extend in direction e to min(distance to the far wall, H / N·e), where N is the inward normal of the wall. The radius is the largest
-of these extents, and the depths for the next two moves follow from the radii. On a disk, contacts of either particle give the same
-sets.
+Each two further moves begin with a contact at a point c of the wall. Each two further moves can bring the other particle to any
+point q whose depth below the wall at c is not larger than before. The reachable set is therefore a union of convex sets { q - c }
+that contain Δ = 0. The set is described by its *radii*: its extent in each direction. At a contact where the other particle can
+have depth H, Δ can extend in direction e to min(distance to the far wall, H / N·e), where N is the inward normal of the wall. The
+radius is the largest of these extents, and the depths for the next two moves follow from the radii. On a disk, contacts of either
+particle give the same sets.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class Crossing:
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return the cycle that changes one Δ into another with the largest margin, or None if no cycle does.
+    """Return the cycle that changes one difference Δ into another one with the largest margin, or None if there is no such cycle.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ class Planner(Protocol):
     -----
     A planner may have four more attributes:
 
-    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without this attribute, such
+    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without this attribute, other
       problems are refused.
     - ``obstacles``: true if the planner supports regions with obstacles, for two particles.
     - ``prefers``: "length" or "moves": the measure by which two plans are compared if goals are interchangeable.

@@ -19,8 +19,8 @@ class Shortest:
 
     The plan is never longer than the plan of the planner greedy.
 
-    The planner tries all kinds of chains of one, two or three cycles. Then it inserts cycles into the shortest chains or removes
-    cycles, as long as this shortens the chains.
+    The planner tries all kinds of chains of one, two or three cycles. Then the planner inserts cycles into the shortest chains or
+    removes cycles, as long as this shortens the chains.
 
     Notes
     -----

@@ -105,7 +105,7 @@ class SteeringTask:
         return float(np.linalg.norm(points - self.goal, axis=1).max())
 
     def translation(self) -> Points | None:
-        """Return the moves of a pure translation, shape (moves, d), if it solves the task; otherwise None."""
+        """Return the moves of a translation, shape (moves, d), if the translation solves the task, otherwise None."""
         shifts = self.goal - self.start
         if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
             return None
@@ -196,8 +196,8 @@ class SteeringTask:
     def tidied(self, moves: Points, *, start: Points) -> Points:
         """Return a plan in which the move before each tiny move replaces the tiny move, where this is possible.
 
-        In a chain, the particle that touches no wall keeps a margin from the walls. If it touches a wall in the next cycle, the
-        move to this wall is only as long as the margin.
+        In a chain, the particle that touches no wall keeps a margin from the walls. If this particle touches a wall in the next
+        cycle, the move to this wall is only as long as the margin.
         """
         size = self.world.room.size
         k = 1
@@ -253,7 +253,7 @@ def why_unreachable(task: SteeringTask) -> str | None:
 
 
 def why_approachable(task: SteeringTask) -> str | None:
-    """Return the reason why moves can approach the goal but not reach it, or None if it can be reached."""
+    """Return the reason why moves can approach the goal but not reach it, or None if moves can reach the goal."""
     room = task.world.room
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None

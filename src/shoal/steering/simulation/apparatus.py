@@ -74,7 +74,7 @@ def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
     """Return the amplification of errors: the final error divided by the initial error, or by the contact tolerance.
 
     For the measurement, each coordinate of each particle's start is displaced by 1e-12 of the size. Another run reduces the contact
-    tolerance to this value. The amplification is large if a wall no longer holds a particle after such a change.
+    tolerance to 1e-12 of the size. The amplification is large if a wall no longer holds a particle after such a change.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

@@ -88,9 +88,10 @@ class ConvexWorkspace:
     def differences(self) -> ConvexWorkspace:
         """The Δ configuration space: all differences of the positions of two particles in a plane workspace.
 
-        For a polygon it is a polygon, and for a disk it is a disk of twice the radius.
+        The differences form a polygon for a polygon, and a disk of twice the radius for a disk.
 
-        For a polygon of n sides, it has 2n sides, minus two for each pair of parallel sides. Source: paper W, section IV.A.
+        For a polygon of n sides, the polygon of differences has 2n sides, minus two for each pair of parallel sides. Source: paper
+        W, section IV.A.
 
         Examples
         --------

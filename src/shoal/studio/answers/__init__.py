@@ -17,7 +17,7 @@ from shoal.studio.jobs.work import storable
 def answer_all(connection: Connection, root: str) -> None:
     """Answer questions until the connection ends.
 
-    A question is (number, what, about), and an answer (number, "answer" or "error", value).
+    A question is a tuple (number, what, about). Its answer is a tuple (number, "answer" or "error", value).
     """
     os.chdir(root)
     folder = Folder(root)

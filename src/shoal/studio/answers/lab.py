@@ -98,7 +98,7 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return a draft of a sweep both as fields and as TOML. The draft is given in one of these forms.
 
-    If it is invalid, return the error too.
+    If the draft is invalid, return the error too.
     """
     text = about.get("toml")
     told: dict[str, Any] = {"error": None}

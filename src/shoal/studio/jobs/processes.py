@@ -76,7 +76,7 @@ class Worker:
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Return the function that the text MODULE:FUNCTION names. It must be part of Shoal."""
+    """Return the function that the text MODULE:FUNCTION names. The function must be a part of Shoal."""
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     return found

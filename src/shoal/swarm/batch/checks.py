@@ -56,7 +56,10 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
 def check_numbers(
     given: Any, chosen: NDArray[np.int64], count: int, *, what: str, least: int, below: int = LARGEST, single: bool = True
 ) -> NDArray[np.integer[Any]]:
-    """Return whole numbers, one per world, or a single number for all worlds if ``single``. Only selected worlds are checked."""
+    """Return whole numbers, one per world. With ``single``, one number may be for all worlds.
+
+    Only the numbers of selected worlds are checked.
+    """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):
         raise InvalidInputError(f"{what}: expected {count} whole numbers, one a world, got {numbers.dtype} {numbers.shape}")

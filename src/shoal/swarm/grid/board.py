@@ -83,7 +83,7 @@ class GridLayout:
         return np.pad(mask, 1)
 
     def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Remove the rim from an array of shape ``window``. This is the inverse of `rim`."""
+        """Remove the rim from an array of shape ``window``. This function is the inverse of `rim`."""
         return mask[(slice(1, -1),) * self.ndim]
 
 

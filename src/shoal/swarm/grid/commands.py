@@ -71,7 +71,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
 
 
 def decode(codes: NDArray[np.int8]) -> str:
-    """Turn codes 0 to 5 into a command string; the inverse of `encode`.
+    """Turn codes 0 to 5 into a command string. This function is the inverse of `encode`.
 
     Examples
     --------

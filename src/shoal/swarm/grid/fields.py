@@ -1,4 +1,7 @@
-"""Conversion of boards and states to the flat arrays of kernels and back. Also one push, computed by a kernel."""
+"""Conversion of boards and states to the flat arrays of kernels and back.
+
+The module also contains one push, which a kernel computes.
+"""
 
 from __future__ import annotations
 

@@ -2,9 +2,9 @@
 
 While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
 pushes is therefore also the i-th particle after the run. Its displacement is known although particles have no labels. If a
-particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. They are followed by
-an obstacle or by another particle that was stopped. A stopped particle stays stopped. Two scans therefore determine the positions
-after every single command. Therefore a scan after a run gives the same information as a scan after each command.
+particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. Behind these free
+cells, there is an obstacle or another particle that was stopped. A stopped particle stays stopped. Two scans therefore determine
+the positions after every single command. Therefore a scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ class Task(Protocol):
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``, using only the positions ``before`` and ``after``."""
+        """Return the belief after one push by ``command``, which uses only the positions ``before`` and ``after``."""
 
 
 TASKS: Registry[type[Task]] = Registry("task")

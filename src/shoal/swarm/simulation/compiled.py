@@ -1,4 +1,7 @@
-"""The closed loop in compiled code for built-in policies. It gives the same result as the Python loop, move by move."""
+"""The closed loop in compiled code for built-in policies.
+
+The compiled loop gives the same result as the Python loop, move by move.
+"""
 
 from __future__ import annotations
 

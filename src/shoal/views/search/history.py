@@ -102,8 +102,8 @@ class SearchHistory:
     def others(self, robot: int) -> Numbers:
         """For each cell where a robot stopped, return the robot to whose part it belongs, or 0 for its own part; int64, shape (k,).
 
-        With a footprint wider than one cell, a stop counts as own work if the robot sees any new cell of its own part there.
-        Otherwise the part with the most newly seen cells counts.
+        With a footprint wider than one cell, a stop counts as own work if the robot sees any new cell of its own part there. If the
+        robot sees none, the part with the most newly seen cells counts.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]

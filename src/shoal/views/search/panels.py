@@ -26,8 +26,8 @@ class LayerPanels:
 
     If the layers differ in cell size or orientation, they are divided into smaller squares.
 
-    Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. They are ordered from left to right,
-    and then downwards.
+    Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. The panels are ordered from left to
+    right, and then downwards.
 
     Parameters
     ----------

@@ -107,7 +107,8 @@ class RobotWays:
     def trajectory(self, robot: int) -> RobotTrajectory:
         """Return the route of a robot over time.
 
-        In the drawing, a robot arrives in each cell at the time at which it has searched the cell. It departs as late as possible.
+        In the drawing, a robot arrives in each cell at the time at which it has searched the cell. The robot departs as late as
+        possible.
         """
         log = self.episode.trace.robots[robot]
         if not len(log.cells):

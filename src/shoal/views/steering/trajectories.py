@@ -202,7 +202,10 @@ def room_of(episode: SteeringEpisode) -> Any:
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
-    """Return whether a Δ configuration space can be drawn. It exists for two particles in a convex plane workspace."""
+    """Return whether a Δ configuration space can be drawn.
+
+    A Δ configuration space exists for two particles in a convex plane workspace.
+    """
     workspace = episode.problem.place
     return isinstance(workspace, ConvexWorkspace) and workspace.dimensions == 2 and episode.problem.n_particles == 2
 

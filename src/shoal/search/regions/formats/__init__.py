@@ -2,8 +2,8 @@
 
 - ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
 - ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, it reads the first KML file.
-- ``.gpkg .shp .zip``: GeoPackage or Shapefile. The file names its coordinate system; for a Shapefile, the ``.prj`` file does. A zip
-  archive must contain one Shapefile. A GeoPackage layer without a coordinate system on Earth is in metres.
+- ``.gpkg .shp .zip``: GeoPackage or Shapefile. The file names its coordinate system. For a Shapefile, the ``.prj`` file names it. A
+  zip archive must contain one Shapefile. A GeoPackage layer without a coordinate system on Earth is in metres.
 - ``.csv``: one vertex per line. A heading names the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with # are
   ignored. The next ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first vertex
   at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.

@@ -1,4 +1,4 @@
-"""The agent: connects the pure robot to a radio, a simulated vehicle and the locks of cells."""
+"""The agent connects the state machine of a robot to a radio, a simulated vehicle and the locks of cells."""
 
 from __future__ import annotations
 

@@ -85,6 +85,6 @@ class MovingPoint:
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg from its position. The vehicle must stop one cell before the end of the leg.
 
-        It may have to stop immediately.
+        The vehicle may have to stop immediately.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

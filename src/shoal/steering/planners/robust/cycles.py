@@ -25,9 +25,9 @@ class Cycles:
     """One run in a convex workspace, one cycle at a time.
 
     The move to a contact overshoots the wall by the possible error due to noise and unknown gain. Therefore the wall certainly
-    holds the toucher. The adjustment is computed from the camera's observation. It produces the difference from which the remaining
-    moves lead to the goals' difference. It always pushes the toucher into the wall. The loop estimates the gain of the field from
-    the observed motion of the particles.
+    holds the toucher. The adjustment is computed from the camera's observation. The adjustment produces the difference from which
+    the remaining moves lead to the goals' difference. The adjustment always pushes the toucher into the wall. The loop estimates
+    the gain of the field from the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:

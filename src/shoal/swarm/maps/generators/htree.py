@@ -1,9 +1,10 @@
 """H-tree maps: bars that fork at right angles. After every two levels the bars become half as long.
 
 The paper's map has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells. Its bars have the
-half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. This tree is cut down to 5000 cells branch by branch, starting at one corner. On this
-map, the mean moves of the closest-frontier policy agree with the published means within 10 %. A tree with one more level, of
-half-length 1, has loops because its bars touch. Cut in the same way, this tree gives means that are up to 38 % too low.
+half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. From this tree, one branch after another is removed until 5000 cells remain,
+beginning at one corner. On this map, the mean moves of the closest-frontier policy agree with the published means within 10 %. A
+tree with one more level, of half-length 1, has loops because its bars touch. If such a tree is cut in the same way, the mean moves
+are up to 38 % too low.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ DOWN_UP = np.array([[1, 0], [-1, 0]])
 def draw_htree(count: int) -> NDArray[np.bool_]:
     """Return an H-tree with exactly ``count`` free cells. The tree has no loops, and its corridors are one cell wide.
 
-    The generator takes the smallest regular tree with enough cells. Then it removes branches, beginning in the lower left corner
-    and at the tips of each branch, until ``count`` cells remain.
+    The generator takes the smallest regular tree with enough cells. Then the generator removes branches, beginning in the lower
+    left corner and at the tips of each branch, until ``count`` cells remain.
 
     Parameters
     ----------

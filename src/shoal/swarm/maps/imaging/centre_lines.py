@@ -48,7 +48,7 @@ class Segment(NamedTuple):
         return float(self.along[-1])
 
     def width(self, first: float, last: float) -> float:
-        """Return the mean width of the part from one length to another, in pixels, or NaN if it has fewer than two points."""
+        """Return the mean width in pixels between two distances along the segment, or NaN between fewer than two points."""
         part = np.flatnonzero((self.along >= first) & (self.along <= last))
         if len(part) < 2:
             return float("nan")
@@ -84,7 +84,10 @@ class CentreLines(NamedTuple):
         return one_line(self)
 
     def branches(self) -> list[list[Segment]]:
-        """Return the segments of each node, each from the node outwards; a segment with both ends at a node is there twice."""
+        """Return the segments of each node, each directed away from the node.
+
+        A segment with both ends at the same node occurs twice.
+        """
         found: list[list[Segment]] = [[] for _ in self.places]
         for one in self.segments:
             found[one.nodes[0]].append(one)

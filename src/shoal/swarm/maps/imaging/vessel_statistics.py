@@ -52,12 +52,12 @@ class VesselStatistics:
 
     @property
     def area_ratios(self) -> Values:
-        """Cross-section of both daughters over that of the parent, shape (k,)."""
+        """Cross-section of both daughter vessels divided by the cross-section of the parent vessel; shape (k,)."""
         return np.asarray((self.radii[:, 1] ** 2 + self.radii[:, 2] ** 2) / self.radii[:, 0] ** 2)
 
     @property
     def asymmetry(self) -> Values:
-        """Radius of the narrower daughter over that of the wider one, shape (k,)."""
+        """Radius of the narrower daughter vessel divided by the radius of the wider one; shape (k,)."""
         return np.asarray(self.radii[:, 2] / self.radii[:, 1])
 
     @property
@@ -66,10 +66,10 @@ class VesselStatistics:
         return murray_exponents(self.radii)
 
     def summary(self) -> dict[str, float]:
-        """Return one number for each measure; NaN without any bifurcation or segment.
+        """Return one number for each measure, or NaN without any bifurcation or segment.
 
-        These are the medians over bifurcations, the mean length over diameter, and the length of all segments over that of their
-        chords. Medians, because vessels that cross or touch give outliers.
+        The numbers are the medians over bifurcations, the mean ratio of length to diameter, and the length of all segments divided
+        by the length of their chords. Medians, because vessels that cross or touch give outliers.
         """
         bifurcations = {
             "branching_angle": self.angles,

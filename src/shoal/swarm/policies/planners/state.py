@@ -32,7 +32,7 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
     """Return a prior that has not learned anything yet.
 
-    It has a given number of lattice models, and optionally the learned network.
+    The prior has a given number of lattice models, and optionally the learned network.
     """
     weights = np.zeros(occupancy_prior.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)

@@ -124,8 +124,8 @@ class Line:
     def boundary(self) -> Mean:
         """Expected number of moves until both ends are found.
 
-        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value is that of paper D, eq. 2. It lacks the
-        last term, which counts clumps.
+        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value is that of paper D, eq. 2. The printed
+        value lacks the last term, which counts clumps.
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -147,8 +147,8 @@ class Line:
 
         The printed value is that of the papers' formula.
 
-        The computation needs about m sqrt(m) operations on integers of up to m bits. It takes a millisecond for m = 100, and up to
-        half a minute for m = 10,000.
+        The computation needs about m sqrt(m) operations on integers of up to m bits. The computation takes a millisecond for m =
+        100, and up to half a minute for m = 10,000.
         """
         return Mean(
             Fraction(counting.coverage_total(self.cells, self.particles), self.placements),

@@ -32,8 +32,8 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
 def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     """Return the number of moves until both ends of the line are found, if the particles first move to the left.
 
-    The number is ``2 p_1 + cells - p_n + 1`` for sorted positions p_1 to p_n. It is one less if the particles form one clump,
-    because then no particle moves in the last move to the left.
+    The number is ``2 p_1 + cells - p_n + 1`` for sorted positions p_1 to p_n. The number is one less if the particles form one
+    clump, because then no particle moves in the last move to the left.
 
     Parameters
     ----------
