@@ -35,7 +35,7 @@ def random_scenario(seed: int, *, wide: bool = False) -> Scenario:
     """
     rng = np.random.default_rng(seed)
     tour = make_tour(str(rng.choice(TOURS)), volume_of(random_mask(rng), np.random.default_rng([seed, 3])))
-    distances = CellDistances(tour) if rng.random() < _STEPWISE and len(tour.shape) == 2 else None
+    distances = CellDistances(tour) if rng.random() < _STEPWISE else None
     tour_cost = TourCost(tour, turn_cost=float(rng.choice([0.0, 0.0, 0.5, 1.0])), distances=distances, reckoned=wide)
     n, m = len(tour_cost), int(rng.integers(1, _MOST_ROBOTS + 1) if rng.random() < 0.1 else min(rng.geometric(0.18), _MOST_ROBOTS))
     whole = tour_cost.whole

@@ -11,9 +11,10 @@ import shapely
 from shoal import InvalidInputError, run
 from shoal.cli import run as call
 from shoal.search import SearchEpisode, SearchProblem, make_tour, open_region, plan_search
-from shoal.search.flight.flight import Flight, climbs_apart
+from shoal.search.flight.flight import Flight
 from shoal.search.flight.staggering import Separation
 from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.timing import climbs_apart
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import check_missions, missions_of, write_missions
 from shoal.search.missions.approach import missions_approach
@@ -238,11 +239,41 @@ def test_commands_search_and_check_a_box(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
+    "fields",
+    [
+        {"bands": (30, 50), "faults": "crash:2@9"},
+        {"passes": 2, "region": "ring:50x25"},
+        {"region": "box:60x40x30", "loss": 0.2},
+        {"bands": (30, 50), "footprint": None, "vehicle": "multirotor,sensor_width=9,sensor_height=9,focal_length=27"},
+    ],
+)
+def test_an_unknown_obstacle_stands_in_all_layers_and_robots_climb_beside_it(fields):
+    episode = run(SearchProblem(**{"region": "rectangle:80x60", "robots": 3, "footprint": 10, "obstacles": 3} | fields), seed=1)
+    assert episode.status == "complete"
+    assert episode.verify()
+    grid, tour, blocked = episode.plan.grid, episode.plan.tour, episode.scenario.obstacles
+    layers = tour.cells[list(blocked), 0]
+    assert set(layers.tolist()) == set(range(len(grid.layers)))
+    assert np.bincount(layers)[0] == 3
+    for log, route in zip(episode.trace.robots, episode.routes, strict=True):
+        assert not {*log.cells.tolist()} & {*blocked}
+        passed = {int(cell) for detour in log.detours for cell in detour}
+        assert not passed & {*blocked}
+        up, across = np.diff(route.points[:, 2]) != 0, np.diff(route.points[:, :2], axis=0).any(axis=1)
+        assert not (up & across).any(), "climbs are vertical"
+        for number in np.flatnonzero(up).tolist():
+            for low in route.points[number : number + 2]:
+                layer = int(np.abs(grid.altitudes - low[2]).argmin())
+                assert int(tour.position[layer, *grid.layers[layer].cell_of(low[None, :2])[0]]) not in blocked
+    reached = episode.scenario.goal
+    assert sum(reached >> cell & 1 for cell in range(grid.n_cells)) + len(blocked) + episode.unreachable == grid.n_cells
+
+
+@pytest.mark.parametrize(
     ("fields", "message"),
     [
         ({"bands": (30, 30)}, "bands: expected one altitude or more, each once"),
         ({"bands": (0, 30)}, "bands: expected a number, above 0.*, got 0"),
-        ({"bands": (30, 50), "obstacles": 2}, "obstacles: expected none where several layers or passes are searched, got some"),
         ({"bands": (30, 50), "vehicle": "rover"}, "vehicle: expected one that flies for bands or a box, got a rover"),
         ({"region": "box:20x20x10", "bands": (5, 15)}, "bands: expected altitudes up to 10 m, the top, got 15"),
         ({"region": "box:20x20"}, "expected box:WIDTHxDEPTHxHEIGHT"),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
-from shoal.search.cells.distances import Distances
+from shoal.search.cells.distances import CellDistances, CellPlane, Distances
 from shoal.search.cells.footprint import Footprint
 from shoal.search.cells.grid import CellGrid
 from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
@@ -310,3 +310,37 @@ class LayeredDistances:
             far = distances.lengths(int(own.position[row, col])) * self._sizes[layer]
             found[self._numbers.whole(layer, np.arange(len(own)))] = far
         return np.asarray(found + np.abs(self._ups - self._ups[here]))
+
+
+def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
+    """Return a layer for `CellDistances`: its cells by their indices on a tour, and the length of a step."""
+    rows, columns = grid.shape
+    return CellPlane(position[:rows, :columns], grid.doors_east, grid.doors_south, size)
+
+
+def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
+    """Return paths from cell to cell through layers. Robots climb between cells of neighbouring layers above each other.
+
+    Parameters
+    ----------
+    grid : LayeredGrid
+    tour : Tour
+    steps : ndarray of float64, shape (N,)
+        Length of the path from each cell of the tour to the next, in cell sides.
+    """
+    layers = grid.layers
+    planes = [plane_of(one, tour.position[number], one.size / grid.size) for number, one in enumerate(layers)]
+    places = with_climb_cost(grid, grid.viewpoints[grid.viewpoint_starts[:-1]]) / grid.size
+    own = tour.position[tuple(grid.cells.T)]
+    ends = [np.zeros((0, 2), dtype=np.int64)]
+    for number in range(len(layers)):
+        here = np.flatnonzero(grid.cells[:, 0] == number)
+        for other in (number - 1, number + 1):
+            if 0 <= other < len(layers):
+                over = layers[other].cell_of(places[here, :2] * grid.size)
+                there = grid.ordinals(np.column_stack([np.full(len(over), other), over]))
+                ends.append(np.sort(np.column_stack([here, there]), axis=1))
+    one, other = np.unique(np.concatenate(ends), axis=0).T
+    apart = np.abs(places[one] - places[other])
+    lengths = np.hypot(apart[:, 0], apart[:, 1]) + apart[:, 2]
+    return CellDistances(tour, planes=planes, climbs=(own[one], own[other], lengths), steps=steps)

@@ -24,7 +24,9 @@ from shoal.search.allocation.layers import (
     LayerNumbers,
     Paths,
     at_altitude,
+    cells_of_layers,
     layers_of,
+    plane_of,
     with_climb_cost,
 )
 from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour, in_layers
@@ -293,7 +295,7 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
         first = grid_tour(problem.place, sizes[0], tours[0], angle=angle, stepwise=problem.stepwise, **given)
     name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.grid.angle)
-    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
+    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, stepwise=problem.stepwise, **given)
 
 
 def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
@@ -306,14 +308,17 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     steps = np.diff(far[begins]) / grid.size
     bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on, and then to the first again
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
-    straight = not stepwise and _is_convex(grid.region.free)
+    free = grid.region.free
+    straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)
     given: dict[str, Any] = {"distances": None}
     if isinstance(paths, LayeredPaths):
-        given |= _of_layers(laid, paths, straight=straight)
+        given |= _of_layers(laid, paths, straight=straight or stepwise)
+        if stepwise:
+            given["distances"] = cells_of_layers(paths.grid, tour, steps)
     else:
         given["footprint"] = RegionFootprint(paths.grid, tour)
         if not straight:
-            cellwise = CellDistances(tour, doors_east=paths.grid.doors_east, doors_south=paths.grid.doors_south, steps=steps)
+            cellwise = CellDistances(tour, planes=[plane_of(paths.grid, tour.position)], steps=steps)
             given["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
     return TourCost(
         tour,
@@ -336,11 +341,6 @@ def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[s
         "least": sum(layer.grid.n_cells * layer.grid.size for layer in laid.layers) / laid.grid.size,
         "distances": LayeredDistances(paths, numbers, [own[layer]["distances"] for layer in laid.layers] if not straight else ()),
     }
-
-
-def _is_convex(area: Any) -> bool:
-    """Return whether all paths inside an area are straight."""
-    return bool(area.convex_hull.area - area.area <= _HOLLOW * area.area)
 
 
 def places_of_robots(grid: CellGrid, problem: SearchProblem, rng: Generator) -> Points:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Protocol
@@ -9,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shoal.core.errors import InvalidInputError
+from shoal.core.dataclass import dataclass
 from shoal.search.cells.routing import RegionPaths, length_of
 from shoal.search.cells.visibility_graph import inside, pulled
 from shoal.search.tours import Tour
@@ -36,26 +37,54 @@ class Distances(Protocol):
         """Return approximate distances, all finite, from a cell to all cells, in cell sides; float64, shape (N,)."""
 
 
+@dataclass(frozen=True, eq=False)
+class CellPlane:
+    """The cells of one layer, for `CellDistances`.
+
+    Parameters
+    ----------
+    position : ndarray of int64, shape (H, W)
+        Tour index of each cell, -1 where there is none.
+    doors_east, doors_south : ndarray of bool, shapes (H, W - 1) and (H - 1, W), optional
+        Whether a robot can move from a cell to the next cell in its row, and to the cell below. By default, it can wherever both
+        are cells.
+    size : float
+        Length of a step to a neighbouring cell.
+    """
+
+    position: NDArray[np.int64]
+    doors_east: NDArray[np.bool_] | None = None
+    doors_south: NDArray[np.bool_] | None = None
+    size: float = 1.0
+
+    def edges(self, open_: NDArray[np.bool_]) -> tuple[list[Any], list[Any], list[Any]]:
+        """Return the steps between open cells: ends and lengths."""
+        position = self.position
+        free = (position >= 0) & open_[position]
+        east, south = free[:, :-1] & free[:, 1:], free[:-1] & free[1:]
+        east = east if self.doors_east is None else east & self.doors_east
+        south = south if self.doors_south is None else south & self.doors_south
+        # Steps across a corner need both cells beside the corner.
+        across = east[:-1] & east[1:] & south[:, :-1] & south[:, 1:]
+        rows = [position[:, :-1][east], position[:-1][south], position[:-1, :-1][across], position[:-1, 1:][across]]
+        cols = [position[:, 1:][east], position[1:][south], position[1:, 1:][across], position[1:, :-1][across]]
+        return rows, cols, [np.full(len(some), self.size * (_DIAGONAL if k > 1 else 1.0)) for k, some in enumerate(rows)]
+
+
 class CellDistances:
     """Paths between neighbouring cells. A path may cross a corner if both cells beside the corner are open.
 
     Parameters
     ----------
     tour : Tour
-        The tour of a plane region.
-    doors_east : array_like of bool, shape (H, W - 1), optional
-        Whether a robot can move from a cell to the next cell in its row. By default, this is possible wherever both positions are
-        cells.
-    doors_south : array_like of bool, shape (H - 1, W), optional
-        The same for a move to the cell below.
+        The tour of a plane region, or through several layers.
+    planes : sequence of CellPlane, optional
+        The layers. The default is the plane of the tour, or its layers, between which robots climb from cell to cell.
+    climbs : tuple of array_like, optional
+        Ways between layers: cells at both ends, as tour indices, and lengths in cell sides.
     steps : array_like of float64, shape (N,), optional
-        Length of the path from each cell of the tour to the next. Robots use these paths between cells that have no other
-        connection.
-
-    Raises
-    ------
-    InvalidInputError
-        If the tour is not in a plane.
+        Length of the path from each cell of the tour to the next. Robots use these paths between cells that are not connected
+        otherwise.
 
     Examples
     --------
@@ -73,17 +102,18 @@ class CellDistances:
         self,
         tour: Tour,
         *,
-        doors_east: ArrayLike | None = None,
-        doors_south: ArrayLike | None = None,
+        planes: Sequence[CellPlane] = (),
+        climbs: tuple[Any, Any, Any] = ((), (), ()),
         steps: ArrayLike | None = None,
     ) -> None:
         position = tour.position
-        if position.ndim != 2:
-            raise InvalidInputError(f"ways: expected a tour in a plane, got one in {position.ndim} dimensions")
-        there = position >= 0
-        self._n, self._position = len(tour), position
-        self._east = there[:, :-1] & there[:, 1:] if doors_east is None else np.asarray(doors_east, dtype=np.bool_)
-        self._south = there[:-1] & there[1:] if doors_south is None else np.asarray(doors_south, dtype=np.bool_)
+        if position.ndim == 3 and not planes:  # climbs are as long as steps
+            planes, both = [CellPlane(layer) for layer in position], (position[:-1] >= 0) & (position[1:] >= 0)
+            climbs = position[:-1][both], position[1:][both], np.ones(int(both.sum()))
+        self._n, self._planes = len(tour), tuple(planes) or (CellPlane(position),)
+        self._climbs = tuple(
+            np.asarray(column, dtype=kind) for column, kind in zip(climbs, (np.int64, np.int64, float), strict=True)
+        )
         self._cells = tour.cells
         self._links: dict[tuple[int, int], float] = {}
         self._remember()
@@ -135,10 +165,11 @@ class CellDistances:
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
         """Return the cells beside a step that must also be open: two cells for a step across a corner, otherwise no cells."""
-        (row, col), (to_row, to_col) = self._cells[one], self._cells[other]
-        if row == to_row or col == to_col or (one, other) in self._links:
+        (*layer, row, col), (*to_layer, to_row, to_col) = self._cells[one].tolist(), self._cells[other].tolist()
+        if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
             return ()
-        return int(self._position[row, to_col]), int(self._position[to_row, col])
+        position = self._planes[layer[0] if layer else 0].position
+        return int(position[row, to_col]), int(position[to_row, col])
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
         """Return a bitset of the cells that must be open for a path: the cells that it enters, and the cells beside its steps."""
@@ -168,15 +199,11 @@ class CellDistances:
         """Return the graph of neighbouring open cells."""
         from scipy.sparse import coo_array
 
-        position, free = self._position, np.zeros(self._position.shape, dtype=np.bool_)
-        free[tuple(self._cells.T)] = ~bits_to_array(closed, self._n)
-        east = self._east & free[:, :-1] & free[:, 1:]
-        south = self._south & free[:-1] & free[1:]
-        # Steps across a corner need both cells beside the corner.
-        across = east[:-1] & east[1:] & south[:, :-1] & south[:, 1:]
-        rows = [position[:, :-1][east], position[:-1][south], position[:-1, :-1][across], position[:-1, 1:][across]]
-        cols = [position[:, 1:][east], position[1:][south], position[1:, 1:][across], position[1:, :-1][across]]
-        lengths = [np.full(len(some), _DIAGONAL if k > 1 else 1.0) for k, some in enumerate(rows)]
+        open_ = ~bits_to_array(closed, self._n)
+        found = [plane.edges(open_) for plane in self._planes]
+        free = open_[self._climbs[0]] & open_[self._climbs[1]]
+        found.append(([self._climbs[0][free]], [self._climbs[1][free]], [self._climbs[2][free]]))
+        rows, cols, lengths = ([part for one in found for part in one[k]] for k in range(3))
         links = [(*ends, away) for ends, away in self._links.items() if not any(closed >> end & 1 for end in ends)]
         for some, values in zip((rows, cols, lengths), zip(*links, strict=True), strict=False):
             some.append(np.array(values))

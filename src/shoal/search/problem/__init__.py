@@ -221,8 +221,6 @@ class SearchProblem(Problem):
             raise InvalidInputError(f"multiplicity: expected at most {self.robots}, as there are robots, got {self.multiplicity}")
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
             raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
-        if self.has_layers and self.stepwise:
-            raise InvalidInputError("obstacles: expected none where several layers or passes are searched, got some")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one a robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
@@ -256,11 +254,6 @@ class SearchProblem(Problem):
     def allocations_to_compare(self) -> tuple[str, ...]:
         """The allocations to compare. The allocation that is most often the fastest comes first."""
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
-
-    @property
-    def has_layers(self) -> bool:
-        """Whether the search may have several layers."""
-        return self.passes > 1 or len(self.bands or ()) > 1 or self._volume
 
     @property
     def _volume(self) -> bool:

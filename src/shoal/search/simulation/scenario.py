@@ -190,17 +190,26 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
 
 
 def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
-    """Return tour indices of cells given as a number of random cells, as points, or as a file of points."""
+    """Return tour indices of cells given as a number of random cells, as points, or as a file of points.
+
+    A point exists in all layers. A random obstacle also does; a random target is in one layer.
+    """
     if isinstance(given, int):
+        columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)
+        if columns:
+            allowed = allowed[plan.tour.cells[allowed, 0] == 0]
         if given > len(allowed):
             where = "one a cell" if what == "targets" else "none where a robot starts"
             raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
         chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
-        return tuple(sorted(int(cell) for cell in chosen))
-    region = plan.grid.region
-    points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
-    inside = region.check_inside(points, what=given if isinstance(given, str) else what)
-    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]  # a target or obstacle exists in all layers
+        if not columns:
+            return tuple(sorted(int(cell) for cell in chosen))
+        inside = plan.positions(chosen)[:, :2]
+    else:
+        region = plan.grid.region
+        points = read_points(Path(given), region, what=what) if isinstance(given, str) else given
+        inside = region.check_inside(points, what=given if isinstance(given, str) else what)
+    found = [layer.cell_of(inside) for layer in layers_of(plan.grid)]
     if isinstance(plan.grid, LayeredGrid):
         found = [np.column_stack([np.full(len(cells), up), cells]) for up, cells in enumerate(found)]
     return tuple(sorted({int(number) for cells in found for number in plan.tour.position[tuple(cells.T)]}))
