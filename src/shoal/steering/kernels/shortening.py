@@ -27,8 +27,6 @@ CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 EXACT = 1e-9  # of the size: a step that goes elsewhere by more is another one
 WIDEST, FINEST = 0.3, 1e-6  # of the size: typical changes of targets
 WARMTH = 0.05  # of the length or the moves: by how much plans may get worse at first
-CHANGED = 0.75  # of the trials: other targets
-LEFT_OUT, GIVEN, PUT_IN = 0.85, 0.92, 0.98  # up to here: a step less, another contact and toucher, a contact more; else a bend
 FAR = 4.0  # times as many moves it takes to mend a difference, where it is wrong by the size
 BLOCKED = 2.0  # moves more, where a wall is in the way of the last one
 
@@ -56,31 +54,29 @@ def is_near(state, goal, tolerance):
 
 
 @kernel
-def play(steps, count, start, goal, tolerance, world, state, wanted):
-    """Return the length of a plan, infinite if a step does not do what it should, or if the plan does not end at the goal."""
+def play(steps, count, start, goal, tolerance, bound, world, state):
+    """Return the length of a plan, infinite if it does not end at the goal or is longer than a bound.
+
+    A step need not do what it should: the steps after it lead to their targets from wherever the particles are.
+    """
     last = count - 2
     while last >= 0 and steps.kinds[last] != ADJUSTMENT:
         if steps.kinds[last] == CONTACT:
             return np.inf
         last -= 1
     copy(start, state)
-    near, length = EXACT * world.walls.size, 0.0
+    length = 0.0
     for i in range(2):
         steps.targets[count - 1, i] = (goal[0, i] + goal[1, i]) / 2
         if last >= 0:
             steps.targets[last, i] = goal[1, i] - goal[0, i]
     for k in range(count):
-        p, kind, move = steps.particles[k], steps.kinds[k], steps.moves[k]
+        move = steps.moves[k]
         make_move(steps, k, state, move)
-        for q in range(2):
-            for i in range(2):
-                wanted[q, i] = state[q, i] + (0.0 if kind == ADJUSTMENT and q == p else move[i])
-        step(state, move, world)
-        for q in range(2):
-            for i in range(2):
-                if not abs(state[q, i] - wanted[q, i]) <= near:
-                    return np.inf
         length += np.sqrt(move[0] ** 2 + move[1] ** 2)
+        if not length <= bound:
+            return np.inf
+        step(state, move, world)
     return length if is_near(state, goal, tolerance) else np.inf
 
 
@@ -142,9 +138,9 @@ def shift(steps, first, count, by):
 
 
 @kernel
-def draw_contact(steps, k, particle, goal, world, rng, over, place, normal):
+def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
     """Make a step a contact of a particle anywhere on the walls, at times behind them by about ``over``."""
-    wall_point(goal[particle], world, rng, place, normal)
+    wall_point(near[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
     steps.along[k, 0], steps.along[k, 1] = -normal[1], normal[0]
     far = 2 * over * abs(rng.normal())
@@ -171,24 +167,33 @@ def vary(steps, k, width, world, rng, over):
 
 
 @kernel
-def aim_near(steps, k, start, world, width, rng, state, move):
-    """Give a new step a target near to where the steps before it lead."""
+def play_before(steps, k, start, world, state, move):
+    """Set the state to where the steps before a number lead."""
     copy(start, state)
     for n in range(k):
         make_move(steps, n, state, move)
         step(state, move, world)
+
+
+@kernel
+def aim_near(steps, k, width, rng, state):
+    """Give a new step a target near to a state."""
     for i in range(2):
         here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
         steps.targets[k, i] = here + width * rng.normal()
 
 
 @kernel
-def change(steps, count, start, goal, world, rng, over, state, move, normal):
-    """Change a plan at random, in place; return how many steps it has then."""
+def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
+    """Change a plan at random, in place; return how many steps it has then.
+
+    ``odds`` are the probabilities, added up, of other targets; a step less; another contact and toucher; a contact that hands the
+    toucher over; a contact and an adjustment more. The rest is the probability of a bend.
+    """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
     width = size * WIDEST * (max(FINEST, 0.1 * over / size) / WIDEST) ** rng.random()
-    if choice < CHANGED and count > 1:
+    if choice < odds[0] and count > 1:
         if steps.kinds[k] == ADJUSTMENT and rng.random() < 0.1:
             for i in range(2):
                 steps.targets[k, i] = goal[1, i] - goal[0, i]
@@ -196,9 +201,9 @@ def change(steps, count, start, goal, world, rng, over, state, move, normal):
             vary(steps, k, width, world, rng, over)
         if rng.random() < 0.5:
             vary(steps, min(int(rng.random() * (count - 1)), count - 2), width, world, rng, over)
-    elif choice < LEFT_OUT and count > 1:
+    elif choice < odds[1] and count > 1:
         return shift(steps, k + 1, count, -1)
-    elif choice < GIVEN and count > 1:
+    elif choice < odds[2] and count > 1:
         while k > 0 and steps.kinds[k] != CONTACT:
             k -= 1
         particle = steps.particles[k] if rng.random() < 0.5 else 1 - steps.particles[k]
@@ -209,50 +214,61 @@ def change(steps, count, start, goal, world, rng, over, state, move, normal):
                 k += 1
                 if steps.kinds[k] == ADJUSTMENT:
                     steps.particles[k] = particle
-    elif choice < PUT_IN:
+    elif choice < odds[3] and count > 1:
+        while k > 0 and steps.kinds[k] != ADJUSTMENT:
+            k -= 1
+        if steps.kinds[k] == ADJUSTMENT and count < steps.kinds.shape[0]:
+            particle = 1 - steps.particles[k]
+            play_before(steps, k if rng.random() < 0.5 else k + 1, start, world, state, move)
+            count = shift(steps, k, count, 1)
+            draw_contact(steps, k, particle, state, world, rng, over, move, normal)
+            steps.particles[k + 1] = particle
+    elif choice < odds[4]:
         if count + 2 <= steps.kinds.shape[0]:
             k = max(k, 0)
+            play_before(steps, k, start, world, state, move)
             count = shift(steps, k, count, 2)
             particle = 0 if rng.random() < 0.5 else 1
-            draw_contact(steps, k, particle, goal, world, rng, over, move, normal)
+            draw_contact(steps, k, particle, goal if rng.random() < 0.5 else state, world, rng, over, move, normal)
             steps.kinds[k + 1], steps.particles[k + 1] = ADJUSTMENT, particle
-            aim_near(steps, k + 1, start, world, width, rng, state, move)
+            aim_near(steps, k + 1, width, rng, state)
     elif count < steps.kinds.shape[0]:
         k = max(k, 0)
         count = shift(steps, k, count, 1)
+        play_before(steps, k, start, world, state, move)
         steps.kinds[k] = TRANSLATION
-        aim_near(steps, k, start, world, width, rng, state, move)
+        aim_near(steps, k, width, rng, state)
     return count
 
 
 @kernel
-def cost(steps, count, start, goal, tolerance, noise, world, state, wanted, move):
-    """Return the length of a plan in a world without noise; else the moves that it takes on average."""
+def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
+    """Return the length of a plan in a world without noise, if it is within a bound; else the moves that it takes on average."""
     if noise.starts.shape[0] == 0:
-        return play(steps, count, start, goal, tolerance, world, state, wanted)
+        return play(steps, count, start, goal, tolerance, bound, world, state)
     return expected_moves(steps, count, goal, tolerance, noise, world, state, move)
 
 
 @kernel
-def anneal(steps, count, start, goal, tolerance, most, changes, noise, world, rng, trial, best):
+def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
     """Change a plan, in place, so many times; write the best met to ``best``; return its steps and its cost.
 
     It is infinite if the plan itself does not work. No plan gets more moves than ``most``.
     """
-    state, wanted, move, normal = np.empty((2, 2)), np.empty((2, 2)), np.empty(2), np.empty(2)
-    length = cost(steps, count, start, goal, tolerance, noise, world, state, wanted, move)
+    state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
+    length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
     copy_steps(steps, count, best)
     shortest, few = length, count
     if not length < np.inf:
         return few, length
     for done in range(changes):
         copy_steps(steps, count, trial)
-        number = change(trial, count, start, goal, world, rng, noise.deviation, state, move, normal)
-        found = np.inf
-        if number <= most:
-            found = cost(trial, number, start, goal, tolerance, noise, world, state, wanted, move)
-        warmth = WARMTH * length * (1.0 - done / changes) ** 3
-        if found < length - warmth * np.log(1.0 - rng.random()):
+        number = change(trial, count, start, goal, world, rng, odds, noise.deviation, state, move, normal)
+        if number > most:
+            continue
+        bound = length - WARMTH * length * (1.0 - done / changes) ** 3 * np.log(1.0 - rng.random())
+        found = cost(trial, number, start, goal, tolerance, bound, noise, world, state, move)
+        if found < bound:
             length, count = found, number
             copy_steps(trial, count, steps)
             if length < shortest:

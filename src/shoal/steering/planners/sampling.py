@@ -17,7 +17,7 @@ from shoal.steering.kernels import sampling as kernels
 from shoal.steering.kernels.contact import Walls
 from shoal.steering.kernels.region_contact import Edges
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.shortening import annealed
+from shoal.steering.planners.shortening import Shortening
 from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
@@ -27,9 +27,9 @@ ROUNDS = 80_000  # maximum number of manoeuvres tried in one tree
 STRETCH = 5000  # manoeuvres between two checks of the time
 TREES = 10  # maximum number of trees until one reaches the goal
 MORE_ROUNDS = 10_000  # nodes of each further tree, which may contain a shorter plan
-MORE_TREES = 16  # half as many for more particles and with sliding
-SHORTENED = 60_000  # number of changes of each plan
+MORE_TREES, FEW_TREES = 39, 8  # fewer for more particles and with sliding
 SLIDING = 0.1  # number of changes with sliding particles
+LONG = 16  # moves: a plan of fewer moves loses unnecessary ones when it is changed
 HITS = 1000  # per tree: maximum number of attempts to reach the goal by translations
 MARGINS = (1e-3, 1e-4, 1e-5, 1e-6)  # relative to the size: distance of translations from walls, if possible
 _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for rounding errors
@@ -72,16 +72,16 @@ class Sampling:
         world, translations = world_of(task.world), Translations(task)
         found: list[Points] = []
         simple = len(task.start) == 2 and task.world.friction == np.inf
-        for tree in range(TREES + (MORE_TREES if simple else MORE_TREES // 2)):
+        for tree in range(TREES + (MORE_TREES if simple else FEW_TREES)):
             if task.late or (tree >= TREES and not found):
                 break
             if tree < TREES and found:
                 continue
             moves = Tree(task, world, rng, left=int(share * (MORE_ROUNDS if found else ROUNDS))).search(translations)
             found += [] if moves is None else [moves]
-        if simple:
-            found = [moves if task.late else annealed(task, world, moves, rng, changes=SHORTENED) for moves in found]
-        return min(found, key=path_length, default=None)
+        if simple and found:
+            found = [Shortening(task, world, rng).shortest(found)]
+        return min((_shortened(task, moves) for moves in found), key=path_length, default=None)
 
 
 def world_of(world: Any) -> kernels.World:
@@ -120,11 +120,12 @@ class Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
-        """Return the first plan that the search finds, without its unnecessary moves, or None."""
+        """Return the first plan found, or None. A long plan has no unnecessary moves."""
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
-                moves = _shortened(self.task, moves)
+                if len(moves) > min(LONG, self.task.max_moves):
+                    moves = _shortened(self.task, moves)
                 if len(moves) <= self.task.max_moves:
                     return moves
             if not self.grow():

@@ -1,4 +1,4 @@
-"""Shortening of plans for two particles around obstacles, by random changes of contacts and adjustments."""
+"""Shortening of plans for two particles around obstacles: many plans are changed at random, the shortest again."""
 
 from __future__ import annotations
 
@@ -6,48 +6,98 @@ from typing import Any
 
 import numpy as np
 
+from shoal.core.dataclass import dataclass
 from shoal.steering.kernels import shortening as kernels
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_STEPS = 32
+STAGES = ((40, 2_000), (5, 25_000))  # how many of the shortest plans go on, and the number of changes of each
+ODDS = {"targets": 0.7, "a step less": 0.1, "another toucher": 0.06, "a hand-over": 0.07, "a contact more": 0.05, "a bend": 0.02}
+_ALIKE = 1e-4  # relative to the length: plans that differ by less are one
 _EXACT = 1e-9  # relative to a move: distance that a particle may fall behind without counting as held
 _NOTHING = 1e-12  # relative to the size: length of a move that is left out
 QUIET = kernels.Noise(np.zeros((0, 2, 2)), np.zeros((0, 0, 2)), 0.0, 0.0)
 
 
-def annealed(task: SteeringTask, world: Any, moves: Points, rng: np.random.Generator, *, changes: int) -> Points:
-    """Return a plan for two particles, shortened by ``changes`` random changes.
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A plan in steps.
 
-    A plan that does not consist of cycles stays unchanged.
+    Parameters
+    ----------
+    steps : shoal.steering.kernels.shortening.Steps
+    count : int
+        Number of steps.
+    cost : float
+        The length; in noise the mean number of moves; infinite if the plan does not work.
+    """
+
+    steps: kernels.Steps
+    count: int
+    cost: float = np.inf
+
+
+class Shortening:
+    """Random changes of plans for one task.
 
     Parameters
     ----------
     task : SteeringTask
     world : shoal.steering.kernels.sampling.World
-    moves : ndarray of float64, shape (moves, 2)
     rng : numpy.random.Generator
-    changes : int
     """
-    steps, count = steps_of(task, moves)
-    if count > MOST_STEPS:
-        return moves
-    best, few, length = improved(task, world, steps, count, rng, changes=changes)
-    plan = best.moves[:few][np.hypot(*best.moves[:few].T) > _NOTHING * task.world.room.size]
-    return plan if length < float(np.linalg.norm(moves, axis=1).sum()) else moves
+
+    def __init__(self, task: SteeringTask, world: Any, rng: np.random.Generator) -> None:
+        self.task, self.world, self.rng = task, world, rng
+        self._most, self._room = min(task.max_moves, MOST_STEPS), new_steps()
+        odds = np.cumsum(np.fromiter(ODDS.values(), dtype=np.float64))
+        self._odds = odds / odds[-1]
+        self._ends = task.start, np.ascontiguousarray(task.goal), task.tolerance, self._most
+
+    def shortest(self, found: list[Points]) -> Points:
+        """Return the shortest plan that changes of plans lead to.
+
+        All plans are changed at random for a while, and then the shortest of them again.
+
+        Parameters
+        ----------
+        found : list of ndarray of float64, shape (moves, 2)
+        """
+        plans = self._distinct([self.changed(steps_of(self.task, moves), changes=0) for moves in found])
+        for number, changes in STAGES:
+            plans = self._distinct([plan if self.task.late else self.changed(plan, changes=changes) for plan in plans[:number]])
+        nothing = _NOTHING * float(self.task.world.room.size)
+        made = [plan.steps.moves[: plan.count] for plan in plans[:1]]
+        whole = [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *found]
+        return min(whole, key=lambda moves: float(np.linalg.norm(moves, axis=1).sum()))
+
+    def changed(self, plan: Plan, *, changes: int, noise: Any = QUIET) -> Plan:
+        """Return the best plan that so many random changes lead to; in noise, the one with the smallest mean number of moves."""
+        if plan.count > MOST_STEPS:
+            return plan
+        best = new_steps()
+        few, cost = kernels.anneal(
+            copy_of(plan).steps, plan.count, *self._ends, changes, self._odds, noise, self.world, self.rng, self._room, best
+        )
+        return Plan(best, int(few), float(cost))
+
+    @staticmethod
+    def _distinct(plans: list[Plan]) -> list[Plan]:
+        """Return the plans that work, the shortest first, and one of those that are equally long."""
+        found: list[Plan] = []
+        for plan in sorted((plan for plan in plans if plan.cost < np.inf), key=lambda plan: plan.cost):
+            if not found or plan.cost > (1 + _ALIKE) * found[-1].cost:
+                found.append(plan)
+        return found
 
 
-def improved(
-    task: SteeringTask, world: Any, steps: kernels.Steps, count: int, rng: np.random.Generator, *, changes: int, noise: Any = QUIET
-) -> tuple[kernels.Steps, int, float]:
-    """Return the steps of a plan after random changes, their number, and their cost. The given arrays are overwritten.
-
-    The cost of a plan is its length. With noise, it is the mean number of moves until the particles arrive.
-    """
-    room, best = new_steps(), new_steps()
-    goal, most = np.ascontiguousarray(task.goal), min(task.max_moves, MOST_STEPS)
-    few, cost = kernels.anneal(steps, count, task.start, goal, task.tolerance, most, changes, noise, world, rng, room, best)
-    return best, int(few), float(cost)
+def copy_of(plan: Plan, first: int = 0) -> Plan:
+    """Return a copy of the steps of a plan, beginning with a given step."""
+    steps, count = new_steps(), plan.count - first
+    for new, old in zip(steps, plan.steps, strict=True):
+        new[:count] = old[first : plan.count]
+    return Plan(steps, count)
 
 
 def new_steps() -> kernels.Steps:
@@ -56,11 +106,8 @@ def new_steps() -> kernels.Steps:
     return kernels.Steps(kinds, particles, *np.zeros((3, MOST_STEPS, 2)))
 
 
-def steps_of(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
-    """Divide a plan into steps, and leave out steps without effect.
-
-    Return the steps and their number. If the number exceeds the length of the arrays, the plan has too many steps.
-    """
+def steps_of(task: SteeringTask, moves: Points) -> Plan:
+    """Divide a plan into steps without idle ones. Their number exceeds ``MOST_STEPS`` if there is no room for all of them."""
     parts, state = [], task.start
     for move in moves[np.hypot(*moves.T) > 0]:
         after = task.world.step(state, move)
@@ -80,7 +127,7 @@ def steps_of(task: SteeringTask, moves: Points) -> tuple[kernels.Steps, int]:
     steps = new_steps()
     for k, part in enumerate(parts[:MOST_STEPS]):
         steps.kinds[k], steps.particles[k], steps.targets[k], steps.along[k] = part
-    return steps, len(parts)
+    return Plan(steps, len(parts))
 
 
 def _direction_at(room: Any, point: Points) -> Points:

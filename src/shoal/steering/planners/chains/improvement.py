@@ -24,10 +24,12 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 _Item = TypeVar("_Item")
 
+CYCLES = (1, 2, 3)  # numbers of cycles of the chains of which all kinds are tried
 MOST_CYCLES = 8
 SLACK = 1.2  # relative to the shortest length: longer chains are dropped
 WIDTH = 8  # number of chains that are changed
 TRIES, ROUND_TRIES, FAR_TRIES = 90, 90, 200  # number of chains tried: on flat walls, on a round wall, and for distant goals
+EARLY = 30  # of them before chains of three cycles
 SPIRALS = ((1.0, -1.0), (1.0, 1.0), (-1.0, -1.0))  # sides to which differences turn for distant goals
 _BACKWARD = 16  # cycles of a chain for distant goals
 REFINED = 3  # number of shortest rough chains that are used
@@ -252,11 +254,11 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     pool = ChainPool(query)
     for chain in seeds:
         pool.begin(chain)
-    for cycles in (1, 2, 3):
+    for cycles in CYCLES:
         for chain in chains_of(query, cycles, inf if pool.best is None else NEARLY * pool.best.length):
             pool.add(chain)
         if cycles == 2:
-            pool.improve(TRIES // 3)
+            pool.improve(EARLY)
     tries = ROUND_TRIES if query.walls.round else TRIES
     for sides in SPIRALS if query.walls.round and query.friction == inf else ():
         far = antipodal_chain(query, cycles=_BACKWARD, sides=sides)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from shoal.steering.kernels import shortening as kernels
 from shoal.steering.planners.robust.belief import PositionBelief
 from shoal.steering.planners.sampling import MORE_ROUNDS, Translations, Tree, world_of
-from shoal.steering.planners.shortening import MOST_STEPS, annealed, improved, new_steps, steps_of
+from shoal.steering.planners.shortening import MOST_STEPS, Plan, Shortening, copy_of, steps_of
 from shoal.steering.planners.shortest import Shortest
 from shoal.steering.planners.task import SteeringTask
 from shoal.steering.workspaces.region import Region
@@ -56,74 +56,61 @@ class Replanning:
 
     def run(self) -> None:
         """Run until the particles are observed at their goals, or the maximum number of moves is reached."""
-        plan, expected = None, 0.0
-        move = np.zeros(2)
+        plan, move = None, np.zeros(2)
         while (sent := len(self.apparatus.inputs)) < self.task.max_moves:
             if self.belief.arrived(self.task.goal, self.task.tolerance, share=sent / self.task.max_moves):
                 return
-            plan, expected = self._plan(plan, expected)
-            kernels.make_move(plan[0], 0, self.belief.state, move)
+            plan = self._plan(plan)
+            kernels.make_move(plan.steps, 0, self.belief.state, move)
             self.apparatus.send(move.copy())
             self.belief.update(move, self.apparatus.look())
-            expected -= 1
 
-    def _plan(self, last: Any, expected: float) -> tuple[tuple[kernels.Steps, int], float]:
-        """Return the steps of the best plan from the present belief, and its mean number of moves."""
+    def _plan(self, last: Plan | None) -> Plan:
+        """Return the best plan from the present belief."""
         sent = len(self.apparatus.inputs)
         left, cycle = min(self.task.max_moves - sent, MOST_STEPS), min(self.cycle * IMPATIENCE**sent, 1e6)
         task = replace(self.task, start=self.belief.state, max_moves=left)
         errors = self.rng.normal(scale=self.deviation, size=(JUDGED, MOST_STEPS, 2))
         judged = kernels.Noise(self.belief.states, errors, self.deviation, cycle)
-        found = [self._judged(plan, judged) for plan in self._plans_at_hand(task, last)]
-        if last is None:
-            found += [self._judged(plan, judged) for plan in self._new_plans(task, FIRST_TREES)]
-        elif not task.late and min(cost for _, cost in found) > expected + WORSE:
-            found += [self._judged(plan, judged) for plan in self._new_plans(task, TREES)]
-        found = sorted(found, key=lambda one: one[1])
         few = kernels.Noise(self.belief.states[:SCENARIOS], errors[:SCENARIOS].copy(), self.deviation, cycle)
-        for plan, _cost in found[:REFINED]:
-            if not task.late:
-                steps, count, _ = improved(task, self.world, _copied(plan), plan[1], self.rng, changes=CHANGES, noise=few)
-                found.append(self._judged((steps, count), judged))
-        return min(found, key=lambda one: one[1])
+        shortening = Shortening(task, self.world, self.rng)
 
-    def _judged(self, plan: tuple[kernels.Steps, int], noise: kernels.Noise) -> tuple[tuple[kernels.Steps, int], float]:
-        """Return a plan with its mean number of moves in simulations with noise."""
-        task = replace(self.task, start=self.belief.state)
-        _, _, cost = improved(task, self.world, _copied(plan), plan[1], self.rng, changes=0, noise=noise)
-        return plan, cost
+        def costs(plans: Iterable[Plan]) -> list[Plan]:
+            return [shortening.changed(plan, changes=0, noise=judged) for plan in plans]
 
-    def _plans_at_hand(self, task: SteeringTask, last: Any) -> Iterator[tuple[kernels.Steps, int]]:
+        found = costs(self._plans_at_hand(task, last))
+        if last is None:
+            found += costs(self._new_plans(shortening, FIRST_TREES))
+        elif not task.late and min(plan.cost for plan in found) > last.cost - 1 + WORSE:
+            found += costs(self._new_plans(shortening, TREES))
+        found.sort(key=lambda plan: plan.cost)
+        best = found[:REFINED]
+        found += costs(shortening.changed(plan, changes=CHANGES, noise=few) for plan in best if not task.late)
+        return min(found, key=lambda plan: plan.cost)
+
+    def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
         """Yield the rest of the last plan, this rest with its first step repeated, and translations, also around obstacles."""
         offset = (task.start - task.goal).mean(axis=0)
         for moves in [-offset[None], *self.translations.around(offset)]:
             if len(moves) <= task.max_moves:
                 yield steps_of(task, moves)
         if last is not None:
-            for first in (0, 1):
-                if 0 < last[1] - first <= task.max_moves:
-                    yield _copied(last, first), last[1] - first
+            yield from (copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves)
 
-    def _new_plans(self, task: SteeringTask, trees: int) -> Iterator[tuple[kernels.Steps, int]]:
+    def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
         """Yield plans for a world without noise, and the same plans with contacts that push into their walls."""
-        plans = [None if isinstance(self.room, Region) else Shortest().plan(task)]
-        for tree in range(trees if plans[0] is None else 0):
+        task = shortening.task
+        whole = None if isinstance(self.room, Region) else Shortest().plan(task)
+        plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
+        for tree in range(trees if whole is None else 0):
             if tree and task.late:
                 break
             moves = Tree(task, self.world, self.rng, left=MORE_ROUNDS).search(self.exact)
-            plans.append(None if moves is None else annealed(task, self.world, moves, self.rng, changes=SHORTENED))
-        for moves in plans:
-            plan = steps_of(task, np.zeros((0, 2)) if moves is None else moves)
-            for share in OVERSHOOTS if plan[1] <= task.max_moves else ():
-                steps = _copied(plan)
+            if moves is not None:
+                plans.append(shortening.changed(steps_of(task, moves), changes=SHORTENED))
+        for plan in plans:
+            for share in OVERSHOOTS if plan.count <= task.max_moves else ():
+                steps = copy_of(plan).steps
                 outward = np.stack([-steps.along[:, 1], steps.along[:, 0]], axis=1)
                 steps.targets[:] += share * self.deviation * outward
-                yield steps, plan[1]
-
-
-def _copied(plan: tuple[kernels.Steps, int], first: int = 0) -> kernels.Steps:
-    """Return a copy of the steps of a plan, beginning with a given step."""
-    steps, count = new_steps(), plan[1] - first
-    for new, old in zip(steps, plan[0], strict=True):
-        new[:count] = old[first : plan[1]]
-    return steps
+                yield Plan(steps, plan.count)
