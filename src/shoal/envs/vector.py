@@ -25,7 +25,7 @@ Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], 
 class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
     """The common base class of vector environments: `SwarmVectorEnv`, `SteeringVectorEnv`.
 
-    Their parameters are those of `SwarmVectorEnv`.
+    Vector environments have the parameters of `SwarmVectorEnv`.
     """
 
     worlds: ClassVar[type[SwarmWorlds | SteeringWorlds]]

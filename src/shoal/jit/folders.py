@@ -72,7 +72,7 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder of all kernels among which a kernel is: it has to be compiled again if any of them changes."""
+    """Return the folder with a kernel and its related kernels. The kernel must be compiled again if any of these changes."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 

@@ -18,7 +18,10 @@ _lock = threading.RLock()
 
 
 class Kernel:
-    """A function to be compiled. A call from Python uses its entry; a call from another kernel makes it a part of this kernel."""
+    """A function to be compiled. A call from Python runs the kernel's entry.
+
+    A call from another kernel makes the kernel a part of the caller.
+    """
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         update_wrapper(self, function)

@@ -34,7 +34,7 @@ _PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(nam
 
 
 class MachineCode(NamedTuple):
-    """The machine code of a kernel, and what calling it needs."""
+    """The machine code of a kernel, and the data that a call needs."""
 
     code: bytes
     name: str  # of the function
@@ -45,7 +45,9 @@ class MachineCode(NamedTuple):
 
 
 def kinds_of(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return what the compiled form of a kernel depends on, for each of its arguments. Every call needs this, so it is short.
+    """Return the kind of each argument, on which the compiled form of a kernel depends.
+
+    Every call needs this function, so the function is short.
 
     Raises
     ------
@@ -82,7 +84,7 @@ def _without_flags(kinds: Any) -> Any:
 
 
 def load(function: Callable[..., Any], kinds: Any) -> Any:
-    """Return a kernel's function for arguments of some kinds from the cache, or None if it has to be compiled."""
+    """Return a kernel's function for arguments of given kinds from the cache, or None if the kernel must be compiled."""
     with suppress(Exception):  # no file, or a damaged file: unpickling may raise anything
         file = _file_of(function, kinds)
         content = b"" if file is None else file.read_bytes()
@@ -92,7 +94,7 @@ def load(function: Callable[..., Any], kinds: Any) -> Any:
 
 
 def save(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
-    """Write a kernel's pickled machine code for arguments of some kinds to the cache."""
+    """Write a kernel's pickled machine code for arguments of given kinds to the cache."""
     file = _file_of(function, kinds)
     if file is None:
         return

@@ -43,5 +43,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since this object was made, without compilation."""
+        """Return the seconds since the stopwatch was created, without the time for loading and compiling kernels."""
         return time.perf_counter() - seconds_compiling() - self._began

@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm. Also the output of shoal replay for swarms."""
+"""shoal map, shoal cover: run a swarm. The module also prints the output of shoal replay for swarms."""
 
 from __future__ import annotations
 

@@ -200,7 +200,7 @@ class SearchPlan:
         return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the path between a launch or landing point and a point of a route. Between points inside, the path is inside."""
+        """Return the path from a launch or landing point to a point of a route, or back; inside the region if both are inside."""
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
         return self.paths.leg(*both)[:, :2] if self.grid.region.contains(both).all() else self._transits.way(*both)
 

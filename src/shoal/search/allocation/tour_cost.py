@@ -150,7 +150,7 @@ class TourCost:
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the cost beyond one cell of moving from one cell to another and searching the latter.
+        """Return the cost beyond one cell of moving from one cell to another cell and searching the second cell.
 
         The move is direct or along the tour.
 

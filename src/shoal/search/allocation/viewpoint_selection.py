@@ -144,7 +144,7 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 def gain_of(tour_cost: TourCost, width: int) -> float:
     """Return the search rate of a wide footprint relative to a footprint of one cell, at least 1.
 
-    The rate is measured on a few sections of the tour. Every robot can compute it by itself.
+    The rate is measured on a few sections of the tour. Every robot can compute this rate by itself.
 
     Examples
     --------

@@ -211,7 +211,7 @@ def _crossings(along: Floats, places: Points) -> Floats:
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
     """Return the lowest heights along a path, at least the given heights, with limited climbs and descents on each leg.
 
-    Before higher ground the path rises earlier, and after it the path sinks later.
+    Before higher ground, the path rises earlier. After higher ground, the path sinks later.
 
     Parameters
     ----------

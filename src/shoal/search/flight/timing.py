@@ -132,8 +132,9 @@ def whole_way(
 ) -> Floats:
     """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
 
-    The vehicle climbs vertically to the height ``climb``, by default that of the first waypoint, and flies straight to the first
-    waypoint. The vehicle descends from the height of the last waypoint, or, if the vehicle glides, during the last leg.
+    The vehicle climbs vertically to the height ``climb``, and then flies straight to the first waypoint. By default, ``climb`` is
+    the height of the first waypoint. The vehicle descends from the height of the last waypoint, or, if the vehicle glides, during
+    the last leg.
 
     Examples
     --------

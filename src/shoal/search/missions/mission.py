@@ -228,7 +228,7 @@ class Mission:
         return self.heights + self._base
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
-        """Return the circle in which it loiters at its end, in the metres of a frame; float64, shape (k, 2), empty without one."""
+        """Return the circle of the vehicle's loitering at the end, in metres of a frame; shape (k, 2), empty without loitering."""
         return circle_around(self.end, self.loiter, frame)
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
@@ -243,7 +243,7 @@ class Mission:
 
 
 def circle_around(place: tuple[float, float], radius: float | None, frame: LocalFrame | None) -> Points:
-    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2), empty without a radius."""
+    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2), which is empty if there is no radius."""
     angles = np.linspace(0.0, 2 * np.pi, _RING if radius else 0)
     middle = np.array([place]) if frame is None else frame.to_metres(np.array([place]))
     return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))

@@ -3,7 +3,7 @@
 The same state machine runs in the simulation (`shoal.search.simulation`) and in processes with radios
 (`shoal.search.simulation.live`).
 
-The robot first listens and divides the tour among all robots that it knows. It searches its own part. After its own part, it
+The robot first listens and divides the tour among all robots that it knows. It searches its own part. After its own part, the robot
 searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If that robot is idle, it searches
 the same cells from the other side. While other robots work, the robot waits. A waiting robot stops waiting in time to search all
 unsearched cells alone, within the time of one complete round. Therefore a single surviving robot searches all cells in that time,

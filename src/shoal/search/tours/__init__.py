@@ -1,4 +1,4 @@
-"""Tours by name, with one module per tour. Also encoding and decoding of the Hilbert curve."""
+"""Tours by name, with one module per tour. The package also encodes and decodes the Hilbert curve."""
 
 from __future__ import annotations
 

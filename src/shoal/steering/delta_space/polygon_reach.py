@@ -133,7 +133,7 @@ class PolygonReach:
     def fraction(self) -> float:
         """Return the area of the set as a fraction of all differences. The fraction is exact for two moves.
 
-        For more moves, it is that of `contains`.
+        For more moves, the fraction is the area of the set that `contains` computes.
         """
         from shapely import Polygon
 

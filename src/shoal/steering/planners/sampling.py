@@ -254,7 +254,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets, connected to the goal, at which all particles keep a margin to the walls, or None."""
+    """Return the offsets with a path to the goal on which all particles keep a margin to the walls, or None."""
     import shapely
     from shapely import affinity
 

@@ -1,4 +1,7 @@
-"""The class SteeringTask, the input of a planner. Also proofs that two particles in a convex workspace cannot reach a goal."""
+"""The class SteeringTask, the input of a planner.
+
+The module also contains proofs that two particles in a convex workspace cannot reach a goal.
+"""
 
 from __future__ import annotations
 

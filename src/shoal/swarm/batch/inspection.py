@@ -1,4 +1,7 @@
-"""Observations of many worlds: boards, planes of bytes, and sums. Also the state and the belief of a single world."""
+"""Observations of many worlds: boards, planes of bytes, and sums.
+
+The module also returns the state and the belief of a single world.
+"""
 
 from __future__ import annotations
 

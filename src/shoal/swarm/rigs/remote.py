@@ -1,4 +1,4 @@
-"""A remote rig over an unreliable connection, which may be lost and may damage messages."""
+"""A remote rig over an unreliable connection. The connection may be lost, and may damage messages."""
 
 from __future__ import annotations
 

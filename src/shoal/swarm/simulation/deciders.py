@@ -35,7 +35,10 @@ class Decider(Protocol):
 
     @property
     def due(self) -> bool:
-        """Whether a scan must follow the last run of commands. If not, the scan may be left out if its outcome is certain."""
+        """Whether a scan must follow the last run of commands.
+
+        If no scan must follow, a scan with a certain outcome may be left out.
+        """
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
         """Return a command and its number of repetitions, or None if no commands are left."""

@@ -77,7 +77,10 @@ class SearchHistory:
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """The robot to whose part each cell belongs (0: none), by tour index. Also the order of the robots around the tour."""
+        """The robot to whose part each cell belongs (0: none), by tour index.
+
+        The property also contains the order of the robots around the tour.
+        """
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
         if not episode.simulated:
@@ -199,7 +202,7 @@ class SearchHistory:
 
     @property
     def circle(self) -> float:
-        """Radius in metres of the circles in which a robot waits that cannot stand; 0 for others."""
+        """Radius in metres of the circles in which a fixed wing waits, or 0 for other vehicles."""
         return self.episode.plan.vehicle.ground_radius
 
     @property

@@ -25,8 +25,8 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     """Return the figure of a plan: the workspace with the particles' paths, and the path of the difference Δ.
 
     Each move has its number at its end point. In the ideal world, a shaded area of the Δ configuration space shows the differences
-    that two moves reach from the start. A 3-D plan is drawn in perspective with its shadow on the floor. Beside it, a chart shows
-    the heights after each move.
+    that two moves reach from the start. A 3-D plan is drawn in perspective with its shadow on the floor. Beside the 3-D plan, a
+    chart shows the heights after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2

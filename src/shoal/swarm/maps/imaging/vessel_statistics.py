@@ -66,10 +66,10 @@ class VesselStatistics:
         return murray_exponents(self.radii)
 
     def summary(self) -> dict[str, float]:
-        """Return one number for each measure, or NaN without any bifurcation or segment.
+        """Return one number for each measure, or NaN if the network has no bifurcation or segment.
 
         The numbers are the medians over bifurcations, the mean ratio of length to diameter, and the length of all segments divided
-        by the length of their chords. Medians, because vessels that cross or touch give outliers.
+        by the length of their chords. The summary uses medians, because vessels that cross or touch give outliers.
         """
         bifurcations = {
             "branching_angle": self.angles,

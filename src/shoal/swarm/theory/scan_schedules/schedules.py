@@ -181,7 +181,7 @@ class EqualSteps(ScanSchedule):
 
 
 class EveryStep(EqualSteps):
-    """The schedule with a scan after each move. For a wall at distance D, it costs D + 1 moves and D + 2 scans.
+    """The schedule with a scan after each move. For a wall at distance D, this schedule costs D + 1 moves and D + 2 scans.
 
     Examples
     --------
