@@ -87,7 +87,7 @@ def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
     "paper W, algorithm 2",
     "line 3: p'_i = s1 + s2 - p_i; line 11: [l_i ... p_i] - p'_i and [p_i+1 ... l_i+1] - p'_i+1",
     "line 3 is p_i + s_a - s_b, where b is the particle nearer to the edge. Line 11 subtracts the other end from each "
-    "chain. Edges out of reach must be skipped",
+    "chain. The algorithm must skip edges out of reach",
     "a program computes the overlap (intersection over union) of the algorithm's set and the exact set, in 4 polygons with "
     "6 random starts each",
 )
