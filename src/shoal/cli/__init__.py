@@ -85,6 +85,8 @@ def _refuse(text: str) -> int:
 
 def main() -> NoReturn:
     """Entry point of the ``shoal`` command."""
+    # Typer uses pydantic, which otherwise reads the records of all installed packages to find extensions of itself
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     gc.set_threshold(200_000)  # imported objects stay: scanning them again for garbage takes a sixth of a start
     with suppress(OSError):  # the folder may have been deleted
         look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder

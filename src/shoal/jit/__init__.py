@@ -3,7 +3,7 @@
 Kernels release the global interpreter lock and divide as NumPy does.
 """
 
-from shoal.jit.kernel_calls import in_place_kernel, kernel
+from shoal.jit.entry import in_place_kernel, kernel
 from shoal.jit.watch import COMPILING, Stopwatch, seconds_compiling
 
 __all__ = ["COMPILING", "Stopwatch", "in_place_kernel", "kernel", "seconds_compiling"]

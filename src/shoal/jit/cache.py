@@ -24,7 +24,7 @@ from shoal.jit import lowered
 from shoal.jit.folders import folder_of, name_of, part_of
 from shoal.jit.libraries import Entry
 from shoal.jit.machine_code import MachineCode, save
-from shoal.jit.watch import COMPILING, Loading
+from shoal.jit.watch import COMPILING, Compiling
 
 
 class _Watch(event.Listener):
@@ -32,13 +32,13 @@ class _Watch(event.Listener):
 
     def on_start(self, event: Any) -> None:
         if event.kind == "numba:compiler_lock":
-            Loading().__enter__()
+            Compiling().__enter__()
         else:
             tell_once(COMPILING)
 
     def on_end(self, event: Any) -> None:
         if event.kind == "numba:compiler_lock":
-            Loading().__exit__()
+            Compiling().__exit__()
 
 
 for _kind in ("numba:compile", "numba:compiler_lock"):
@@ -125,8 +125,8 @@ def _machine_code(result: Any) -> MachineCode:
     return MachineCode(
         code=result.library._get_compiled_object(),
         name=description.qualname.split(".")[-1],
-        wrapper=description.llvm_cpython_wrapper_name,
+        entry=description.llvm_cpython_wrapper_name,
         own=description.env_name,
         constants={each.env_name: list(each.consts) for each in (result.environment, *_environments(result))},
-        needed=tuple(name for name in outside if not name.startswith("llvm.")),
+        required=tuple(name for name in outside if not name.startswith("llvm.")),
     )

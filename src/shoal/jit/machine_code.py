@@ -38,10 +38,10 @@ class MachineCode(NamedTuple):
 
     code: bytes
     name: str  # of the function
-    wrapper: str  # symbol of the function that takes Python's objects
+    entry: str  # symbol of the function that takes Python's objects
     own: str  # symbol of the variable that points to the kernel's constants
     constants: dict[str, list[Any]]  # constants by the symbol of the variable that points to them
-    needed: tuple[str, ...]  # symbols that other code defines
+    required: tuple[str, ...]  # symbols that other code defines
 
 
 def kinds_of(values: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -165,7 +165,7 @@ class _Linker:
 
     def link(self, stored: MachineCode, function: Callable[..., Any]) -> Any:
         """Load machine code and return it as a function."""
-        if not all(binding.address_of_symbol(name) for name in stored.needed):
+        if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 
             _ = cpu_target.target_context  # this tells LLVM all symbols that Numba knows
@@ -177,7 +177,7 @@ class _Linker:
             environments[symbol].consts.extend(constants)
             address = self._engine.get_global_value_address(symbol)
             ctypes.c_void_p.from_address(address).value = id(environments[symbol])
-        address = self._engine.get_function_address(stored.wrapper)
+        address = self._engine.get_function_address(stored.entry)
         own, module = environments[stored.own], SimpleNamespace(__name__=function.__module__)
         return self._functions.make_function(module, stored.name, "", address, own, (self._engine, environments))
 

@@ -9,8 +9,8 @@ COMPILING = "compiling kernels: once after an installation, some seconds for eac
 _times = threading.local()
 
 
-class Loading:
-    """A block that loads or compiles kernels. The time of a block counts once, even if such blocks contain each other."""
+class Compiling:
+    """A block that loads or compiles kernels. Its time counts once, even if such blocks contain each other."""
 
     def __enter__(self) -> None:
         _times.depth = getattr(_times, "depth", 0) + 1

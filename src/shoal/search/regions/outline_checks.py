@@ -102,7 +102,7 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
             f"{ring.vertex(len(points) - 1)}: expected a closed ring, which ends where it begins, at {text_of(points[0])}, "
             f"got {text_of(points[-1])}"
         )
-    different = len(np.unique(points, axis=0))
+    different = len(set(map(tuple, points.tolist())))  # np.unique would import masked arrays
     if different < 3:
         raise InvalidInputError(f"{ring.where}: expected a ring of 3 different vertices or more, got {different}")
     kept = points[np.any(points != np.roll(points, 1, axis=0), axis=1)]

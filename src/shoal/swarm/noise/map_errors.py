@@ -37,7 +37,7 @@ class MapErrors:
     def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
         """Compare the final belief with the true workspace in which particles started at ``start``."""
         labels = workspace.components
-        reached = Board.of_mask(workspace.free & np.isin(labels, np.unique(labels[tuple(start.T)])))
+        reached = Board.of_mask(workspace.free & np.isin(labels, labels[tuple(start.T)]))
         walls = reached.dilated() - reached
         return cls(
             free=len(reached),

@@ -12,7 +12,7 @@ from functools import cached_property, update_wrapper
 from typing import Any
 
 from shoal.jit.machine_code import kinds_of, load
-from shoal.jit.watch import Loading
+from shoal.jit.watch import Compiling
 
 _lock = threading.RLock()
 
@@ -36,7 +36,7 @@ class Kernel:
             return self.entry(*arguments)
         found = self._loaded.get(kinds)
         if found is None:
-            with _lock, Loading():
+            with _lock, Compiling():
                 found = self._loaded[kinds] = load(self._function, kinds) or self._compile(kinds, arguments)
         return found(*arguments)
 
