@@ -19,7 +19,7 @@ import pytest
 
 from shoal.core import notices
 from shoal.jit import COMPILING, folders, lowered
-from shoal.jit.machine_code import kinds_of
+from shoal.jit.machine_code import kinds_of_arguments
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -151,11 +151,11 @@ def test_what_determines_a_compiled_form():
     arrays = [numbers, numbers.astype(np.float32), numbers.ravel(), numbers[:, ::2], numbers.T, fixed, numbers.view(np.recarray)]
     records = [np.rec.array(np.zeros(1, dtype=[(name, kind)]))[0] for name, kind in (("a", "i8"), ("b", "i8"), ("a", "f8"))]
     values = [*arrays, *records, 1, 2**63, True, 1.0, None, np.int8(1), (1, 2), (1, 2.0), Pair(1, 2), Twin(1, 2), Pair(1, numbers)]
-    assert len({kinds_of((value,)) for value in values}) == len(values)
-    assert kinds_of((1, Pair(2, numbers))) == kinds_of((-5, Pair(7, numbers + 1)))
+    assert len({kinds_of_arguments((value,)) for value in values}) == len(values)
+    assert kinds_of_arguments((1, Pair(2, numbers))) == kinds_of_arguments((-5, Pair(7, numbers + 1)))
     for value in ("text", [1], np.timedelta64(1), {}):
         with pytest.raises(TypeError):
-            kinds_of((1, value))
+            kinds_of_arguments((1, value))
 
 
 def test_damaged_files_are_replaced(script):

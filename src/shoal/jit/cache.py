@@ -21,9 +21,9 @@ from numba.core.serialize import dumps
 
 from shoal.core.notices import tell_once
 from shoal.jit import lowered
-from shoal.jit.folders import folder_of, name_of, part_of
+from shoal.jit.folders import folder_of, kernel_name, part_of
 from shoal.jit.libraries import Entry
-from shoal.jit.machine_code import MachineCode, save
+from shoal.jit.machine_code import MachineCode, save_machine_code
 from shoal.jit.watch import COMPILING, Compiling
 
 
@@ -78,11 +78,11 @@ class _KernelCache(NullCache):
 
     def _member(self, arguments: tuple[Any, ...]) -> str:
         place = Path(self._function.__code__.co_filename).parent.relative_to(self._part).as_posix()
-        return f"{name_of(self._function)}-{hashlib.blake2b(repr((place, arguments)).encode(), digest_size=8).hexdigest()}"
+        return f"{kernel_name(self._function)}-{hashlib.blake2b(repr((place, arguments)).encode(), digest_size=8).hexdigest()}"
 
     def _save(self, result: Any) -> None:
         if self.kinds is not None and not result.reload_init:
-            save(self._function, self.kinds, dumps(_machine_code(result)))
+            save_machine_code(self._function, self.kinds, dumps(_machine_code(result)))
 
     def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
         """Compile a kernel from its lowered form."""

@@ -8,16 +8,16 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cached_property, partial, update_wrapper
 from typing import Any
 
-from shoal.jit.machine_code import kinds_of, load
+from shoal.jit.machine_code import kinds_of_arguments, load_machine_code
 from shoal.jit.watch import Compiling
 
 _lock = threading.RLock()
 
 
-class Kernel:
+class CachedKernel:
     """A function to be compiled. A call from Python runs the kernel's entry.
 
     A call from another kernel makes the kernel a part of the caller.
@@ -31,13 +31,13 @@ class Kernel:
     def __call__(self, *arguments: Any) -> Any:
         """Call the entry. The first call with arguments of some kinds loads or compiles it."""
         try:
-            kinds = kinds_of(arguments)
+            kinds = kinds_of_arguments(arguments)
         except TypeError:
             return self.entry(*arguments)
         found = self._loaded.get(kinds)
         if found is None:
             with _lock, Compiling():
-                found = self._loaded[kinds] = load(self._function, kinds) or self._compile(kinds, arguments)
+                found = self._loaded[kinds] = load_machine_code(self._function, kinds) or self._compile(kinds, arguments)
         return found(*arguments)
 
     def _compile(self, kinds: Any, arguments: tuple[Any, ...]) -> Any:
@@ -77,15 +77,11 @@ def _named_apart(function: Callable[..., Any]) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:
-    _named_apart(function)
-    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else Kernel(function, **options)
-
-
-def kernel(function: Callable[..., Any]) -> Any:
     """Mark a function for compilation at its first call."""
-    return _compiled(function)
+    _named_apart(function)
+    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else CachedKernel(function, **options)
 
 
-def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function that creates no arrays for compilation without reference counting."""
-    return _compiled(function, _nrt=False)
+kernel = _compiled
+in_place_kernel = partial(_compiled, _nrt=False)
+"""Mark a function that creates no arrays for compilation without reference counting."""

@@ -86,6 +86,6 @@ def stamp(part: Path) -> bytes:
     return digest.digest()
 
 
-def name_of(function: Callable[..., Any]) -> str:
+def kernel_name(function: Callable[..., Any]) -> str:
     """Return the name of a kernel in archives and caches."""
     return re.sub(r"[^\w.-]", "", f"{Path(function.__code__.co_filename).stem}.{function.__qualname__}")

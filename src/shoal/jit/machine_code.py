@@ -26,7 +26,7 @@ import numpy as np
 from llvmlite import binding
 
 from shoal.core.notices import tell_once
-from shoal.jit.folders import folder_of, name_of, part_of, stamp
+from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
 
 _LAYOUT = 0x1 | 0x2 | 0x100 | 0x400  # flags of arrays that matter: contiguous in C or Fortran order, aligned, writable
 _of_array = attrgetter("dtype", "ndim", "flags.num")
@@ -44,7 +44,7 @@ class MachineCode(NamedTuple):
     required: tuple[str, ...]  # symbols that other code defines
 
 
-def kinds_of(values: tuple[Any, ...]) -> tuple[Any, ...]:
+def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return the kind of each argument, on which the compiled form of a kernel depends.
 
     Every call needs this function, so the function is short.
@@ -64,7 +64,7 @@ def kinds_of(values: tuple[Any, ...]) -> tuple[Any, ...]:
         elif kind is int:
             kinds.append(int if -(2**63) <= value < 2**63 else "large")
         elif issubclass(kind, tuple):
-            kinds.append((kind, kinds_of(value)))
+            kinds.append((kind, kinds_of_arguments(value)))
         elif issubclass(kind, np.ndarray):
             kinds.append((kind, _of_array(value)))
         elif kind is np.record:
@@ -83,7 +83,7 @@ def _without_flags(kinds: Any) -> Any:
     return tuple(_without_flags(each) for each in kinds)
 
 
-def load(function: Callable[..., Any], kinds: Any) -> Any:
+def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
     """Return a kernel's function for arguments of given kinds from the cache, or None if the kernel must be compiled."""
     with suppress(Exception):  # no file, or a damaged file: unpickling may raise anything
         file = _file_of(function, kinds)
@@ -93,7 +93,7 @@ def load(function: Callable[..., Any], kinds: Any) -> Any:
     return None
 
 
-def save(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
+def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
     """Write a kernel's pickled machine code for arguments of given kinds to the cache."""
     file = _file_of(function, kinds)
     if file is None:
@@ -112,7 +112,7 @@ def save(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
     folder = folder_of(Path(function.__code__.co_filename).parent)
     digest = hashlib.blake2b(repr((_without_flags(kinds), _maker())).encode(), digest_size=8).hexdigest()
-    return folder and folder / f"{name_of(function)}-{digest}.kernel"
+    return folder and folder / f"{kernel_name(function)}-{digest}.kernel"
 
 
 @cache
