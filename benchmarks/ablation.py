@@ -32,10 +32,13 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "runs": {"run_candidates": 0},
     "variations": {"variations": 0},
     "careful completion": {"left_behind_cost": 0},
-    "cells that will join the frontier": {"future_weight": 0},
-    "estimate beyond the horizon": {"end_surprise": 0},
+    "extrapolation": {"future_weight": 0},
     "early cells worth more with surprises": {"surprise_weight": 0},
     "shorter horizon with surprises": {"surprise_shrink": 0},
+    "end in sight by trust": {"end_surprise": 0},
+    "end in sight by few frontier cells": {"end_frontier": 0},
+    "far sight": {"far_surprise": 0},
+    "near horizon of its own": {"near_horizon": 300},
 }
 
 

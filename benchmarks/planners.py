@@ -32,9 +32,20 @@ def variant(name: str, **changed: float) -> Policy:
 
 
 VARIANTS = {
-    "no-learned-prior": {"learned": 0},
+    "no-careful-completion": {"left_behind_cost": 0},
+    "no-beam": {"beam_leaves": 0},
+    "no-variations": {"variations": 0},
+    "no-runs": {"run_candidates": 0},
+    "no-prediction": {"prediction_layers": 0},
+    "prediction-of-12-cells": {"prediction_layers": 12, "joint_chance": 0},
+    "end-always-in-sight": {"end_surprise": 2},
+    "no-extrapolation": {"future_weight": 0},
     "no-lattices": {"lattices": 0},
+    "no-learned-prior": {"learned": 0},
+    "narrow-beam": {"beam_width": 4, "beam_depth": 8, "beam_leaves": 3},
     "beam-of-few": {"beam_width": 0.625, "beam_depth": 2.5},  # at n = 4000 that of n = 1000
+    "many-as-few": {"end_frontier": 50, "frontier_worth": 100},  # at n = 4000
+    "no-far-sight": {"far_surprise": 0, "prediction_layers": 60},
 }
 
 

@@ -52,7 +52,7 @@ class Quick(BeamRollout):
         horizon=6, near_horizon=4, prediction_layers=2, force_after=4,
     )
 class First(BeamRollout):
-    tuning = Quick.tuning._replace(end_surprise=0)
+    tuning = Quick.tuning._replace(end_frontier=3)
 for shape in ((3, 5), (1, 9), (2, 63), (3, 64), (2, 65), (2, 126), (2, 2, 4)):
     free = rng.random(shape) < 0.8
     free.flat[0] = True

@@ -49,9 +49,9 @@ class Quick(BeamRollout):
 
 
 class QuickFirst(BeamRollout):
-    """The same with greedy completions only, without runs, and without an estimate of the moves beyond the horizon."""
+    """The same, with the end out of sight above five frontier cells."""
 
-    tuning = BeamRollout.tuning._replace(end_surprise=0, left_behind_cost=0, run_candidates=0, **SMALL)
+    tuning = BeamRollout.tuning._replace(end_frontier=5, left_behind_cost=0, run_candidates=0, **SMALL)
 
 
 class Hasty(BeamRollout):
@@ -155,14 +155,14 @@ def test_a_time_for_each_move():
 
 def test_thought_by_the_number_of_particles():
     """Few particles need many moves and gain more by thinking; many need few moves, and their plans are short."""
-    names = ("variations", "frontier_worth", "beam_width", "beam_depth")
-    budget, variations, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
+    names = ("variations", "end_frontier", "frontier_worth", "beam_width", "beam_depth")
+    budget, variations, few, share, width, depth = (0, *(1 + BeamRollout.tuning._fields.index(name) for name in names))
     usual = make_policy("best").settings(1000)
     for particles, times, plans in ((100, 10, 10), (5, 10, 10), (500, 4, 2), (2000, 2, 2), (10**6, 4, 4)):
         given_more = make_policy("best").settings(particles)
         assert (given_more[budget], given_more[variations]) == (times * usual[budget], plans * usual[variations])
         many = plans if particles > 1000 else 1
-        assert given_more[share] == usual[share] / many
+        assert (given_more[few], given_more[share]) == (many * usual[few], usual[share] / many)
         assert (given_more[width], given_more[depth]) == (many**2 * usual[width], many**0.5 * usual[depth])
     for particles in (100, 4000):
         timed = make_policy("best:milliseconds=1").settings(particles)

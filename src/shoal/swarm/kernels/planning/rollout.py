@@ -19,8 +19,7 @@ NOTHING = -1e18  # the value of no plan
 BRIEF = 300.0  # budget below which only the most promising plans are evaluated, with a short horizon,
 PLENTY = 900.0  # unless this many simulated moves have been saved,
 SAVINGS = 20.0  # maximum number of moves of such a plan
-BRIEF_HORIZON = 30.0
-DISCOUNTED = 0.6  # the discount of a move, times the horizon
+BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 LONGEST_RUN = 40  # maximum length of a candidate that moves in one direction until it classifies a cell
 
 
@@ -46,37 +45,36 @@ def is_brief(planner):
 
 
 @in_place_kernel
-def horizon_of(planner):
-    """Return the length of simulated plans, in moves. The smaller the prediction errors, the farther the planner looks."""
-    options = planner.options
-    near = min(options.near_horizon, BRIEF_HORIZON) if is_brief(planner) else options.near_horizon
-    return near + max(options.horizon - near, 0.0) * (1.0 - planner.memory.surprise / WHOLE) ** options.surprise_shrink
-
-
-@in_place_kernel
-def discount_of(horizon):
-    """Return the weight of a move relative to the move before it."""
-    return 1.0 - DISCOUNTED / horizon
-
-
-@in_place_kernel
-def evaluate(planner, length, best, expected, style):
+def evaluate(planner, length, best, few, style):
     """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher value.
 
-    The value of a plan is the discounted classification minus its number of moves. About ``expected`` cells are to be classified.
+    If the end of the task is within the horizon, the value of a plan is the discounted classification minus its number of moves.
     """
     options, memory = planner.options, planner.memory
-    surprise, horizon = memory.surprise / WHOLE, int(horizon_of(planner))
-    worth = options.frontier_worth * (1.0 + options.surprise_weight * surprise) / expected
+    surprise = memory.surprise / WHOLE
+    brief = is_brief(planner)
+    horizon = int(min(options.near_horizon, BRIEF_HORIZON) if brief else options.near_horizon)
+    discount = BRIEF_DISCOUNT if brief else options.discount
+    if few > 0:  # with large prediction errors, the far future is not worth simulating
+        far = surprise < options.far_surprise
+        discount = options.far_discount if far else options.discount
+        horizon += int(
+            max((options.far_horizon if far else options.horizon) - horizon, 0) * (1.0 - surprise) ** options.surprise_shrink
+        )
+    share = options.frontier_worth * (1.0 + options.surprise_weight * surprise)
+    worth = share / few if few > 0 else 0.0
     copy_state(planner.root, planner.state)
     time, value, length, moves, classified = complete(
-        planner.scene, planner.state, planner, planner.trial, length, horizon, discount_of(horizon), style,
-        options.left_behind_cost, worth, expected, best,
+        planner.scene, planner.state, planner, planner.trial, length, horizon, discount, style, options.left_behind_cost,
+        worth, few, best if few > 0 else NOTHING,
     )  # fmt: skip
     memory.simulated += moves
-    value = worth * value - time
-    if time == horizon and surprise < options.end_surprise:  # the rest at the same rate
-        value -= horizon * count(planner.state[FRONTIER]) / max(classified, 1)
+    if few > 0:
+        value = worth * value - time
+        if (
+            time == horizon and options.future_weight > 0 and surprise < options.end_surprise
+        ):  # the rest at the same rate, if the prediction is reliable
+            value -= horizon * count(planner.state[FRONTIER]) / max(classified, 1)
     if value <= best:
         return best
     for i in range(length):
@@ -89,27 +87,31 @@ def evaluate(planner, length, best, expected, style):
 def search_plans(planner):
     """Replace the incumbent by the best plan found."""
     memory, trial, options = planner.memory, planner.trial, planner.options
-    expected = max(1.0, count(planner.root[FRONTIER]) + options.future_weight * predicted_frontier(planner))
+    remaining = count(planner.root[FRONTIER])
+    few = 0.0
+    if remaining <= options.end_frontier or memory.surprise < options.end_surprise * WHOLE:
+        few = remaining + options.future_weight * predicted_frontier(planner)
     at, length = memory.plan_at, memory.plan_length
     for i in range(at, length):
         trial[i - at] = planner.incumbent[i]
-    best = evaluate(planner, length - at, NOTHING, expected, memory.style)
+    best = evaluate(planner, length - at, NOTHING, few, memory.style)
     if options.left_behind_cost > 0:
         if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # the simulation of a careful plan takes longer
-            best = evaluate(planner, np.int64(0), best, expected, CAREFUL)
-        best = evaluate(planner, np.int64(0), best, expected, GREEDY)
+            best = evaluate(planner, np.int64(0), best, few, CAREFUL)
+        best = evaluate(planner, np.int64(0), best, few, GREEDY)
     for command in range(directions(planner.scene)):
         trial[0] = command
-        best = evaluate(planner, np.int64(1), best, expected, memory.style)
+        best = evaluate(planner, np.int64(1), best, few, memory.style)
         if options.run_candidates > 0 and not is_brief(planner):
             length = run(planner, command)
             if length > 1:
-                best = evaluate(planner, length, best, expected, memory.style)
+                best = evaluate(planner, length, best, few, memory.style)
     if is_brief(planner):
         return
-    best = try_leaves(planner, best, expected)
-    for _ in range(int(options.variations)):
-        best = evaluate(planner, vary(planner), best, expected, memory.style)
+    best = try_leaves(planner, best, few)
+    if few > 0:
+        for _ in range(int(options.variations)):
+            best = evaluate(planner, vary(planner), best, few, memory.style)
 
 
 @in_place_kernel
@@ -132,21 +134,21 @@ def run(planner, command):
 
 
 @in_place_kernel
-def try_leaves(planner, best, expected):
+def try_leaves(planner, best, few):
     """Complete the best leaves of the beam. Return the value of the best plan."""
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
     depth = int(options.beam_depth)
     half, size, simulated = search_beam(
-        planner.scene, planner.root, beam, planner.gains, discount_of(horizon_of(planner)), int(options.beam_width), depth
+        planner.scene, planner.root, beam, planner.gains, options.discount, int(options.beam_width), depth
     )
     planner.memory.simulated += simulated
     for _ in range(min(int(options.beam_leaves), size)):
         leaf = take_best(beam.values[half], size)
         for i in range(depth):
             trial[i] = beam.plans[half, leaf, i]
-        best = evaluate(planner, depth, best, expected, planner.memory.style)
+        best = evaluate(planner, depth, best, few, planner.memory.style)
     return best
 
 

@@ -1,6 +1,6 @@
 """Policy beam-rollout, the best planner.
 
-It completes plans with two base policies, and its prediction extends farther.
+It simulates plans to the end of the task with two base policies, and its prediction extends farther.
 """
 
 from __future__ import annotations
@@ -12,9 +12,10 @@ from shoal.swarm.policies.planners.planner_policy import MOST_FEW, MOST_MANY, US
 from shoal.swarm.policies.planners.tuning import Tuning
 
 TUNING = Tuning(
-    horizon=1000,
+    end_frontier=200,
+    horizon=300,
+    discount=0.99,
     near_horizon=60,
-    surprise_shrink=10,
     frontier_worth=25,
     beam_width=10,
     beam_depth=5,
@@ -28,7 +29,11 @@ TUNING = Tuning(
     joint_chance=0.7,
     future_weight=1,
     surprise_weight=35,
+    surprise_shrink=2,
     end_surprise=0.3,
+    far_surprise=0.03,
+    far_horizon=1000,
+    far_discount=0.999,
     lattices=3,
     learned=1,
 )
@@ -38,7 +43,7 @@ TUNING = Tuning(
 class BeamRollout(Budgeted):
     """The policy rollout with three extensions. ``best`` is another name for this planner.
 
-    First, the horizon is longer where the prediction is reliable. Second, a second base policy also completes plans,
+    First, plans are simulated to the end of the task from the first move on. Second, a second base policy also completes plans,
     carefully: before it moves on, it probes cells that it would leave behind. Third, the prediction extends farther. It stops where
     the predicted cells are no longer likely to be all free. Source: docs/concepts/planners.md.
     """
@@ -53,11 +58,12 @@ class BeamRollout(Budgeted):
 
         With few or with many particles, the budget is larger, and the extra part is spent on variations. With many particles, a
         part of the budget also makes the beam wider and deeper. The more particles there are, the sooner all cells are classified.
-        Therefore, with many particles, early classification has less weight.
+        Therefore, with many particles, plans are simulated to the end while the frontier is larger. Early classification then has
+        less weight.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
-        many = max(1.0, more)
-        tuning = self.tuning._replace(frontier_worth=self.tuning.frontier_worth / many)
+        tuning, many = self.tuning, max(1.0, more)
+        tuning = tuning._replace(end_frontier=tuning.end_frontier * many, frontier_worth=tuning.frontier_worth / many)
         if not self.milliseconds:
             tuning = tuning._replace(
                 variations=tuning.variations * max(fewer, more),

@@ -9,9 +9,10 @@ from shoal.swarm.policies.planners.planner_policy import Budgeted
 from shoal.swarm.policies.planners.tuning import Tuning
 
 P1 = Tuning(
-    horizon=100,
-    near_horizon=100,
-    surprise_shrink=0,
+    end_frontier=200,
+    horizon=150,
+    discount=0.99,
+    near_horizon=60,
     frontier_worth=30,
     beam_width=24,
     beam_depth=12,
@@ -25,7 +26,11 @@ P1 = Tuning(
     joint_chance=0,
     future_weight=0,
     surprise_weight=0,
+    surprise_shrink=0,
     end_surprise=0,
+    far_surprise=0,
+    far_horizon=150,
+    far_discount=0.99,
     lattices=0,
     learned=0,
 )

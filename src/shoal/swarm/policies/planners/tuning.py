@@ -8,9 +8,10 @@ from typing import NamedTuple
 class Tuning(NamedTuple):
     """The tuning parameters of a planner. docs/concepts/planners.md explains the values."""
 
-    horizon: float  # horizon without prediction errors, in moves
-    near_horizon: float  # horizon with 100 % prediction error
-    surprise_shrink: float  # rate at which the horizon shrinks towards the near horizon with prediction errors
+    end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
+    horizon: float  # horizon of plans to the end, in moves
+    discount: float
+    near_horizon: float  # horizon with a larger frontier, in moves
     frontier_worth: float  # value of classifying all cells immediately, in moves
     beam_width: float  # depth of the beam
     beam_depth: float
@@ -24,6 +25,10 @@ class Tuning(NamedTuple):
     joint_chance: float  # probability that all cells up to a predicted cell are free
     future_weight: float  # weight of a cell that joins the frontier if the prediction is correct
     surprise_weight: float  # additional weight of early classification at 100 % prediction error
-    end_surprise: float  # prediction error below which the moves to the end beyond the horizon are estimated
+    surprise_shrink: float  # rate at which the horizon shrinks towards the near horizon with prediction errors; 0: constant horizon
+    end_surprise: float  # prediction error below which plans are simulated to the end for any size of frontier
+    far_surprise: float  # prediction error below which the next two numbers limit plans to the end
+    far_horizon: float
+    far_discount: float
     lattices: float  # lattices that may contain the free cells, of periods 2, 4, ...
     learned: float  # 1: the trained network contributes to the prediction
