@@ -312,5 +312,5 @@ def test_what_is_wrong_is_said_beside_the_region(page: Page, studio: Studio) -> 
     opened(page, studio)
     page.locator("[data-field=launch] input").fill("1,2;3,4;5,6")
     page.locator("[data-field=launch] input").press("Tab")
-    page.locator(".search-place .warning", has_text="launch: expected one point for all, or 2, one a robot, got 3").wait_for()
+    page.locator(".search-place .warning", has_text="launch: expected one point for all, or 2, one per robot, got 3").wait_for()
     assert page.locator(".plane .land").get_attribute("d")

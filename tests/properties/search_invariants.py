@@ -99,7 +99,7 @@ def check_outcome(scenario: Scenario, outcome: SimulationOutcome) -> None:
     bounds = [outcome.vehicles[number].robot.deadline for number in good if number not in lost]
     whole = all(scenario.reach(number) == scenario.brief.everything for number in outcome.vehicles)
     if bounds and not kept and scenario.brief.energy == inf and whole and outcome.covered_at > min(bounds) + 1e-6:
-        raise InvariantError(f"all was searched at {outcome.covered_at:.6g}, alone a robot needs {min(bounds):.6g} {seed}")
+        raise InvariantError(f"all was searched at {outcome.covered_at:.6g}, alone per robot needs {min(bounds):.6g} {seed}")
 
 
 def searched_by(outcome: SimulationOutcome, count: int) -> int:

@@ -336,7 +336,7 @@ def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: lis
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:
-        raise InvalidInputError(f"seed: expected {worlds} seeds, one a world, got {len(seed)}")
+        raise InvalidInputError(f"seed: expected {worlds} seeds, one per world, got {len(seed)}")
     found: list[tuple[int | None, Generator]] = []
     for world in chosen.tolist():
         given = seed[world] if several else seed

@@ -116,12 +116,13 @@ class SteeringWorlds:
             given = np.zeros(0)
         if given.shape != shape:
             raise gymnasium.error.InvalidAction(
-                f"actions: expected numbers from -1 to 1 of shape {shape}, one row an environment, got {shortened(actions)}"
+                f"actions: expected numbers from -1 to 1 of shape {shape}, one row per environment, got {shortened(actions)}"
             )
         bad = ~(np.abs(given) <= 1).all(axis=1) & (True if where is None else where)
         if bad.any():
             raise gymnasium.error.InvalidAction(
-                f"actions: expected {shape[1]} numbers from -1 to 1 an environment, got {shortened(given[np.argmax(bad)].tolist())}"
+                f"actions: expected {shape[1]} numbers from -1 to 1 per environment, "
+                f"got {shortened(given[np.argmax(bad)].tolist())}"
             )
         return given
 

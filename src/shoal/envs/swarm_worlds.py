@@ -89,7 +89,7 @@ class SwarmWorlds:
         count, last = len(self.batch), int(self.action_space.n) - 1
         if given.dtype.kind not in "iu" or given.shape != (count,):
             raise gymnasium.error.InvalidAction(
-                f"actions: expected {count} whole numbers from 0 to {last}, one an environment, got {given.dtype} {given.shape}"
+                f"actions: expected {count} whole numbers from 0 to {last}, one per environment, got {given.dtype} {given.shape}"
             )
         bad = np.logical_or(given < 0, given > last) & (True if where is None else where)
         if bad.any():

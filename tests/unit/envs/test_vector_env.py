@@ -160,10 +160,10 @@ def test_compact_numbers_are_those_of_the_planes(options):
 @pytest.mark.parametrize(
     ("does", "error", "words"),
     [
-        (lambda envs: envs.step([0]), gymnasium.error.InvalidAction, "actions: expected 2 whole numbers from 0 to 3, one an"),
+        (lambda envs: envs.step([0]), gymnasium.error.InvalidAction, "actions: expected 2 whole numbers from 0 to 3, one per"),
         (lambda envs: envs.step([0.5, 1]), gymnasium.error.InvalidAction, "got float64 (2,)"),
         (lambda envs: envs.step([0, 4]), gymnasium.error.InvalidAction, "actions: expected whole numbers from 0 to 3, got 4"),
-        (lambda envs: envs.reset(seed=[1]), shoal.envs.OptionError, "reset: seed: expected 2 seeds, one a world, got 1"),
+        (lambda envs: envs.reset(seed=[1]), shoal.envs.OptionError, "reset: seed: expected 2 seeds, one per world, got 1"),
         (lambda envs: envs.reset(options={"mask": 1}), shoal.envs.OptionError, "reset: options: expected one of map, got 'mask'"),
         (
             lambda envs: envs.reset(options={"reset_mask": [True]}),

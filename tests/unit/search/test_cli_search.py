@@ -134,7 +134,7 @@ def test_a_search_that_nobody_survives_fails(capsys):
         ("square:100 --robots 2 --footprint 10 --loss 2", "loss: expected a number from 0 to 1, got 2"),
         ("square:100 --robots 2 --footprint 10 --network wifi", "network: expected perfect or some of"),
         ("square:100 --robots 2 --footprint 10 --rates 1,x", "--rates: expected numbers"),
-        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds, one a robot, got 1"),
+        ("square:100 --robots 2 --footprint 10 --rates 1", "rates: expected 2 speeds, one per robot, got 1"),
         (
             "square:100 --robots 2 --footprint 10 --starts nowhere.csv",
             "nowhere.csv: expected a table of starts, got no such file",

@@ -139,8 +139,8 @@ def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--footprint 2,6", "footprint: expected one length, or 3, one a robot, got 2"),
-        ("--footprint 2,2,x", "--footprint: expected numbers separated by commas, one a robot, got '2,2,x'"),
+        ("--footprint 2,6", "footprint: expected one length, or 3, one per robot, got 2"),
+        ("--footprint 2,2,x", "--footprint: expected numbers separated by commas, one per robot, got '2,2,x'"),
         ("--footprint 2,2,0", "footprint: expected a number, above 0 and at most 1e+100, got 0.0"),
         ("--footprint 2,2,nan", "footprint: expected a number, above 0 and at most 1e+100, got nan"),
     ],

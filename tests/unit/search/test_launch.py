@@ -52,7 +52,7 @@ def test_places_are_one_for_all_one_each_or_along_a_line(tmp_path):
     assert places_of([(0, 1), (2, 3)], square, 2, what="launch").tolist() == [[0, 1], [2, 3]]
     (tmp_path / "points.csv").write_text("x,y\n0,-5\n10,-5\n")
     assert places_of(str(tmp_path / "points.csv"), square, 2, what="launch").tolist() == [[0, -5], [10, -5]]
-    with pytest.raises(InvalidInputError, match="launch: expected one point for all, or 3, one a robot, got 2"):
+    with pytest.raises(InvalidInputError, match="launch: expected one point for all, or 3, one per robot, got 2"):
         places_of("1,2;3,4", square, 3, what="launch")
     (tmp_path / "road.geojson").write_text('{"type": "Point", "coordinates": [8.5, 47.4]}')
     with pytest.raises(InvalidInputError, match="expected metres, as the region 'square:20' has no place"):
@@ -113,7 +113,7 @@ def test_simulated_time_holds_the_way_out_and_the_delay():
     planned = run(delayed.replaced(simulate=False), seed=1)
     simulated = [log.times[0] for log in found[2].trace.robots]
     np.testing.assert_allclose([log.times[0] + 1.0 for log in planned.trace.robots], simulated, atol=1e-9)
-    with pytest.raises(InvalidInputError, match="delays: expected 3 times, one a robot, got 2"):
+    with pytest.raises(InvalidInputError, match="delays: expected 3 times, one per robot, got 2"):
         SearchProblem("square:20", robots=3, delays=(1, 2))
 
 

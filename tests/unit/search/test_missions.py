@@ -181,7 +181,7 @@ def test_ways_home_around_obstacles():
             "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'boat'",
         ),
         ({"autopilot": "dji"}, "autopilot: expected one of px4, ardupilot, got 'dji'"),
-        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected a number of metres, above 0, for what flies, got 0"),
+        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected metres, above 0, for a vehicle that flies, got 0"),
         ({"vehicle": "rover,altitude=3"}, "altitude: expected none for a rover, got 3"),
         ({"altitude_frame": "moon"}, "altitude_frame: expected one of home, sea, ground, got 'moon'"),
         ({"altitude_frame": "ground"}, "altitude_frame: expected home or sea without a terrain"),

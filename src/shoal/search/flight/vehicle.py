@@ -122,17 +122,17 @@ class Vehicle(Problem):
                 if getattr(self, name):
                     raise InvalidInputError(f"{name}: expected none for a rover, got {getattr(self, name):g}")
         elif not self.altitude:
-            raise InvalidInputError(f"altitude: expected a number of metres, above 0, for what flies, got {self.altitude!r}")
+            raise InvalidInputError(f"altitude: expected metres, above 0, for a vehicle that flies, got {self.altitude!r}")
         if given and not self.altitude:
             raise InvalidInputError("sensor_width: expected no camera for a rover, whose altitude is 0; give detector_width")
         if self.wind >= self.cruise:
             raise InvalidInputError(
-                f"wind_speed: expected less than the cruise_speed of {self.cruise:g} m/s, against which nothing comes home, "
-                f"got {self.wind:g}"
+                f"wind_speed: expected less than the cruise_speed of {self.cruise:g} m/s, so that the vehicle can return against "
+                f"the wind, got {self.wind:g}"
             )
         if (self.kind == "fixed-wing") != (self.radius > 0):
             raise InvalidInputError(
-                "turn_radius: expected one above 0 for a fixed-wing, and none for what turns where it stands, got "
+                "turn_radius: expected one above 0 for a fixed-wing, and 0 for a vehicle that turns on the spot, got "
                 f"{self.radius:g} for a {self.kind}"
             )
         if (needed := float(self.vertical_seconds([self.height, -self.height]).sum())) >= self.usable_seconds:

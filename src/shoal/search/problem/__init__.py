@@ -212,7 +212,7 @@ class SearchProblem(Problem):
             if isinstance(value, tuple) and len(value) != self.robots:
                 what = {"footprint": "one length, or {}", "rates": "{} speeds", "delays": "{} times"}.get(
                     name, "{} points"
-                ) + ", one a robot"
+                ) + ", one per robot"
                 raise InvalidInputError(f"{name}: expected {what.format(self.robots)}, got {len(value)}")
         for fault in self.faults:
             if fault.robot > self.robots:
@@ -222,7 +222,7 @@ class SearchProblem(Problem):
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
             raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
         if self.crashes > self.robots:
-            raise InvalidInputError(f"crashes: expected at most {self.robots}, one a robot, got {self.crashes}")
+            raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
             self.no_go or self.layer is not None or self.inner is not None or self.across_zones
         ):

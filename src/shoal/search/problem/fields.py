@@ -108,7 +108,7 @@ def parse_numbers(text: str) -> float | list[float]:
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
-        raise ValueError(f"expected numbers separated by commas, one a robot, got {text[:80]!r}") from None
+        raise ValueError(f"expected numbers separated by commas, one per robot, got {text[:80]!r}") from None
     return numbers[0] if len(numbers) == 1 else numbers
 
 
@@ -132,7 +132,7 @@ def check_vehicle(value: Any) -> Vehicle:
     return vehicle_of(value)
 
 
-def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a robot") -> tuple[float, ...]:
+def check_positive(value: Any, what: str, kind: str = "numbers above 0, one per robot") -> tuple[float, ...]:
     """Return positive numbers."""
     if isinstance(value, int | float | np.number):
         value = (value,)  # of one robot
@@ -144,7 +144,7 @@ def check_positive(value: Any, what: str, kind: str = "numbers above 0, one a ro
 def check_delays(value: Any) -> tuple[float, ...]:
     """Return delays in seconds, one per robot."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise InvalidInputError(f"delays: expected numbers, 0 or more, one a robot, got {shortened(value)}")
+        raise InvalidInputError(f"delays: expected numbers, 0 or more, one per robot, got {shortened(value)}")
     return tuple(check_number(one, what="delays", least=0) for one in value)
 
 

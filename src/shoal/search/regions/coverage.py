@@ -240,5 +240,5 @@ def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") 
     if not given.size or not (np.isfinite(given) & (given > 0)).all() or isinstance(footprint, bool):
         raise InvalidInputError(f"footprint: expected a length above 0 in metres, got {footprint!r:.200}")
     if given.shape not in ((), (robots,)):
-        raise InvalidInputError(f"footprint: expected one length, or {robots}, one a {what}, got {np.size(given)}")
+        raise InvalidInputError(f"footprint: expected one length, or {robots}, one per {what}, got {np.size(given)}")
     return np.broadcast_to(given, (robots,)).astype(np.float64)

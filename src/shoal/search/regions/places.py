@@ -61,7 +61,7 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
         spaced = shapely.line_interpolate_point(way, (np.arange(robots) + 0.5) / robots, normalized=True)
         return np.asarray(shapely.get_coordinates(spaced))
     if len(points) not in (1, robots):
-        raise InvalidInputError(f"{what}: expected one point for all, or {robots}, one a robot, got {len(points)}")
+        raise InvalidInputError(f"{what}: expected one point for all, or {robots}, one per robot, got {len(points)}")
     return np.array(np.broadcast_to(points, (robots, 2)))
 
 
@@ -77,7 +77,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     if line:
         raise InvalidInputError(f"{path}: expected points, got a line")
     if count is not None and len(points) != count:
-        raise InvalidInputError(f"{path}: expected {count} {what}, one a robot, got {len(points)}")
+        raise InvalidInputError(f"{path}: expected {count} {what}, one per robot, got {len(points)}")
     return points
 
 

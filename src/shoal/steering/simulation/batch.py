@@ -88,7 +88,7 @@ class SteeringBatch:
         ----------
         where : ndarray of bool, shape (worlds,), optional
             Mask of the worlds to reset. The default is all worlds.
-        seed : int, or sequence of int or None, one a world, optional
+        seed : int, or sequence of int or None, one per world, optional
             Seed of the new episode: ``seed + i`` for world i. Without a seed, each world draws its next seed.
 
         Raises

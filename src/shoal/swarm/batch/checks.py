@@ -49,7 +49,7 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
     """Return the indices of the worlds that a mask selects."""
     mask = np.asarray(where)
     if mask.dtype != np.bool_ or mask.shape != (count,):
-        raise InvalidInputError(f"where: expected {count} booleans, one a world, got {mask.dtype} {mask.shape}")
+        raise InvalidInputError(f"where: expected {count} booleans, one per world, got {mask.dtype} {mask.shape}")
     return mask.nonzero()[0]
 
 
@@ -62,7 +62,7 @@ def check_numbers(
     """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):
-        raise InvalidInputError(f"{what}: expected {count} whole numbers, one a world, got {numbers.dtype} {numbers.shape}")
+        raise InvalidInputError(f"{what}: expected {count} whole numbers, one per world, got {numbers.dtype} {numbers.shape}")
     if numbers.ndim == 0:
         numbers = np.full(len(chosen), numbers)
     elif len(chosen) < count:

@@ -145,7 +145,7 @@ class WorldBatch(Inspection):
         ----------
         where : array_like of bool, shape (worlds,), optional
             Mask of the worlds to reset. The default is all worlds.
-        seed : int, or sequence of int or None, one a world, optional
+        seed : int, or sequence of int or None, one per world, optional
             Seed of the new episode: ``seed + i`` for world i, or one seed per world. The seeds of later episodes are computed from
             this seed. Without a seed, each world draws its next seed.
         maps : array_like of int, optional
