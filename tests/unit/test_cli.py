@@ -159,7 +159,8 @@ def test_nothing_that_was_loaded_is_looked_through_at_the_end(monkeypatch, capsy
 def test_importing_shoal_loads_nothing_heavy():
     script = (
         "import sys, shoal; heavy = {'numpy', 'numba', 'matplotlib', 'scipy', 'typer', 'PIL'} & set(sys.modules); "
-        "assert not heavy, heavy; assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal, name) for name in shoal.__all__]"
+        "assert not heavy, heavy; import shoal.cli; assert 'numpy' not in sys.modules, 'for help'; "
+        "assert set(shoal.__all__) <= set(dir(shoal)); [getattr(shoal, name) for name in shoal.__all__]"
     )
     subprocess.run([sys.executable, "-c", script], check=True)
 

@@ -10,7 +10,6 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from shoal.core.checks import check_integer
 from shoal.core.version import __version__
 
 
@@ -59,6 +58,8 @@ class _Command(TyperCommand):
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""
         if ctx.params.get("seed") is not None:
+            from shoal.core.checks import check_integer  # NumPy is slow to import, and help does not need it
+
             check_integer(ctx.params["seed"], what="seed", least=0)
         return super().invoke(ctx)
 
