@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -18,10 +17,9 @@ from shoal.search import SearchProblem, TourCost, coverage_check, make_tour, ope
 from shoal.search.allocation.choice import best_allocation
 from shoal.search.allocation.orientation import best_grid_tour, grid_tour
 from shoal.search.cells.clipping import rotated, rotated_shape
-from shoal.search.cells.exchanging import beside_on_tour, exchanged
 from shoal.search.cells.grid import cells_of
 from shoal.search.flight.timing import turns_of
-from shoal.search.kernels import cell_exchanges, run_order, stabbing
+from shoal.search.kernels import run_order, stabbing
 from shoal.search.missions.checking import angle_of
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
@@ -93,42 +91,6 @@ def test_rows_of_a_real_region_bend_about_twice_each():
     assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
 
 
-@pytest.mark.parametrize(("tour", "least_saved"), [("boustrophedon", 1.0), ("spanning-tree", 20.0)])
-def test_exchanges_of_cells_save_length_and_turns(tour, least_saved):
-    """The cost of the order follows from its cells alone; no cell is lost, and no door is invented."""
-    region = blob(5, corners=24)
-    grid = cells_of(region, 20.0, angle=15.0, on_rows=True)
-    made = make_tour(tour, grid.mask)
-    better, _ = exchanged(grid, made, 1.0)
-    assert sorted(map(tuple, better.cells)) == sorted(map(tuple, made.cells))
-    centres = made.cells.astype(float)
-    order = np.arange(len(made.cells))
-    cell_exchanges.shorten(centres, made.cells, beside_on_tour(grid, made.cells), order, 1.0)
-    before, after = made.metrics(), replace(made, cells=made.cells[order]).metrics()
-    assert after.length + after.turns <= before.length + before.turns - least_saved
-    again = np.arange(len(order))
-    changed = replace(made, cells=made.cells[order])
-    cell_exchanges.shorten(centres[order], changed.cells, beside_on_tour(grid, changed.cells), again, 1.0)
-    assert replace(changed, cells=changed.cells[again]).metrics() == after  # no exchange is left
-    route = grid_tour(region, 20.0, tour, angle=15.0, exchange=True).route
-    seen = coverage_check(region, [route.points], 20.0, angle=15.0)
-    assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
-
-
-def test_exchanges_pass_no_walls():
-    """Two halls with a wall between them: only the cells beside the passage are neighbours across it."""
-    region = region_of(shapely.box(0, 0, 80, 60).difference(shapely.box(39, 15, 41, 60)), frame=None, name="halls")
-    grid = cells_of(region, 10.0, on_rows=True)
-    cells = grid.cells
-    beside = beside_on_tour(grid, cells)
-    across = [(a, b) for a in range(len(cells)) for b in beside[a] if b >= 0 and cells[a, 1] < 4 <= cells[b, 1]]
-    assert across
-    assert all(cells[list(pair), 0].min() >= 3 and cells[list(pair), 0].max() >= 4 for pair in across)
-    number = grid.ordinals([(0, 3), (0, 4), (5, 3), (5, 4)])
-    assert not cell_exchanges.in_sight(cells, beside, number[0], number[1])
-    assert cell_exchanges.in_sight(cells, beside, number[2], number[3])
-
-
 def test_each_cut_cell_is_seen_alone_from_its_place():
     region = blob(2, corners=30)
     grid = grid_tour(region, 30.0, "boustrophedon", angle=20.0).grid
@@ -172,10 +134,8 @@ def test_where_turns_take_time_the_sooner_tour_is_taken_and_said():
     problem = SearchProblem("rectangle:200x90", robots=2, footprint=15)
     assert plan_search(problem).tour.name == "spanning-tree"
     plan = plan_search(problem.replaced(vehicle="ideal,turn_time=30"), seed=1)
-    tours = [one for one in plan.compared if one.allocation is None]
-    assert {one.tour for one in tours} == {"boustrophedon", "spanning-tree"}
-    assert (plan.tour.name, plan.grid.angle) == (tours[0].tour, 0.0)
-    assert tours[0].cells == min(one.cells for one in tours)
+    assert [one.tour for one in plan.compared if one.allocation is None] == ["boustrophedon", "spanning-tree"]
+    assert (plan.tour.name, plan.grid.angle) == ("boustrophedon", 0.0)
 
 
 def test_turns_that_cost_nothing_still_count_when_angles_are_compared():

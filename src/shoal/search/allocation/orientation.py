@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,8 +12,7 @@ import numpy as np
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.layers import Grid, LayeredGrid, LayeredPaths, Paths, at_altitude, with_climb_cost
 from shoal.search.cells.clipping import rotated_shape
-from shoal.search.cells.exchanging import exchanged
-from shoal.search.cells.grid import CellGrid, cells_of
+from shoal.search.cells.grid import cells_of
 from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
@@ -25,7 +23,7 @@ from shoal.search.tours.layers import TIE, joined
 ON_ROWS = ("boustrophedon",)
 """Tours that follow rows. For these tours, border cells get viewpoints on a path with few bends."""
 
-TURN = 0.9
+TURN = 1.0
 """Cost of a turn in cells with which orientations are compared, if turns cost nothing in the search."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
@@ -103,7 +101,6 @@ def grid_tour(
     turn_cost: float = 0.0,
     stepwise: bool = False,
     transit: bool = False,
-    exchange: bool = False,
 ) -> GridTour:
     """Divide a region into cells at an angle, and compute a tour through the cells.
 
@@ -124,8 +121,6 @@ def grid_tour(
         Whether robots move from cell to neighbouring cell. If true, each cell is seen from a point inside the cell.
     transit : bool
         Whether paths may lead outside the region, as in `RegionPaths`.
-    exchange : bool
-        Whether exchanges of cells shorten the tour, as in `exchanged`.
 
     Examples
     --------
@@ -133,18 +128,12 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    on_rows = (exchange or tour in ON_ROWS) and not stepwise
+    on_rows = tour in ON_ROWS and not stepwise
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
     made = make_tour(tour, grid.mask)
-    if on_rows and exchange:
-        made = exchanged(grid, made, turn_cost or TURN)[0]
-    return _laid(grid, made, (turn_cost or TURN) if on_rows else None, transit)
-
-
-def _laid(grid: CellGrid, tour: Tour, turn: float | None, transit: bool) -> GridTour:
-    """Return a grid tour, with viewpoints that suit the tour if the cost of a turn is given."""
-    seen = grid if turn is None else along_tour(grid, tour.cells, turn)
-    return GridTour(seen, tour, RegionPaths(seen, transit=transit))
+    if on_rows:
+        grid = along_tour(grid, made.cells, turn_cost or TURN)
+    return GridTour(grid, made, RegionPaths(grid, transit=transit))
 
 
 def in_layers(
@@ -200,13 +189,11 @@ def best_grid_tour(
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
-    exchange: bool = False,
 ) -> GridTour:
     """Return the cells and the tour for which one round costs least, over all angles, shifts and tours.
 
     First the cost is estimated for all angles, from the number and lengths of their rows. Then complete tours are computed for the
-    best few angles, fewer in large regions. If exchanges shorten the tours, twice as many angles are
-    tried, and only the tours with the least cost after the exchanges get their viewpoints.
+    best few angles, fewer in large regions.
 
     Parameters
     ----------
@@ -219,40 +206,24 @@ def best_grid_tour(
         Cost of a turn in cells. 0 counts as `TURN`.
     angle : float, optional
         Angle of the rows in degrees, if only the tour must be chosen.
-    stepwise, transit, exchange : bool
+    stepwise, transit : bool
         As in `grid_tour`.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    estimated = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
-    if exchange and not stepwise:
-        drafts = _drafts(region, size, tours, estimated[: 2 * tried], turn)
-        whole = [_laid(grid, tour, turn, transit) for grid, tour in drafts[: tried + len(tours)]]
-    else:
-        given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
-        chosen = product(estimated[:tried], tours)
-        whole = [grid_tour(region, size, tour, angle=way, offset=offset, **given) for (way, offset), tour in chosen]
-    found = [(laid, laid.once_round(turn)) for laid in whole]
+    chosen = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)[:tried]
+    given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
+    found = [
+        (laid := grid_tour(region, size, tour, angle=way, offset=offset, **given), laid.once_round(turn))
+        for way, offset in chosen
+        for tour in tours
+    ]
     found.sort(key=lambda one: one[1])
     best = found[0][0]
     compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
     kept = replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
     vars(kept)["route"] = best.route  # known already
     return kept
-
-
-def _drafts(
-    region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float
-) -> list[tuple[CellGrid, Tour]]:
-    """Return tours shortened by exchanges: the best of each kind, then the others, each sorted by the estimated cost."""
-    drafts = []
-    for angle, offset in orientations:
-        grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
-        drafts += [(grid, *exchanged(grid, make_tour(name, grid.mask), turn)) for name in tours]
-    drafts.sort(key=lambda draft: draft[2])
-    kinds = [tour.name for _, tour, _ in drafts]
-    first = {kinds.index(name) for name in kinds}
-    return [drafts[k][:2] for k in (*sorted(first), *(k for k in range(len(drafts)) if k not in first))]
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

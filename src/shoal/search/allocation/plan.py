@@ -287,8 +287,8 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
+    given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost}
     angle, tours = problem.chosen_angle, problem.tours_to_compare(turn_cost)
-    given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "exchange": len(tours) > 1}
     if angle is None or len(tours) > 1:
         first = best_grid_tour(problem.place, sizes[0], tours, angle=angle, stepwise=problem.stepwise, **given)
     else:

@@ -13,8 +13,8 @@ class Tuning(NamedTuple):
     discount: float
     near_horizon: float  # horizon with a larger frontier, in moves
     frontier_worth: float  # value of classifying all cells immediately, in moves
-    beam_width: float  # depth of the beam
-    beam_depth: float
+    beam_width: float  # number of states that the beam keeps at each depth
+    beam_depth: float  # depth of the beam, in commands
     beam_leaves: float  # number of leaves of the beam that are completed
     variations: float  # number of variations of the incumbent
     left_behind_cost: float  # number of classified cells that outweighs one cell left behind; 0 means greedy completions only
