@@ -86,7 +86,7 @@ class _KernelCache(NullCache):
 
     def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
         """Compile a kernel from its lowered form."""
-        name, _, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
+        name, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
         if tuple(signature.args) != arguments:
             raise ValueError("compiled for other arguments")
         if b"NRT_" in bitcode:
@@ -115,7 +115,7 @@ def _reduced(result: Any) -> bytes:
     result.fndesc.typemap = result.fndesc.calltypes = None
     library = result.library
     about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), _environments(result))
-    return bytes(dumps((library.name, None, library.lowered, *about)))
+    return bytes(dumps((library.name, library.lowered, *about)))
 
 
 def _machine_code(result: Any) -> MachineCode:

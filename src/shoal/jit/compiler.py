@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
-from functools import cached_property, update_wrapper
+from functools import cached_property
 from typing import Any
 
-from numba import _dynfunc, config, types  # type: ignore[attr-defined]
+from numba import _dynfunc, types  # type: ignore[attr-defined]
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import register_pass
 from numba.core.registry import CPUDispatcher
@@ -105,11 +105,10 @@ class _PartDispatcher(_Dispatcher):
         return super().get_call_template(tuple(types.unliteral(one) for one in args), plain)
 
 
-class Kernel:
-    """A function to be compiled. A call from Python uses its entry; a call from another kernel makes it a part of this kernel."""
+class CompiledForms:
+    """The two compiled forms of a kernel: an entry, which Python calls, and a part of the kernels that call it."""
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
-        update_wrapper(self, function)
         self._function, self._options = function, {**_OPTIONS, **options}
 
     @cached_property
@@ -123,40 +122,6 @@ class Kernel:
         return _PartDispatcher(self._function, targetoptions=options, pipeline_class=_PartCompiler)
 
     @property
-    def _numba_type_(self) -> Any:
-        """The Numba type of this kernel in compiled code."""
+    def part_type(self) -> Any:
+        """The Numba type of the part, which does not keep the part alive."""
         return types.Dispatcher(self._part)
-
-    def __call__(self, *arguments: Any) -> Any:
-        """Call the entry. The first call compiles it."""
-        return self.entry(*arguments)
-
-    def __reduce__(self) -> str:
-        return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # which module it is in, pickle knows
-
-
-def _named_apart(function: Callable[..., Any]) -> None:
-    """Add the names of the enclosed kernels to the name of a kernel that was made inside a function.
-
-    Machine code is linked by name. Numba distinguishes such kernels by a number that starts again in each process. Without this
-    name, a kernel from the cache could be confused with another one that the process compiles.
-    """
-    if "<locals>" in function.__qualname__:
-        made_of = [cell.cell_contents for cell in function.__closure__ or ()]
-        names = [one.__qualname__.split(".")[-1] if callable(one) else repr(one) for one in made_of]
-        function.__qualname__ = f"{function.__qualname__}_{'_'.join(names)}"
-
-
-def _compiled(function: Callable[..., Any], **options: bool) -> Any:
-    _named_apart(function)
-    return function if config.DISABLE_JIT else Kernel(function, **options)  # type: ignore[attr-defined]
-
-
-def kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function for compilation at its first call."""
-    return _compiled(function)
-
-
-def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function that creates no arrays for compilation without reference counting."""
-    return _compiled(function, _nrt=False)

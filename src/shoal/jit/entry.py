@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable
-from functools import cached_property, partial, update_wrapper
+from functools import cached_property, update_wrapper
 from typing import Any
 
 from shoal.jit.machine_code import kinds_of_arguments, load_machine_code
@@ -17,7 +17,7 @@ from shoal.jit.watch import Compiling
 _lock = threading.RLock()
 
 
-class CachedKernel:
+class Kernel:
     """A function to be compiled. A call from Python runs the kernel's entry.
 
     A call from another kernel makes the kernel a part of the caller.
@@ -45,20 +45,20 @@ class CachedKernel:
         return self.entry.compile(tuple(self.entry.typeof_pyval(one) for one in arguments))
 
     @cached_property
-    def _compilable(self) -> Any:
-        from shoal.jit import compiler  # Numba is slow to import
+    def _forms(self) -> Any:
+        from shoal.jit.compiler import CompiledForms  # Numba is slow to import
 
-        return compiler.Kernel(self._function, **self._options)
+        return CompiledForms(self._function, **self._options)
 
     @property
     def entry(self) -> Any:
         """The function as Numba compiles it for Python."""
-        return self._compilable.entry
+        return self._forms.entry
 
     @property
     def _numba_type_(self) -> Any:
         """The Numba type of this kernel in compiled code."""
-        return self._compilable._numba_type_
+        return self._forms.part_type
 
     def __reduce__(self) -> str:
         return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # which module it is in, pickle knows
@@ -77,11 +77,15 @@ def _named_apart(function: Callable[..., Any]) -> None:
 
 
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:
-    """Mark a function for compilation at its first call."""
     _named_apart(function)
-    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else CachedKernel(function, **options)
+    return function if int(os.environ.get("NUMBA_DISABLE_JIT") or 0) else Kernel(function, **options)
 
 
-kernel = _compiled
-in_place_kernel = partial(_compiled, _nrt=False)
-"""Mark a function that creates no arrays for compilation without reference counting."""
+def kernel(function: Callable[..., Any]) -> Any:
+    """Mark a function for compilation at its first call."""
+    return _compiled(function)
+
+
+def in_place_kernel(function: Callable[..., Any]) -> Any:
+    """Mark a function that creates no arrays for compilation without reference counting."""
+    return _compiled(function, _nrt=False)
