@@ -16,10 +16,11 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from numba import typeof
 
 from shoal.core import notices
 from shoal.jit import COMPILING, folders, lowered
-from shoal.jit.machine_code import kinds_of_arguments
+from shoal.jit.machine_code import compiled_form, kinds_of_arguments
 
 SOURCE = Path(__file__).with_name("small_kernels.py")
 NOBODY = 65534
@@ -156,6 +157,16 @@ def test_what_determines_a_compiled_form():
     for value in ("text", [1], np.timedelta64(1), {}):
         with pytest.raises(TypeError):
             kinds_of_arguments((1, value))
+
+
+def test_arguments_of_one_numba_type_share_machine_code():
+    flat = np.zeros((1, 4))
+    values = [1, np.int64(2), True, np.bool_(0), 1.0, np.float64(2), np.float32(2), flat, flat.T, flat[:, ::2], np.zeros((3, 4))]
+    values += [np.zeros((3, 4)).T, np.zeros((0, 4)), (1, flat), (np.int64(1), np.zeros((3, 4))), (1.0, flat)]
+    for one in values:
+        for other in values:
+            same = compiled_form(kinds_of_arguments((one,))) == compiled_form(kinds_of_arguments((other,)))
+            assert same == (typeof(one) == typeof(other)), (one, other)
 
 
 def test_damaged_files_are_replaced(script):

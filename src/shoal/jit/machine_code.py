@@ -19,21 +19,24 @@ from importlib.util import find_spec, module_from_spec
 from operator import attrgetter
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any
 
 import llvmlite
 import numpy as np
 from llvmlite import binding
 
+from shoal.core.dataclass import dataclass
 from shoal.core.notices import tell_once
 from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
 
-_LAYOUT = 0x1 | 0x2 | 0x100 | 0x400  # flags of arrays that matter: contiguous in C or Fortran order, aligned, writable
+_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400  # the flags of arrays that matter
+_SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
 _PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")])
 
 
-class MachineCode(NamedTuple):
+@dataclass(frozen=True)
+class MachineCode:
     """The machine code of a kernel, and the data that a call needs."""
 
     code: bytes
@@ -74,13 +77,18 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
     return tuple(kinds)
 
 
-def _without_flags(kinds: Any) -> Any:
-    """Return kinds of arguments without those flags of arrays that do not matter."""
+def compiled_form(kinds: Any) -> Any:
+    """Return a common form of kinds of arguments for which Numba compiles the same code.
+
+    Flags of arrays that do not matter are left out. An array that is contiguous in both orders counts as an array in C order. A
+    number of Python counts as the number of NumPy with the same bits.
+    """
     if not isinstance(kinds, tuple):
-        return kinds
+        return _SAME.get(kinds, kinds)
     if kinds and isinstance(kinds[0], np.dtype):
-        return *kinds[:2], kinds[2] & _LAYOUT
-    return tuple(_without_flags(each) for each in kinds)
+        order = kinds[2] & _C_ORDER or kinds[2] & _FORTRAN_ORDER
+        return *kinds[:2], order | kinds[2] & _ALIGNED_AND_WRITABLE
+    return tuple(compiled_form(each) for each in kinds)
 
 
 def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
@@ -111,7 +119,7 @@ def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -
 
 def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
     folder = folder_of(Path(function.__code__.co_filename).parent)
-    digest = hashlib.blake2b(repr((_without_flags(kinds), _maker())).encode(), digest_size=8).hexdigest()
+    digest = hashlib.blake2b(repr((compiled_form(kinds), _maker())).encode(), digest_size=8).hexdigest()
     return folder and folder / f"{kernel_name(function)}-{digest}.kernel"
 
 
