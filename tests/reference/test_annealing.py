@@ -95,7 +95,7 @@ def test_the_shortest_plan_is_kept():
     length = fewest = moves
     for heat in (3.0, 0.5, 0.1):
         before = fewest
-        length, fewest, spent = anneal.anneal(planner, course, length, fewest, heat, 20_000)
+        length, fewest, spent = anneal.anneal(planner, course, length, fewest, heat, 20_000.0)
         assert fewest <= min(before, length)
         assert spent >= 20_000
         assert plain_moves(frame, planner, course.plan[:length], "block") == length
