@@ -19,11 +19,11 @@ from shoal.envs.options import SEEDS, SearchEnvOptions, check_render_mode, check
 from shoal.envs.rendering import MODES, close_window, enlarged, rendered
 from shoal.search.allocation.layers import layers_of
 from shoal.search.allocation.plan import plan_search
+from shoal.search.allocation.starts import start_points
 from shoal.search.problem import SearchProblem
 from shoal.search.protocol.inference import obstacles, reachable
 from shoal.search.protocol.robot import Decision, head_for
 from shoal.search.protocol.state import Robot
-from shoal.search.regions.places import start_points
 from shoal.search.simulation.scenario import scenario_of
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bits_to_array
@@ -129,7 +129,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._drawn = int(self._rng.integers(SEEDS)) if seed is None else seed
         plan, problem = self._plan, self.problem
         with option_errors():
-            places = start_points(layers_of(plan.grid)[0], problem.starts, problem.robots, np.random.default_rng(self._drawn))
+            places = start_points(problem, layers_of(plan.grid)[0], np.random.default_rng(self._drawn))
             starts = self._tour.position[tuple(plan.grid.cell_of(places).T)]
             self._scenario = scenario_of(problem, replace(plan, places=places, starts=starts), self._drawn)
         self._orders: dict[int, int] = {}

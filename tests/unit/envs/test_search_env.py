@@ -132,6 +132,12 @@ def test_shared_rewards_are_the_mean():
     assert walk(env, [{"robot_1": HERE}])[1] == {"robot_1": 0.0, "robot_2": 0.0}
 
 
+def test_robots_start_at_their_launch_points():
+    env = search_v0.parallel_env(**SMALL | {"robots": 2, "launch": "5,5;-9,45"})
+    observations, _ = env.reset(seed=1)
+    assert [observations[agent]["position"].tolist() for agent in env.agents] == [[4, 0], [0, 0]]
+
+
 def test_render_modes():
     env = corridor(render_mode="ansi", faults=["crash:2@0.5"])
     env.reset(seed=1)

@@ -8,7 +8,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer
@@ -31,6 +30,7 @@ from shoal.search.allocation.layers import (
 )
 from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour, in_layers
 from shoal.search.allocation.partition import in_passes
+from shoal.search.allocation.starts import start_points
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.allocation.viewpoint_selection import select_viewpoints
 from shoal.search.cells.distances import CellDistances, RegionDistances
@@ -44,7 +44,7 @@ from shoal.search.flight.vehicle import Vehicle
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.fields import AUTO
 from shoal.search.regions.coverage import check_footprints
-from shoal.search.regions.places import places_of, start_points
+from shoal.search.regions.places import places_of
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
@@ -245,7 +245,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     grid, tour, vehicle = laid.grid, laid.tour, problem.chosen_vehicle
     tour_cost = _tour_cost(laid, turn_cells(vehicle, grid.size), stepwise=problem.stepwise)
     ground = layers_of(grid)[0]
-    places = places_of_robots(ground, problem, np.random.default_rng(seed))
+    places = start_points(problem, ground, np.random.default_rng(seed))
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
@@ -341,10 +341,3 @@ def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[s
         "least": sum(layer.grid.n_cells * layer.grid.size for layer in laid.layers) / laid.grid.size,
         "distances": LayeredDistances(paths, numbers, [own[layer]["distances"] for layer in laid.layers] if not straight else ()),
     }
-
-
-def places_of_robots(grid: CellGrid, problem: SearchProblem, rng: Generator) -> Points:
-    """Return the robots' start positions in metres; float64, shape (robots, 2)."""
-    if problem.launch is not None:
-        return places_of(problem.launch, grid.region, problem.robots, what="launch")
-    return start_points(grid, problem.starts, problem.robots, rng)

@@ -1,14 +1,12 @@
-"""Points and lines for the robots' starts, landing points, targets and obstacles."""
+"""Readers of points that users give as text, file or array: launch points, landing points, targets and obstacles."""
 
 from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-import shapely
-from numpy.random import Generator
 from numpy.typing import ArrayLike
 
 from shoal.core.errors import InvalidInputError
@@ -17,8 +15,6 @@ from shoal.search.regions.formats.table import read_vertices
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion
 
-LAYOUTS = ("random", "clustered", "line")
-_CLUSTER = 0.05  # relative to the larger side: standard deviation of clustered starts
 _NUMBER = r"\s*[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
 _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
 
@@ -29,11 +25,12 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     Parameters
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
-        Points in metres, or a text in the units of the region. The text may be ``x,y``, several such points separated by
-        semicolons, or a CSV or GeoJSON file of points (one for all robots, or one per robot). It may also be a GeoJSON file of a
-        line, along which the robots have equal distances.
+        One point in metres for all robots, or one for each robot. Or a text: points ``x,y`` separated by semicolons (in degrees for
+        a region on Earth, else in metres), or the path of a CSV or GeoJSON file of points. Along a line in a GeoJSON file, the
+        robots get points at equal distances.
     region : SearchRegion
     robots : int
+        Number of robots.
     what : str
         Name of the points in messages.
 
@@ -66,12 +63,22 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
-    """Read points from a CSV or GeoJSON file, whose heading may name the columns. Metres; float64, shape (k, 2).
+    """Return the points in a CSV or GeoJSON file in metres; float64, shape (k, 2).
+
+    Parameters
+    ----------
+    path : path
+    region : SearchRegion
+        The region whose local frame the points get.
+    what : str
+        Name of the points in messages.
+    count : int, optional
+        The number of points that the file must contain. By default, any number is accepted.
 
     Raises
     ------
     InvalidInputError
-        If the file is invalid or has swapped longitudes and latitudes. The message names the file.
+        If the file is invalid, or if its longitudes and latitudes seem to be swapped. The message names the file.
     """
     points, line = _read(path, region, what)
     if line:
@@ -119,37 +126,3 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
             f"{where}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
             "the other way they lie in the region"
         )
-
-
-class Cells(Protocol):
-    """The interface of a grid of cells on which this module relies."""
-
-    @property
-    def region(self) -> SearchRegion:
-        """The region of the grid."""
-
-    @property
-    def size(self) -> float:
-        """Side of a cell in metres."""
-
-    def waypoints(self) -> Points:
-        """Return the central viewpoints of the cells in metres; float64, shape (n, 2)."""
-
-
-def start_points(grid: Cells, starts: str | ArrayLike, robots: int, rng: Generator) -> Points:
-    """Return the robots' start points in metres; float64, shape (robots, 2); see `SearchProblem`."""
-    if not isinstance(starts, str):
-        return grid.region.check_inside(starts, what="starts")
-    if starts not in LAYOUTS:
-        return grid.region.check_inside(read_points(Path(starts), grid.region, what="starts", count=robots), what=starts)
-    middles = grid.waypoints()
-    if starts == "random":
-        return np.asarray(middles[rng.integers(0, len(middles), size=robots)])
-    if starts == "clustered":
-        middle = middles[rng.integers(len(middles))]
-        spread = max(_CLUSTER * max(np.ptp(middles, axis=0)), grid.size)
-        wanted = middle + rng.normal(0, spread, size=(robots, 2))
-    else:
-        low, high = middles.min(axis=0), middles.max(axis=0)
-        wanted = np.column_stack([np.full(robots, low[0]), np.linspace(low[1], high[1], robots)])
-    return np.asarray(middles[shapely.STRtree(shapely.points(middles)).nearest(shapely.points(wanted))])
