@@ -1,4 +1,4 @@
-"""Creation of a region in metres from outlines in files or arrays."""
+"""Creation of a region in metres from a name, from the outlines in a file, or from polygons in Python."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from shoal.search.regions.outline_checks import (
     text_of,
 )
 from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
-from shoal.search.regions.region import SearchRegion, region_of
+from shoal.search.regions.region import SearchRegion, polygons_in, region_of
 
 INNER = ("no-go", "search")
 """The possible meanings of an unmarked polygon inside another polygon."""
@@ -43,43 +43,43 @@ def open_region(
     across_zones: bool = False,
     inner: str | None = None,
 ) -> SearchRegion:
-    """Return a region from a name, a file or polygons.
+    """Return the region that a name, a file or polygons describe.
 
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
-        A name with sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` (both from the origin), ``circle:RADIUS``,
-        ``ring:OUTERxINNER`` (radii; both around the origin), ``box:WIDTHxDEPTHxHEIGHT`` (a volume, from the origin). Or a file:
-        ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a projection that the file names) or ``.csv`` (metres); see
-        `shoal.search.regions.formats`. Or the corners of a polygon, shape (n, 2), a Shapely polygon, or a sequence of these.
+        A name with sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` or ``box:WIDTHxDEPTHxHEIGHT`` (a volume), each with
+        its lower left corner at the origin; or ``circle:RADIUS`` or ``ring:OUTERxINNER`` (two radii), each around the origin. Or
+        the path of a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a projection that the file names) or ``.csv``
+        (metres or degrees); see `shoal.search.regions.formats`. Or the corners of a polygon, shape (n, 2), or a Shapely polygon, or
+        a sequence of polygons.
     holes : optional
         Holes of the polygons: the corners of one hole, or a sequence of holes. Each hole must lie in one of the polygons.
     geographic : bool
-        Whether polygon coordinates are longitude and latitude in degrees. If false, they are in metres.
+        Whether the coordinates of polygons in Python are longitude and latitude in degrees. If false, they are in metres.
     name : str, optional
         Name of the region. The default is the name of the source, or "polygon".
     no_go : optional
         No-go zones in the units of the source (longitude and latitude, or metres): a file in one of the formats above, points of
         shape (n, 2), a Shapely polygon, or a sequence of these. A region file may also contain no-go zones.
     layer : str, optional
-        Layer of a GeoPackage; it is required if the file has several layers.
+        Name of the layer that is read from a GeoPackage. The name is required if the file has several layers.
     across_zones : bool
-        Whether to accept a region on both sides of a border between UTM zones. Shoal's local frame supports such regions, but other
-        tools may not.
+        Whether to accept a region that lies in two UTM zones. Shoal's local frame supports these regions, but other programs may
+        not.
     inner : "no-go" or "search", optional
-        Meaning of an unmarked polygon that lies mostly inside another polygon. Without this option, a file with such a polygon is
-        refused.
+        Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go zone. By default, a file with an
+        unmarked inner polygon is refused.
 
     Returns
     -------
     SearchRegion
-        The sides of the region are straight in the local frame. The deviation of a side from a line that is straight in degrees
-        grows with the square of the side's length.
+        The region. Its sides are straight in the local frame in metres, and therefore slightly bent in degrees.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the source is unknown or invalid. The message gives the location of the fault.
+        If the source is unknown or invalid. The message names the place of the mistake.
 
     Examples
     --------
@@ -130,12 +130,25 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 def build_region(
     found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool, inner: str | None = None
 ) -> SearchRegion:
-    """Return the region of some outlines without the marked and the given no-go zones.
+    """Return the region that outlines describe, without its no-go zones.
+
+    Parameters
+    ----------
+    found : RegionOutlines
+        The outlines, some of which may be marked as no-go zones.
+    extra : sequence
+        Further no-go zones in the units of the outlines: files, Shapely polygons, or points of shape (n, 2).
+    name : str
+        Name of the region.
+    across_zones, inner
+        As in `open_region`.
 
     Raises
     ------
     InvalidInputError
     """
+    import shapely
+
     searched = [outline for outline in found.outlines if not outline.no_go]
     if not searched:
         raise InvalidInputError(f"{found.where}: expected a polygon to search, got none but no-go zones")
@@ -153,9 +166,10 @@ def build_region(
         inside = _inside_others(wanted, searched, refused=inner is None)
         taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
-    no_go = _joined(taken) if taken else None
+    no_go = polygons_in(shapely.union_all(taken)) if taken else None
     try:
-        region = region_of(_joined(wanted), frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
+        whole = polygons_in(shapely.union_all(wanted))
+        region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
         return replace(region, height=found.height)
     except InvalidInputError as error:
         raise InvalidInputError(f"{found.where}: {error}") from None
@@ -196,13 +210,6 @@ def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refuse
     return inside
 
 
-def _joined(polygons: list[Any]) -> Any:
-    import shapely
-
-    parts = shapely.get_parts(shapely.union_all(polygons))
-    return shapely.MultiPolygon([part for part in parts if part.geom_type == "Polygon"])
-
-
 def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
     points = points[np.isfinite(points).all(axis=1)]  # other errors are reported for each ring, with its location
@@ -231,12 +238,9 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
 
     origin = np.broadcast_to([frame.longitude, frame.latitude], ring.points.shape)
     away = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *ring.points.T)[2])
-    index = int(np.argmax(away))
-    if away[index] <= REACH:
-        return
-    raise InvalidInputError(
-        f"{ring.vertex(index)}: expected a region within {REACH / 1000:g} km of its middle "
-        f"{text_of([frame.longitude, frame.latitude])}, got {text_of(ring.points[index])}; search its parts one by one"
+    middle = text_of([frame.longitude, frame.latitude])
+    ring.check_vertices(
+        away <= REACH, f"a region within {REACH / 1000:g} km of its middle {middle}", "; search its parts one by one"
     )
 
 

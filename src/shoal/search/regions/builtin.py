@@ -1,4 +1,4 @@
-"""Built-in regions by name, in metres."""
+"""Built-in regions: simple shapes whose names contain their sizes in metres."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Shape = Callable[[str, list[float]], list[Points]]
 
 
 def builtin_region(text: str) -> RegionOutlines:
-    """Return the outline of the built-in region with a name such as ``square:SIDE``; see `shoal.search.open_region`.
+    """Return the outline of a built-in region from its name with sizes, such as ``square:100``; see `shoal.search.open_region`.
 
     Raises
     ------
@@ -46,7 +46,7 @@ def builtin_region(text: str) -> RegionOutlines:
 
 
 def is_builtin(text: str) -> bool:
-    """Return whether a text is the name of a built-in region. Other texts are names of files."""
+    """Return whether a text has the form of a built-in region's name, such as ``square:100``. Any other text is a path."""
     return re.fullmatch(r"\w+(:[\w.+-]*)?", text) is not None and not re.search(r"\.[A-Za-z]\w*$", text)
 
 

@@ -1,4 +1,4 @@
-"""Coverage of a region by the footprints of routes, computed only with areas of Shapely, independently of cells and tours."""
+"""Measurement of the area that vehicles on given routes see, with Shapely's areas instead of cells and tours."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points
-from shoal.search.regions.region import TOUCH, SearchRegion
+from shoal.search.regions.region import TOUCH, SearchRegion, polygons_in
 
 _FEW = 48  # number of swept shapes that are united at once
 _GRID = TOUCH / 10  # metres
@@ -21,24 +21,24 @@ _SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, beca
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """The covered area, and the legs outside the region.
+    """The part of a region that vehicles see on their routes, and the legs of the routes that leave the region.
 
     Parameters
     ----------
     covered_fraction : float
-        Covered fraction of the region's area, 0 to 1. Gaps narrower than a micrometre count as covered.
+        Fraction of the region's area that a vehicle sees, 0 to 1. Gaps narrower than a micrometre count as seen.
     uncovered_m2 : float
+        Area in square metres that no vehicle sees.
     uncovered : shapely Polygon, MultiPolygon or GeometryCollection
-        The uncovered area.
+        The shape that no vehicle sees, in the region's metres.
     outside_m : float
-        Total length in metres, beyond the tolerance, of all legs that lie outside the region or closer to its border than the
-        margin.
+        Total length in metres of the parts of legs that leave `SearchRegion.free` by more than the tolerance.
     legs_outside : int
-        Number of legs that leave the region. A stationary vehicle counts as a leg.
+        Number of legs that leave `SearchRegion.free` by more than the tolerance. A route of one point counts as one leg.
     length_m : float
-        Total length of all legs.
+        Total length of all legs in metres.
     area_m2 : float
-        Area of the region.
+        Area of the region in square metres.
     """
 
     covered_fraction: float
@@ -55,9 +55,7 @@ def coverage_check(
 ) -> AreaCoverage:
     """Measure the area that vehicles on given routes see, and the legs that leave the region.
 
-    A vehicle sees the square of side ``footprint`` around it, along all legs of its route. The sides of the square are parallel to
-    the axes or rotated by ``angle``. The whole area of the region counts, because a vehicle can see every point from the point
-    itself.
+    At each moment, a vehicle sees the square of side ``footprint`` around its position.
 
     Parameters
     ----------
@@ -65,11 +63,11 @@ def coverage_check(
     routes : sequence of array_like of float, each of shape (k, 2)
         One route per vehicle: points in metres with straight legs between them. A route of one point is a stationary vehicle.
     footprint : float, or array_like of float
-        Side of the footprint in metres; one for all routes, or one per route.
+        Side of the footprint in metres: one number for all routes, or one number for each route.
     tolerance : float
         Distance in metres by which a leg may leave the region, because files round the coordinates of routes.
     angle : float
-        Rotation of the footprint's sides from the axes, in degrees counter-clockwise.
+        Angle of the square's sides in degrees, counter-clockwise from the x axis.
 
     Raises
     ------
@@ -105,7 +103,7 @@ def coverage_check(
 
 
 def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
-    """Return the combined coverage of several layers. An area that is uncovered in one layer is uncovered in the result.
+    """Return the sums of the coverages of several layers. A place that is not seen in one of the layers counts as not seen.
 
     Examples
     --------
@@ -158,7 +156,17 @@ def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
 
 
 def footprints_along(starts: Points, ends: Points, half: float, angle: float) -> Any:
-    """Return the area that the footprint sweeps on each leg: the convex hull of the squares at both ends of the leg."""
+    """Return the area that a footprint covers along each leg: the convex hull of the squares at both ends of the leg.
+
+    Parameters
+    ----------
+    starts, ends : ndarray of float64, shape (n, 2)
+        Both ends of the legs in metres.
+    half : float
+        Half of the footprint's side in metres.
+    angle : float
+        Angle of the footprint's sides in degrees, counter-clockwise from the x axis.
+    """
     import shapely
 
     way = np.radians(angle + np.array([225.0, 315.0, 45.0, 135.0]))
@@ -215,19 +223,21 @@ def _halves(block: Any) -> list[Any]:
     else:
         middle = (low_y + high_y) / 2
         boxes = [shapely.box(low_x, low_y, high_x, middle), shapely.box(low_x, middle, high_x, high_y)]
-    return [_polygons(half) for half in shapely.intersection(block, boxes)]
-
-
-def _polygons(shape: Any) -> Any:
-    """Return the polygons of a shape. Cuts along a border leave lines, and the library GEOS cannot subtract from lines."""
-    import shapely
-
-    parts = shapely.get_parts(shape)
-    return shapely.multipolygons(parts[shapely.get_dimensions(parts) == 2])
+    # Cuts along a border leave lines, and the library GEOS cannot subtract from lines.
+    return [polygons_in(half) for half in shapely.intersection(block, boxes)]
 
 
 def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:
     """Return the footprint of each robot in metres; float64, shape (robots,).
+
+    Parameters
+    ----------
+    footprint : float, or array_like of float
+        One number for all robots, or one number for each robot.
+    robots : int
+        Number of robots.
+    what : str
+        The word for a robot in error messages.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Limits of region files. Larger files are refused with an error of one sentence before they are unpacked."""
+"""Limits on the size of region files and of their content."""
 
 from __future__ import annotations
 
@@ -8,26 +8,25 @@ import zlib
 from shoal.core.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
-"""Maximum size of a region file in bytes, and of a KMZ's unpacked content."""
+"""Maximum size of a region file in bytes, and of each file that is unpacked from an archive."""
 
 LARGEST_DATABASE = 2_000_000_000
-"""Maximum size of a GeoPackage in bytes. Only the requested layer of the file is read."""
+"""Maximum size of a GeoPackage in bytes. It may be larger than other files because only some of its layers are read."""
 
 MOST_CORNERS = 200_000
 """Maximum number of corners of all polygons in a file."""
 
 MOST_POLYGONS = 10_000
-"""Maximum number of polygons of a file, or of rings of a table."""
+"""Maximum number of polygons in a file, or of rings in a CSV file."""
 
 MOST_PAIRS = 200_000
-"""Maximum number of pairs of rings of a table in which one ring lies, or may lie, around the other."""
+"""Maximum number of pairs of rings in a CSV file whose bounding boxes overlap."""
 
 MOST_ELEMENTS = 300_000
-"""Maximum number of elements of an XML file."""
+"""Maximum number of elements in a KML file."""
 
 DEEPEST = 100
-"""Maximum nesting depth of XML elements."""
-
+"""Maximum nesting depth of the elements in a KML file."""
 
 ARCHIVE_FAULTS = (
     zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error,
@@ -36,7 +35,17 @@ ARCHIVE_FAULTS = (
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
-    """Refuse more than ``most`` items.
+    """Refuse a file with more than ``most`` things of a kind.
+
+    Parameters
+    ----------
+    count : int
+        Number of these things in the file.
+    most : int
+    where : str
+        Name of the file in error messages.
+    what : str
+        Name of the things in error messages, in the plural.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Margins: distances that robots keep from the border of a region and from no-go zones, and what they still see."""
+"""Margins: the distance that robots keep from the border and from no-go zones, and the area that they see in spite of it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SEEN = 1e-9  # relative to a region: unseen area that is rounding error
 
 
 def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
-    """Return a region in which robots keep a margin to its border and to its no-go zones.
+    """Return a region whose robots keep a margin: a distance from the border of the region and from its no-go zones.
 
     Parameters
     ----------
@@ -27,7 +27,7 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
     Raises
     ------
     InvalidInputError
-        If no area is left.
+        If the margin leaves no area where robots may be.
 
     Examples
     --------
@@ -45,26 +45,26 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
 
 
 def grown(shape: Any, margin: float) -> Any:
-    """Return a shape grown by a margin: this is the area that robots must not enter."""
+    """Return all points that are at most ``margin`` metres away from a Shapely geometry."""
     return shape.buffer(margin, quad_segs=_SEGMENTS) if margin else shape
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return an approximation of `grown` that has few corners and contains the exact result."""
+    """Return a shape that contains ``grown(shape, margin)``, is slightly larger and has few corners."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 
 
 def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -> SearchRegion:
-    """Return a region minus the area that no robot can see while it keeps the margin.
+    """Return a region without the area that no robot can see while it keeps the margin.
 
     Parameters
     ----------
     region : SearchRegion
     footprint : float
-        Side of the square that a robot sees, in metres.
+        Side in metres of the square that a robot sees around itself.
     angle : float
-        Rotation of the square, in degrees counter-clockwise.
+        Angle of the square's sides in degrees, counter-clockwise from the x axis.
 
     Examples
     --------

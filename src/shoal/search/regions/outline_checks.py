@@ -1,4 +1,4 @@
-"""Checks of a region's rings, with their location in the file."""
+"""Outlines of regions as files contain them, and checks whose messages name the place of a mistake in the file."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ FARTHEST = 1e9  # metres: beyond, a float64 cannot distinguish points a micromet
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """One ring of an outline: a closed line.
+    """A closed line: the outer border of a polygon, or the border of one of its holes.
 
     Parameters
     ----------
     points : ndarray of float64, shape (n, 2)
         Points in the file's units: (x, y) in metres or (longitude, latitude) in degrees.
     where : str
-        The file and the location in it, for error messages.
+        The file and the place of the ring in the file, for error messages.
     lines : ndarray of int64, shape (n,), optional
         The line number of each vertex in the file.
     no_go : bool
-        Whether the ring is marked as a no-go zone.
+        Whether the file marks the ring as a no-go zone.
     """
 
     points: Points
@@ -42,13 +42,29 @@ class Ring:
     no_go: bool = False
 
     def vertex(self, index: int) -> str:
-        """Return the location of a vertex in words."""
+        """Return the file and the place of a vertex, counted from 0, as a text for messages."""
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
+
+    def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:
+        """Refuse the first vertex for which ``right`` is false. ``expected`` and ``note`` are parts of the message.
+
+        Parameters
+        ----------
+        right : array_like of bool, shape (n,)
+        expected, note : str
+
+        Raises
+        ------
+        InvalidInputError
+        """
+        if not np.all(right):
+            index = int(np.argmin(right))
+            raise InvalidInputError(f"{self.vertex(index)}: expected {expected}, got {text_of(self.points[index])}{note}")
 
 
 @dataclass(frozen=True, eq=False)
 class RegionOutline:
-    """One polygon of a region, as read from a file: an outer ring, its holes, and whether it is a no-go zone."""
+    """One polygon of a region before its checks: an outer ring, the holes in it, and whether it is a no-go zone."""
 
     shell: Ring
     holes: tuple[Ring, ...] = ()
@@ -61,7 +77,7 @@ class RegionOutline:
 
 
 def text_of(point: ArrayLike) -> str:
-    """Return a point as text for messages.
+    """Return the coordinates of a point as a text for messages.
 
     Examples
     --------
@@ -82,19 +98,22 @@ def check_plane_points(points: Any, *, what: str) -> Points:
 
 
 def check_ring(ring: Ring, *, closed: bool = True) -> Points:
-    """Return the corners of a ring: closed, without repeated neighbours; float64, shape (n, 2).
+    """Return the vertices of a ring without equal neighbours, and with the first vertex again at the end; float64, shape (n, 2).
+
+    Parameters
+    ----------
+    ring : Ring
+    closed : bool
+        Whether the first vertex of the given ring must also be its last vertex.
 
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, or the ring is not closed although the format requires closed rings. Also if it has fewer
-        than 3 different vertices, is flat or crosses itself.
+        If a coordinate is not finite, if the ring is not closed but must be, if it has fewer than 3 different vertices, if all its
+        vertices lie on one line, or if it crosses itself.
     """
     points = ring.points
-    finite = np.isfinite(points).all(axis=1)
-    if not finite.all():
-        index = int(np.argmin(finite))
-        raise InvalidInputError(f"{ring.vertex(index)}: expected finite coordinates, got {text_of(points[index])}")
+    ring.check_vertices(np.isfinite(points).all(axis=1), "finite coordinates")
     if len(points) == 0:
         raise InvalidInputError(f"{ring.where}: expected a ring of vertices, got an empty one")
     if closed and (points[0] != points[-1]).any():
@@ -130,7 +149,7 @@ def _check_shape(corners: Points, ring: Ring) -> None:
 
 
 def place_of(said: str) -> str:
-    """Return " at (x, y)" from Shapely's explanation of an invalid polygon, or an empty text without a location.
+    """Return " at (x, y)" from Shapely's explanation of an invalid polygon, or "" if the explanation names no point.
 
     Examples
     --------
@@ -147,8 +166,8 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
     Raises
     ------
     InvalidInputError
-        If `check_ring` raises it for a ring. Also if a hole lies outside the outer ring, or crosses or shares a segment with
-        another ring.
+        If `check_ring` refuses a ring, if a hole lies outside the outer ring, or if a hole crosses another ring or shares a segment
+        with it.
     """
     from shapely import Polygon
     from shapely.validation import explain_validity
@@ -173,43 +192,29 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse coordinates in metres that are so large that their fractions get lost.
+    """Refuse coordinates in metres that are so large that a float64 cannot store their fractions.
 
     Raises
     ------
     InvalidInputError
     """
-    far = np.abs(ring.points) > FARTHEST
-    if far.any():
-        index = int(np.argmax(far.any(axis=1)))
-        raise InvalidInputError(
-            f"{ring.vertex(index)}: expected coordinates of at most {FARTHEST:g} m, got {text_of(ring.points[index])}"
-        )
+    near = ~(np.abs(ring.points) > FARTHEST).any(axis=1)  # other errors are reported for coordinates that are no numbers
+    ring.check_vertices(near, f"coordinates of at most {FARTHEST:g} m")
 
 
 def check_degrees(ring: Ring) -> None:
-    """Refuse invalid longitudes and latitudes. Refuse also regions at a pole or across the 180° meridian, which no plane map shows.
+    """Refuse invalid longitudes and latitudes, and rings at a pole or across the 180° meridian.
 
     Raises
     ------
     InvalidInputError
     """
     longitude, latitude = np.abs(ring.points).T
-    wrong = (longitude > 180) | (latitude > 90)
-    if wrong.any():
-        index = int(np.argmax(wrong))
-        swapped = (latitude > 90).any() and (longitude <= 90).all() and (latitude <= 180).all()
-        hint = "; are the two swapped?" if swapped else "; is this in metres?" if (longitude > 360).any() else ""
-        raise InvalidInputError(
-            f"{ring.vertex(index)}: expected a longitude within ±180 and then a latitude within ±90, "
-            f"got {text_of(ring.points[index])}{hint}"
-        )
-    if (latitude > _POLE).any():
-        index = int(np.argmax(latitude > _POLE))
-        raise InvalidInputError(
-            f"{ring.vertex(index)}: expected a region away from the poles, within ±{_POLE} degrees of latitude, "
-            f"got {text_of(ring.points[index])}"
-        )
+    swapped = (latitude > 90).any() and (longitude <= 90).all() and (latitude <= 180).all()
+    note = "; are the two swapped?" if swapped else "; is this in metres?" if (longitude > 360).any() else ""
+    right = ~((longitude > 180) | (latitude > 90))
+    ring.check_vertices(right, "a longitude within ±180 and then a latitude within ±90", note)
+    ring.check_vertices(~(latitude > _POLE), f"a region away from the poles, within ±{_POLE} degrees of latitude")
     jumps = np.abs(np.diff(ring.points[:, 0])) > 180
     if jumps.any():
         index = int(np.argmax(jumps))
@@ -227,9 +232,9 @@ class RegionOutlines:
     ----------
     outlines : tuple of RegionOutline
     where : str
-        The file or the name.
+        The path of the file, or the name of the built-in region.
     geographic : bool
-        Whether coordinates are longitude and latitude in degrees (WGS84). If false, they are in metres.
+        Whether coordinates are longitude and latitude in degrees (WGS84). If false, coordinates are in metres.
     closed : bool
         Whether the format requires rings to repeat their first vertex at the end.
     height : float
@@ -244,7 +249,7 @@ class RegionOutlines:
 
 
 def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:
-    """Return the polygons in a Shapely geometry as outlines."""
+    """Return the polygons in a Shapely geometry as outlines. ``where`` is the name of the geometry in error messages."""
     import shapely
 
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]

@@ -1,4 +1,4 @@
-"""A plane local frame in metres around a point on Earth."""
+"""Conversion between longitude and latitude and a plane frame in metres around a point on Earth."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 class LocalFrame:
     """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    Two numbers define the frame, so every program that reads these numbers uses the same frame. Angles are preserved. Lengths in
-    the frame are too long by the fraction (east / R)² / 2: at most 4.9e-6 within 20 km of the origin, 3.1e-5 within 50 km and
-    1.2e-4 within 100 km. These values were measured with PROJ's scale factors at latitudes from 0 to 80 degrees. At 20 km, the
-    error is 5 mm per kilometre.
+    The projection preserves angles. A length in the frame is longer than the length on Earth, by the fraction (east / R)² / 2,
+    where ``east`` is the distance to the east or west of the origin and R is the radius of the Earth. According to PROJ, this
+    fraction is at most 4.9e-6 within 20 km of the origin (5 mm per kilometre), 3.1e-5 within 50 km, and 1.2e-4 within 100 km, at
+    latitudes from 0 to 80 degrees.
 
     Parameters
     ----------
     longitude, latitude : float
-        Origin in degrees, WGS84.
+        The origin in degrees, WGS84.
 
     Raises
     ------
@@ -53,18 +53,24 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return a frame whose origin is the middle of given points, rounded to a millionth of a degree for an exact text."""
+        """Return a frame whose origin is the middle of the points' extent, rounded to a millionth of a degree.
+
+        Parameters
+        ----------
+        lonlat : array_like of float, shape (n, 2)
+            Longitudes and latitudes in degrees.
+        """
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))
 
     @property
     def proj(self) -> str:
-        """The projection as a PROJ string."""
+        """The projection in PROJ's notation."""
         return f"+proj=tmerc +lat_0={self.latitude!r} +lon_0={self.longitude!r} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m"
 
     def to_metres(self, lonlat: ArrayLike) -> Points:
-        """Convert points (longitude, latitude) in degrees to points (east, north) in metres; float64, shape (n, 2).
+        """Convert points from (longitude, latitude) in degrees to (east, north) in metres; float64, shape (n, 2).
 
         Raises
         ------
@@ -77,16 +83,11 @@ class LocalFrame:
         near = np.maximum(east, np.abs(array[:, 1] - self.latitude)) * 110_000.0 <= 3 * REACH
         points = np.full(array.shape, np.inf)
         points[near] = np.stack(_transformer(self.proj).transform(array[near, 0], array[near, 1]), axis=1)
-        far = ~(np.hypot(*points.T) <= 2 * REACH)
-        if far.any():
-            raise InvalidInputError(
-                f"local frame: expected points within {2 * REACH / 1000:g} km of the origin "
-                f"{text_of([self.longitude, self.latitude])}, got {text_of(array[int(np.argmax(far))])}"
-            )
+        self._check_near(points, array, "")
         return points
 
     def to_degrees(self, points: ArrayLike) -> Points:
-        """Convert points (east, north) in metres to points (longitude, latitude) in degrees; float64, shape (n, 2).
+        """Convert points from (east, north) in metres to (longitude, latitude) in degrees; float64, shape (n, 2).
 
         Raises
         ------
@@ -94,13 +95,17 @@ class LocalFrame:
             If a point is farther from the origin than twice `REACH`.
         """
         array = check_plane_points(points, what="points")
-        far = ~(np.hypot(*array.T) <= 2 * REACH)
-        if far.any():
-            raise InvalidInputError(
-                f"local frame: expected points within {2 * REACH / 1000:g} km of the origin, "
-                f"got {text_of(array[int(np.argmax(far))])} m"
-            )
+        self._check_near(array, array, " m")
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
+
+    def _check_near(self, points: Points, given: Points, unit: str) -> None:
+        """Refuse points in metres that are too far from the origin. ``given`` are the same points as the user wrote them."""
+        near = np.hypot(*points.T) <= 2 * REACH
+        if not near.all():
+            raise InvalidInputError(
+                f"local frame: expected points within {2 * REACH / 1000:g} km of the origin "
+                f"{text_of([self.longitude, self.latitude])}, got {text_of(given[int(np.argmin(near))])}{unit}"
+            )
 
 
 @lru_cache(maxsize=64)

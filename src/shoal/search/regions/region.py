@@ -1,4 +1,4 @@
-"""The region to search: one or several polygons with holes, in metres."""
+"""SearchRegion: the area that robots search and the area where they may be, as polygons with holes in metres."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ TOUCH = 1e-6  # metres: tolerance for points inside the region
 
 @dataclass(frozen=True, eq=False)
 class SearchRegion:
-    """A region to search with its holes and no-go zones. Use `open_region` or `region_of` to create a region.
+    """A region to search, with its holes and no-go zones. The functions `open_region` and `region_of` create regions.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The area that robots must see, as a valid geometry in metres with x east and y north. No-go zones are excluded. The area
-        that no robot can see while it keeps the margin is excluded too (`shoal.search.regions.margin`). The border is a part of the
-        area.
+        The area that robots must see, as a valid geometry in metres with x east and y north. It does not contain the no-go zones
+        and the area that no robot can see while it keeps the margin (`shoal.search.regions.margin`).
     frame : LocalFrame or None
         Local frame on Earth, or None for metres without a position on Earth.
     no_go : shapely Polygon or MultiPolygon
-        The excluded no-go zones, which may be empty.
+        The no-go zones. The geometry is empty if there are none.
     name : str
+        Name of the region in messages and reports.
     no_go_zones : int
-        Number of given zones, some of which may overlap or lie outside.
+        Number of no-go zones that the user gave. Zones that overlap each other or lie outside the region count, too.
     margin : float
-        Distance of robots from the border in metres.
+        Smallest distance of robots from the border in metres.
     free : shapely Polygon or MultiPolygon, optional
         The area where robots may be. The default is ``area``.
     outline : shapely Polygon or MultiPolygon, optional
-        The whole region without no-go zones, including unseen parts. The default is ``area``.
+        The whole region without no-go zones, including parts that no robot can see. The default is ``area``.
     height : float
         Height in metres of the volume above the region; or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
-        A shape with fewer corners inside ``free``. Where possible, paths bend at the corners of this shape.
+        A shape inside ``free`` that has fewer corners than ``free``. Where possible, paths bend at the corners of this shape.
     """
 
     area: Any
@@ -66,23 +66,17 @@ class SearchRegion:
 
     @property
     def area_m2(self) -> float:
-        """Area that must be searched, in square metres."""
+        """Size in square metres of the area that robots must see."""
         return float(self.area.area)
 
     @property
     def unseen_m2(self) -> float:
-        """Area in square metres that no robot can see while it keeps the margin."""
+        """Size in square metres of the area that no robot can see while it keeps the margin."""
         return max(0.0, float(self.outline.area - self.area.area))
-
-    @property
-    def bounds(self) -> tuple[float, float, float, float]:
-        """Smallest x, smallest y, largest x, largest y in metres."""
-        left, low, right, high = self.area.bounds
-        return float(left), float(low), float(right), float(high)
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """The connected polygons in which robots may be, ordered from the largest to the smallest."""
+        """The connected polygons of ``free``, in which robots may be, from the largest to the smallest."""
         import shapely
 
         pieces = shapely.get_parts(self.free)
@@ -90,10 +84,7 @@ class SearchRegion:
 
     @cached_property
     def reach(self) -> Any:
-        """The area where robots may be, grown by half of `TOUCH` because of rounding errors.
-
-        The geometry is prepared for fast tests of points and lines.
-        """
+        """The area where robots may be, grown by half of `TOUCH` because of rounding errors, as a prepared Shapely geometry."""
         import shapely
 
         grown = self.free.buffer(TOUCH / 2, join_style="mitre")
@@ -102,9 +93,9 @@ class SearchRegion:
 
     @cached_property
     def border(self) -> Any:
-        """The border of `reach`, prepared for fast tests.
+        """The border of `reach` as a prepared Shapely geometry.
 
-        A segment that starts inside and does not cross this border stays inside.
+        A segment that starts inside and does not meet this border stays inside.
         """
         import shapely
 
@@ -113,19 +104,19 @@ class SearchRegion:
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point whether it lies inside or on the border, within `TOUCH`; bool, shape (n,)."""
+        """Return for each point whether a robot may be there, inside ``free`` or up to `TOUCH` outside; bool, shape (n,)."""
         import shapely
 
         array = check_plane_points(points, what="points")
         return np.asarray(shapely.intersects_xy(self.reach, array[:, 0], array[:, 1]))
 
     def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
-        """Return points as a float64 array of shape (n, 2).
+        """Return points in metres as a float64 array of shape (n, 2). ``what`` is the name of the points in error messages.
 
         Raises
         ------
         InvalidInputError
-            If a point lies outside the region. The message gives its coordinates and its distance.
+            If a point lies outside the region. The message gives the coordinates of the point and its distance from the region.
         """
         array = check_plane_points(points, what=what)
         outside = ~self.contains(array)
@@ -144,7 +135,7 @@ class SearchRegion:
         return array
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
-        """Return the altitudes of a volume's layers, in metres, increasing. Each layer is at most one footprint thick.
+        """Return the altitudes of a volume's layers in metres, from the lowest. Each layer is at most ``footprint`` metres thick.
 
         Examples
         --------
@@ -161,7 +152,7 @@ class SearchRegion:
 
     @property
     def margin_text(self) -> str:
-        """The margin as part of a message, or an empty text without a margin."""
+        """The words " with a margin of ... m" for messages, or an empty text if the margin is 0."""
         return f" with a margin of {self.margin:g} m" if self.margin else ""
 
     def __repr__(self) -> str:
@@ -173,24 +164,25 @@ class SearchRegion:
 def region_of(
     area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
 ) -> SearchRegion:
-    """Return the region of a Shapely polygon in metres minus its no-go zones.
+    """Return a region from a Shapely polygon in metres and its no-go zones.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
         The polygon or polygons. Overlapping parts are united.
     frame : LocalFrame, optional
-        Local frame on Earth.
+        Local frame on Earth. By default, the region has no position on Earth.
     no_go : shapely Polygon or MultiPolygon, optional
-        No-go zones in the same metres. Zones may overlap each other and extend outside.
+        No-go zones in metres. They may overlap each other and extend beyond ``area``.
     name : str
+        Name of the region in messages and reports.
     no_go_zones : int, optional
-        Number of zones. The default is the number of parts of ``no_go``.
+        Number of no-go zones. The default is the number of polygons in ``no_go``.
 
     Raises
     ------
     InvalidInputError
-        If the geometry has no polygon or is not valid, or no area is left.
+        If a geometry is invalid or is not a polygon, or if the no-go zones leave no area.
 
     Examples
     --------
@@ -232,7 +224,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
 
 
 def polygons_in(shape: Any) -> Any:
-    """Return only the polygons of a shape: without lines and points, and without parts as small as rounding errors."""
+    """Return the polygons in a Shapely geometry, without its lines and points, and without parts as small as rounding errors."""
     import shapely
 
     parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]

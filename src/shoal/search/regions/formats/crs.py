@@ -1,4 +1,4 @@
-"""Conversion of coordinates from any coordinate reference system to WGS84 degrees, or to metres."""
+"""Conversion of outlines from the coordinate reference system of a file to WGS84 longitude and latitude."""
 
 from __future__ import annotations
 
@@ -8,19 +8,27 @@ from typing import Any
 import numpy as np
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, text_of
+from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 
 
 def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> RegionOutlines:
-    """Convert outlines from the coordinate system ``crs`` (a name, an EPSG code or WKT) to WGS84 longitude and latitude.
+    """Convert outlines from a coordinate reference system to WGS84 longitude and latitude in degrees.
 
-    Coordinates have east first, as in GeoJSON, GeoPackage and Shapefile. If the system has no position on Earth, the result is in
-    metres.
+    In the given outlines, the coordinate to the east comes first, as in GeoJSON, GeoPackage and Shapefile.
+
+    Parameters
+    ----------
+    outlines : tuple of RegionOutline
+    where : str
+        Name of the file in error messages.
+    crs : str
+        The coordinate reference system: a name, an EPSG code or WKT. Outlines in a system without a position on Earth are not
+        converted and count as metres.
 
     Raises
     ------
     InvalidInputError
-        If the system is unknown, or a coordinate lies outside its range.
+        If the coordinate reference system is unknown, or a coordinate lies outside the range of the system.
     """
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError
@@ -49,11 +57,5 @@ def _moved(ring: Ring, transformer: Any) -> Ring:
     finite = np.isfinite(ring.points).all(axis=1)
     points = ring.points.copy()
     points[finite] = np.stack(transformer.transform(*ring.points[finite].T), axis=1)
-    lost = finite & ~np.isfinite(points).all(axis=1)
-    if lost.any():
-        index = int(np.argmax(lost))
-        raise InvalidInputError(
-            f"{ring.vertex(index)}: expected coordinates inside the file's coordinate reference system, "
-            f"got {text_of(ring.points[index])}"
-        )
+    ring.check_vertices(~finite | np.isfinite(points).all(axis=1), "coordinates inside the file's coordinate reference system")
     return replace(ring, points=points)
