@@ -140,9 +140,13 @@ def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Point
 
 def _sides_of_hull(points: Points) -> Points:
     """Return vectors n such that the convex hull of the points is the set of p with n @ p <= 1 for all n."""
-    corners = hull(points)
-    following = np.roll(corners, -1, axis=0)
-    return np.array([np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(corners, following, strict=True)])
+    return _duals(hull(points))
+
+
+def _duals(rows: Points) -> Points:
+    """Return, for each row and the next row, the vector whose scalar product with both is 1; float64, shape (n, 2)."""
+    pairs = np.stack([rows, np.roll(rows, -1, axis=0)], axis=1)
+    return np.asarray(np.linalg.solve(pairs, np.ones((len(rows), 2, 1)))[..., 0])
 
 
 def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
@@ -151,9 +155,7 @@ def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)
     sides = sides[kept]
-    corners = np.array(
-        [np.linalg.solve(np.stack([one, other]), np.ones(2)) for one, other in zip(sides, np.roll(sides, -1, axis=0), strict=True)]
-    )
+    corners = _duals(sides)
     if (corners @ sides.T > 1 + 1e-9).any():
         return False  # a degenerate side, too steep to use
     for k, side in enumerate(sides):

@@ -127,8 +127,8 @@ def _with_frames(
 
 
 @lru_cache(maxsize=64)
-def with_few_sides(walls: NormalizedWalls, count: int) -> tuple[NormalizedWalls, NDArray[np.int64]] | None:
-    """Return the walls with only ``count`` of the sides, and the indices of these sides, or None if the sides enclose no area.
+def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
+    """Return the walls with only ``count`` of the sides, or None if these sides enclose no area.
 
     The boundary is divided into equal parts. Their size is half the share of the length plus half the share of the turning angle.
     The longest side of each part is kept.
@@ -147,4 +147,4 @@ def with_few_sides(walls: NormalizedWalls, count: int) -> tuple[NormalizedWalls,
     kept = np.concatenate([kept, np.arange(walls.sides, len(walls.normals))])
     return _with_frames(
         ends, walls.normals[kept], walls.offsets[kept], walls.circle, walls.height, walls.scale, walls.origin, walls.base
-    ), kept
+    )

@@ -20,7 +20,7 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 def between_few_sides(query: ChainQuery) -> ChainQuery:
     """Return the query with only a few of its walls. Return the query itself if it has few walls, or if these enclose no area."""
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
-    return query if found is None else replace(query, walls=found[0])
+    return query if found is None else replace(query, walls=found)
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
@@ -28,8 +28,6 @@ def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
 
     The result keeps the old stored length, which is then wrong.
     """
-    if few is query:
-        return chain
     walls, d = query.walls, query.walls.dimensions
     sides, on = walls.sides, chain.walls.copy()
     unknowns = chain.unknowns.copy()
