@@ -89,7 +89,7 @@ class _Attempt:
         """Return a sort key: successful attempts first, then by the criterion that the planner minimizes."""
         if self.error > tolerance:
             return True, self.error, 0.0
-        moves, length = float(len(self.inputs)), float(np.linalg.norm(self.inputs, axis=1).sum())
+        moves, length = float(len(self.inputs)), path_length(self.inputs)
         return (False, moves, length) if prefers == "moves" else (False, length, moves)
 
 
@@ -117,8 +117,8 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
         states = replay(problem, inputs, seed=task.seed)
     error = task.error(states[-1])
     if error <= problem.tolerance and why_never is None:
-        length = float(np.linalg.norm(inputs, axis=1).sum())
-        status, reason = Status.SOLVED, f"{len(inputs)} moves of length {length:.4g} end within {error:.2g} of all goals"
+        status = Status.SOLVED
+        reason = f"{len(inputs)} moves of length {path_length(inputs):.4g} end within {error:.2g} of all goals"
         if simple and why_approachable(task) is not None:
             reason += ", which themselves can only be approached"
     elif why_never is not None:

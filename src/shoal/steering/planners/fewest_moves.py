@@ -14,8 +14,8 @@ from shoal.steering.planners.greedy import misses
 from shoal.steering.planners.protocol import PLANNERS
 from shoal.steering.planners.shooting import shooting_plan
 from shoal.steering.planners.shortest import Shortest
-from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
-from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
+from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.vertical_moves import plan_from_base
 from shoal.steering.workspaces.convex_geometry import Points
 
 DENSE_MAP = ((1500, 120, 1.01, 2500),)  # see `shoal.steering.planners.chains.roadmap.MAPS`
@@ -42,7 +42,7 @@ class FewestMoves:
         best: Points | None = None
         chains = self._chains(task)
         if task.world.room.dimensions == 3:
-            chains = _fewer(chains, self._raised(task))
+            chains = _fewer(chains, plan_from_base(task, self))
         most = inf if chains is None else len(chains)
         for count in (2, 3, 4, 5, 6):
             if task.late or (count >= most and not (count == most == 3)):
@@ -54,14 +54,6 @@ class FewestMoves:
         if best is None and chains is not None:
             best = _finished(task, chains)
         return _fewer(best, chains)
-
-    def _raised(self, task: SteeringTask) -> Points | None:
-        """Return a plan in the plane after adding vertical components."""
-        below = planar_task(task)
-        flat = below.translation() if why_unreachable(below) is None else None
-        if flat is None and why_unreachable(below) is None:
-            flat = self.plan(below)
-        return None if flat is None else with_vertical_moves(task, flat)
 
     def _chains(self, task: SteeringTask) -> Points | None:
         """Return the plan of the chain with the fewest cycles."""
@@ -100,7 +92,7 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
             last = shooting_plan(replace(task, start=states[begun]), count) if begun > 0 else None
             if last is not None:
                 whole = np.concatenate([plan[:begun], last])
-                if task.error(task.world.play(task.start, whole)[-1]) <= task.tolerance:
+                if task.reaches_goal(whole):
                     return whole
     return None
 

@@ -54,7 +54,7 @@ class Greedy:
 
 def misses(task: SteeringTask, moves: Points) -> bool:
     """Return whether a plan has too many moves or does not end within the tolerance."""
-    return len(moves) > task.max_moves or task.error(task.world.play(task.start, moves)[-1]) > task.tolerance
+    return len(moves) > task.max_moves or not task.reaches_goal(moves)
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:

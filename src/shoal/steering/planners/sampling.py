@@ -158,7 +158,7 @@ class Tree:
             ends = translations.around(np.array([-x, -y]))
         for end in ends:
             moves = np.concatenate([self.path(), end])
-            if self.task.error(self.task.world.play(self.task.start, moves)[-1]) <= self.task.tolerance:
+            if self.task.reaches_goal(moves):
                 return np.asarray(moves)
         return None
 
@@ -310,7 +310,7 @@ def _shortened(task: SteeringTask, moves: Points) -> Points:
                     np.concatenate([moves[: index - 1], moves[index - 1 : index + 1].sum(axis=0)[None], moves[index + 1 :]])
                 )
             for trial in fewer:
-                if len(trial) and task.error(task.world.play(task.start, trial)[-1]) <= task.tolerance:
+                if len(trial) and task.reaches_goal(trial):
                     moves, changed = trial, True
                     break
             if changed:

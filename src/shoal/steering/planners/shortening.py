@@ -8,7 +8,7 @@ import numpy as np
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.kernels import shortening as kernels
-from shoal.steering.planners.task import SteeringTask
+from shoal.steering.planners.task import SteeringTask, path_length
 from shoal.steering.workspaces.convex_geometry import Points
 
 MOST_STEPS = 32
@@ -70,7 +70,7 @@ class Shortening:
         nothing = _NOTHING * float(self.task.world.room.size)
         made = [plan.steps.moves[: plan.count] for plan in plans[:1]]
         whole = [*(moves[np.hypot(*moves.T) > nothing] for moves in made), *found]
-        return min(whole, key=lambda moves: float(np.linalg.norm(moves, axis=1).sum()))
+        return min(whole, key=path_length)
 
     def changed(self, plan: Plan, *, changes: int, noise: Any = QUIET) -> Plan:
         """Return the best plan that so many random changes lead to; in noise, the one with the smallest mean number of moves."""
@@ -135,8 +135,7 @@ def _direction_at(room: Any, point: Points) -> Points:
     if room.round:
         outward = point - room.center
         return np.array([outward[1], -outward[0]]) / max(float(np.hypot(*outward)), 1e-300)
-    corners = room.rings if hasattr(room, "rings") else (room.vertices,)
-    ends = np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
+    ends = room.edges
     along = ends[:, 2:] - ends[:, :2]
     lengths = np.hypot(*along.T)
     along = along / lengths[:, None]

@@ -8,8 +8,8 @@ from shoal.steering.planners.chains.chain import Chain, ChainQuery
 from shoal.steering.planners.chains.improvement import improved_chains
 from shoal.steering.planners.greedy import Greedy, greedy_chain, misses
 from shoal.steering.planners.protocol import PLANNERS
-from shoal.steering.planners.task import SteeringTask, path_length, why_unreachable
-from shoal.steering.planners.vertical_moves import planar_task, with_vertical_moves
+from shoal.steering.planners.task import SteeringTask, path_length
+from shoal.steering.planners.vertical_moves import plan_from_base
 from shoal.steering.workspaces.convex_geometry import Points
 
 
@@ -42,19 +42,10 @@ class Shortest:
                 if task.is_sure(whole):
                     break
         if task.world.room.dimensions == 3 and not task.late:
-            plans.append(self._raised(task))
+            plans.append(plan_from_base(task, self))
         found = [moves for moves in plans if moves is not None]
         found.sort(key=lambda moves: (misses(task, moves), path_length(moves)))
         return next((moves for moves in found if misses(task, moves) or task.is_sure(moves)), found[0] if found else None)
-
-    def _raised(self, task: SteeringTask) -> Points | None:
-        """Return a plan in the plane after adding vertical components."""
-        below = planar_task(task)
-        if why_unreachable(below) is not None:
-            return None
-        flat = below.translation()
-        flat = self.plan(below) if flat is None else flat
-        return None if flat is None else with_vertical_moves(task, flat)
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:

@@ -5,21 +5,21 @@ The module also contains proofs that two particles in a convex workspace cannot 
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 from functools import cached_property
 from math import inf
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from shoal.core.dataclass import dataclass
 from shoal.steering.contact.friction_limits import friction_limit
 from shoal.steering.contact.wall_release import released_translation, separations, touched_normals
 from shoal.steering.contact.world import ContactWorld
-from shoal.steering.planners.chains.chain import MARGIN, Chain, ChainQuery, refined
+from shoal.steering.planners.chains.chain import MARGIN, Chain, ChainQuery, StartAndGoal, refined
 from shoal.steering.planners.chains.kinds import lengths_over_walls
-from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.base import EXACT_TOUCH, TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
@@ -28,13 +28,12 @@ _PUSH = 2e-9  # relative to the size: minimum component of an adjustment into th
 _SLIGHT = 2e-7  # relative to the size: rounding errors that may move a particle off a wall
 _CONE = 1 - 1e-4  # relative to the friction: distance of planned pushes from the edge of the cone, to allow for rounding errors
 _TINY = 1e-6  # relative to the size: shorter moves can be left out
-EXACT_TOUCH = 1e-12  # relative to the size: contact tolerance in sensitive computations
 _ROUNDINGS = 1e-14  # relative to the size: difference between sums in another order
 _WIDER = (1e-7, 1e-6, 1e-5)  # margins of chains with sensitive moves
 
 
 @dataclass(frozen=True, eq=False)
-class SteeringTask:
+class SteeringTask(StartAndGoal):
     """The task of a planner: from one state to another in a world.
 
     Parameters
@@ -61,33 +60,15 @@ class SteeringTask:
     seed: int = 0
     deadline: float = inf
 
-    @property
-    def late(self) -> bool:
-        """Whether the planning time is used up."""
-        return time.monotonic() > self.deadline
-
-    @property
-    def before(self) -> Points:
-        """The difference Δ at the start."""
-        return np.asarray(self.start[1] - self.start[0])
-
-    @property
-    def after(self) -> Points:
-        """Δ at the goal."""
-        return np.asarray(self.goal[1] - self.goal[0])
-
     @cached_property
     def aim(self) -> Points:
         """The goals of both particles, shifted by a part of the tolerance off walls that they touch; float64, shape (2, d)."""
         room = self.world.room
         aim = self.goal.copy()
-        center = np.zeros(room.dimensions)
-        center[:2] = room.center
-        center[2:] = room.height / 2
         for row, point in enumerate(self.goal):
-            away = float(np.linalg.norm(center - point))
+            away = float(np.linalg.norm(room.middle - point))
             if float(room.depth(point)) < 0.2 * self.tolerance and away > 0:
-                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (center - point)
+                aim[row] += min(0.45 * self.tolerance / away, 1.0) * (room.middle - point)
         return aim
 
     def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
@@ -116,7 +97,7 @@ class SteeringTask:
             return None  # around obstacles, a planner is necessary
         move = (self.goal - self.start).mean(axis=0)
         moves = released_translation(self.world.room, self.start, move)
-        if moves is None or self.error(self.world.play(self.start, moves)[-1]) > self.tolerance:
+        if moves is None or not self.reaches_goal(moves):
             return None
         return np.array(moves)
 
@@ -129,25 +110,25 @@ class SteeringTask:
         at a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
-        if moves is None or not self._arrives(moves, start) or self.is_sure(moves, start):
+        if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
             return moves
         for margin in _WIDER:
             wider = replace(query, margin=margin)
             surer = self._played(refined(wider, chain), wider)
-            if surer is not None and self._arrives(surer, start) and self.is_sure(surer, start):
+            if surer is not None and self.reaches_goal(surer, start) and self.is_sure(surer, start):
                 return surer
         return moves
 
-    def _arrives(self, moves: Points, start: Points) -> bool:
-        """Return whether a plan ends within the tolerance."""
-        return self.error(self.world.play(start, moves)[-1]) <= self.tolerance
+    def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
+        """Return whether the moves end within the tolerance. They begin at ``start`` if given, otherwise at the task's start."""
+        return self.error(self.world.play(self.start if start is None else start, moves)[-1]) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
         """Return whether a plan also succeeds with rounding errors at its start, and with a smaller contact tolerance."""
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
         exact = self._exact_world.play(begin, moves)[-1]
-        return self.error(exact) <= self.tolerance and all(self._arrives(moves, begin + step) for step in steps)
+        return self.error(exact) <= self.tolerance and all(self.reaches_goal(moves, begin + step) for step in steps)
 
     @cached_property
     def _exact_world(self) -> Any:

@@ -8,10 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.steering.contact.world import ContactWorld
-from shoal.steering.planners.task import SteeringTask
+from shoal.steering.planners.protocol import Planner
+from shoal.steering.planners.task import SteeringTask, why_unreachable
 from shoal.steering.workspaces.convex_geometry import Points
 
 _OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles from the end caps during the plan
+
+
+def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
+    """Return the plan of a planner in the plane with vertical components added, or None if this gives no plan."""
+    below = planar_task(task)
+    if why_unreachable(below) is not None:
+        return None
+    flat = below.translation()
+    flat = planner.plan(below) if flat is None else flat
+    return None if flat is None else with_vertical_moves(task, flat)
 
 
 def planar_task(task: SteeringTask) -> SteeringTask:
@@ -54,7 +65,7 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     if upwards is None:
         return None
     moves = np.column_stack([flat, upwards])
-    return moves if task.error(task.world.play(task.start, moves)[-1]) <= task.tolerance else None
+    return moves if task.reaches_goal(moves) else None
 
 
 def _least_vertical_moves(

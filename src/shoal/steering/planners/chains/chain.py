@@ -22,7 +22,6 @@ MARGIN = 1e-8  # relative to the size: distance of the other particle from the w
 ENOUGH = 1e-7  # distance from all limits of a first guess on flat walls
 ROOM = 1e-4  # distance from all limits of a first guess on a circle
 REFINING = np.array([20.0 * 12.0**k for k in range(8)])
-_POLISHED = 8  # number of rough chains over a circle that are refined
 _DEEPEST = 12  # cycles of a chain that is refined without search
 
 
@@ -73,8 +72,31 @@ class Chain:
         return np.concatenate([before[None], between, (after if self.last is None else self.last)[None]])
 
 
+class StartAndGoal:
+    """Base class of a query: start and goal of two particles, and the time at which a search for a plan must stop."""
+
+    start: Points
+    goal: Points
+    deadline: float
+
+    @property
+    def late(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() > self.deadline
+
+    @property
+    def before(self) -> Points:
+        """The difference Δ at the start."""
+        return np.asarray(self.start[1] - self.start[0])
+
+    @property
+    def after(self) -> Points:
+        """The difference Δ at the goal."""
+        return np.asarray(self.goal[1] - self.goal[0])
+
+
 @dataclass(frozen=True, eq=False)
-class ChainQuery:
+class ChainQuery(StartAndGoal):
     """A request for a chain: start, goal, walls and friction, in the units of `NormalizedWalls`.
 
     Parameters
@@ -102,21 +124,6 @@ class ChainQuery:
     push: float = 1e-9
     rounds: NDArray[np.float64] = field(default_factory=lambda: REFINING)
     deadline: float = inf
-
-    @property
-    def late(self) -> bool:
-        """Whether the deadline has passed."""
-        return time.monotonic() > self.deadline
-
-    @property
-    def before(self) -> Points:
-        """The difference Δ at the start."""
-        return np.asarray(self.start[1] - self.start[0])
-
-    @property
-    def after(self) -> Points:
-        """Δ at the goal."""
-        return np.asarray(self.goal[1] - self.goal[0])
 
     def model(self, inside: float = 1.0) -> CycleModel:
         """Return the parameters of the kernels for cycles. Their margin and push are multiplied by ``inside``."""
