@@ -18,9 +18,8 @@ from shoal.envs.options import SteeringEnvOptions, check_no_options, option_erro
 from shoal.steering.episode import SteeringEpisode
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.batch import SteeringBatch
-from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.region import Region
 
 Observation = dict[str, Points]
 
@@ -66,11 +65,7 @@ class SteeringWorlds:
     def _bounds(self) -> tuple[Points, Points]:
         """Return the smallest and the largest possible coordinates of a particle or a goal."""
         place = self.problem.place
-        if place.round:
-            low, high = place.center - place.radius, place.center + place.radius
-        else:
-            corners = place.outline if isinstance(place, Region) else place.vertices
-            low, high = corners.min(axis=0), corners.max(axis=0)
+        low, high = place.bounds
         if place.dimensions == 3:
             caps = (-np.inf, np.inf) if place.open_ends else (0.0, place.height)
             low, high = np.append(low, caps[0]), np.append(high, caps[1])

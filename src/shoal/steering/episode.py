@@ -18,7 +18,7 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import write_json
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import condition, replay
-from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 
 STATUSES = (Status.SOLVED, Status.APPROACHABLE, Status.UNREACHABLE, Status.LIMIT)

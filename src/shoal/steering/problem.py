@@ -306,11 +306,7 @@ class SteeringProblem(Problem):
         Particles with a radius lie inside and do not overlap.
         """
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
-        if workspace.round:
-            low, high = workspace.center - workspace.radius, workspace.center + workspace.radius
-        else:
-            corners = workspace.outline if isinstance(workspace, Region) else workspace.vertices
-            low, high = corners.min(axis=0), corners.max(axis=0)
+        low, high = workspace.bounds
         points: list[Points] = []
         for _ in range(DRAWS):
             point = rng.uniform(low, high)

@@ -57,11 +57,7 @@ def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
     world, before = ContactWorld(place), start[1] - start[0]
     played = outside = 0
     widest = 0.0
-    low, high = (
-        (place.center - place.radius, place.center + place.radius)
-        if place.round
-        else (place.vertices.min(0), place.vertices.max(0))
-    )
+    low, high = place.bounds
     while played < PER_TRIAL:
         toucher = int(rng.integers(2))
         contact, after = first_contact(place, start, toucher, rng)

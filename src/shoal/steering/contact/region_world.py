@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shoal.core.dataclass import dataclass
 from shoal.steering.contact.world import SteeringWorld
 from shoal.steering.kernels import region_contact as kernels
-from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.base import TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.steering.workspaces.region import Region
 

@@ -6,7 +6,8 @@ from itertools import combinations
 
 import numpy as np
 
-from shoal.steering.workspaces.convex import TOUCH, ConvexWorkspace
+from shoal.steering.workspaces.base import TOUCH
+from shoal.steering.workspaces.convex import ConvexWorkspace
 from shoal.steering.workspaces.convex_geometry import Points
 
 # relative to the size: lengths of a lift; the first length that takes no particle into another wall is used

@@ -160,13 +160,10 @@ class ContactWorld(SteeringWorld):
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
         gradient = check_points([self.gradient], what="gain", dimensions=d, count=1)[0]
-        center = np.zeros(d)
-        center[:2] = self.workspace.center
-        center[2:] = self.workspace.height / 2
         reach = self.workspace.extent(gradient)
         if reach >= 1:
             raise InvalidInputError(f"gain: expected one that is positive everywhere, got one that varies by {reach:.3g} of itself")
-        return np.concatenate([[1 - gradient @ center], gradient])
+        return np.concatenate([[1 - gradient @ self.workspace.middle], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
         """Return valid particle positions as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""

@@ -25,7 +25,7 @@ from shoal.steering.kernels.cycles import deeper
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.kinds import kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
+from shoal.steering.workspaces.convex_geometry import Points, clipped, hull, signed_area
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 _CLOSE = 1e-9
@@ -138,7 +138,7 @@ class PolygonReach:
         from shapely import Polygon
 
         area = sum(Polygon(outline, holes).area for outline, holes in self.outline)
-        return float(min(area / Polygon(self.workspace.differences.vertices).area, 1.0))
+        return float(min(area / self.workspace.differences.shape.area, 1.0))
 
 
 def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 33) -> list[PolygonReach]:
@@ -205,7 +205,6 @@ def _inside(corners: Points, points: Points, slack: float) -> NDArray[np.bool_]:
     lengths = np.hypot(*edges.T)
     real = lengths > slack
     edges, starts, lengths = edges[real], corners[real], lengths[real]
-    area = float(np.sum(corners[:, 0] * np.roll(corners[:, 1], -1) - np.roll(corners[:, 0], -1) * corners[:, 1]))
     towards = points[:, None] - starts[None]
     heights = (edges[None, :, 0] * towards[..., 1] - edges[None, :, 1] * towards[..., 0]) / lengths
-    return np.asarray((heights * np.sign(area) >= -slack).all(axis=1))
+    return np.asarray((heights * np.sign(signed_area(corners)) >= -slack).all(axis=1))

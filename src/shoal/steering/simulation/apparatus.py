@@ -8,10 +8,8 @@ import numpy as np
 
 from shoal.steering.contact.disturbances import generators
 from shoal.steering.problem import SteeringProblem
-from shoal.steering.workspaces.convex import TOUCH
+from shoal.steering.workspaces.base import EXACT_TOUCH, TOUCH
 from shoal.steering.workspaces.convex_geometry import Points
-
-EXACT_TOUCH = 1e-12  # relative to the size: contact tolerance in sensitive computations
 
 
 class Apparatus:

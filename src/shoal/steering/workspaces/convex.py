@@ -11,13 +11,12 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_bool, check_integer, check_number, check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.workspaces.convex_geometry import Points, check_inside, clipped, convex_outline, hull
-
-TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
+from shoal.steering.workspaces.base import SteeringWorkspace
+from shoal.steering.workspaces.convex_geometry import Points, clipped, convex_outline, hull
 
 
 @dataclass(frozen=True, eq=False)
-class ConvexWorkspace:
+class ConvexWorkspace(SteeringWorkspace):
     """A convex workspace, bounded by flat walls and optionally by a circle.
 
     Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create it. Points are (x, y) or (x, y, z), with the y axis
@@ -60,7 +59,22 @@ class ConvexWorkspace:
     @cached_property
     def size(self) -> float:
         """The largest extent of the workspace in the plane, to which relative tolerances refer."""
-        return 2 * self.radius if self.round else float(np.ptp(self.vertices, axis=0).max())
+        return 2 * self.radius if self.round else super().size
+
+    @property
+    def rings(self) -> tuple[Points, ...]:
+        """The corners of the polygon or of the base as the only ring; float64, shape (n, 2)."""
+        return (self.vertices,)
+
+    @property
+    def bounds(self) -> tuple[Points, Points]:
+        """The smallest and the largest x and y of the workspace, as two points; each float64, shape (2,)."""
+        return (self.center - self.radius, self.center + self.radius) if self.round else super().bounds
+
+    @property
+    def middle(self) -> Points:
+        """The centre, which in three dimensions is at half the height; float64, shape (dimensions,)."""
+        return self.center if self.dimensions == 2 else np.append(self.center, self.height / 2)
 
     @cached_property
     def normals(self) -> Points:
@@ -118,14 +132,6 @@ class ConvexWorkspace:
         walls = self.wall_distances(points)
         nearest = walls.min(axis=-1) if walls.shape[-1] else np.full(walls.shape[:-1], np.inf)
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point whether it lies inside or on a wall, with the tolerance `TOUCH`; bool, shape (...)."""
-        return np.asarray(self.depth(points) >= -TOUCH * self.size)
-
-    def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as a float64 array of shape (n, dimensions). A point outside raises InvalidInputError."""
-        return check_inside(self, points, what=what)
 
     def extent(self, direction: ArrayLike) -> float:
         """Return the extent of the workspace from its centre in the direction of a vector, multiplied by the vector's length."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -14,25 +12,6 @@ Points = NDArray[np.float64]
 
 _FLAT = 1e-9  # relative to the size: a thinner outline has no interior
 _STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn is dropped
-
-
-def check_inside(workspace: Any, points: ArrayLike, *, what: str) -> Points:
-    """Return points of a workspace as a float64 array of shape (n, dimensions).
-
-    Raises
-    ------
-    InvalidInputError
-        If a point lies outside.
-    """
-    array = check_points(points, what=what, dimensions=workspace.dimensions)
-    outside = ~workspace.contains(array)
-    if outside.any():
-        index = int(np.argmax(outside))
-        raise InvalidInputError(
-            f"{what}: expected points inside the {workspace.kind}, got {tuple(array[index].tolist())} at point {index + 1}, "
-            f"{-float(workspace.depth(array[index])):.3g} outside"
-        )
-    return array
 
 
 def convex_outline(vertices: ArrayLike) -> Points:
@@ -61,7 +40,7 @@ def convex_outline(vertices: ArrayLike) -> Points:
     if len(corners) < 3:
         raise InvalidInputError(f"polygon: expected 3 different vertices or more, got {len(corners)}")
     size = float(np.ptp(corners, axis=0).max())
-    area = _signed_area(corners)
+    area = signed_area(corners)
     ring = LinearRing(corners)
     if abs(area) <= _FLAT * size * size and _thickness(corners) <= _FLAT * size:
         raise InvalidInputError(f"polygon: expected an outline with an interior, got a flat one, {len(given)} vertices on a line")
@@ -105,7 +84,8 @@ def clipped(corners: Points, normal: Points, most: float) -> Points:
     return np.array(kept).reshape(-1, 2)
 
 
-def _signed_area(corners: Points) -> float:
+def signed_area(corners: Points) -> float:
+    """Return the area inside a ring of corners, negative if the corners are clockwise."""
     x, y = corners.T
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 

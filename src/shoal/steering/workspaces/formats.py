@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ _TYPES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "wkt": (("text",), ()),
     "svg": (("text",), ()),
 }
+_MAKERS: dict[str, Callable[..., Workspace]] = {"polygon": polygon, "regular": regular_polygon, "disk": disk, "cylinder": cylinder}
 _GEOJSON = ("Polygon", "MultiPolygon", "Feature", "FeatureCollection", "GeometryCollection")
 
 
@@ -112,14 +114,8 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
 
 
 def _built(kind: str, fields: dict[str, Any], where: str) -> Workspace:
-    if kind == "polygon":
-        return polygon(fields["vertices"])
-    if kind == "regular":
-        return regular_polygon(**fields)
-    if kind == "disk":
-        return disk(**fields)
-    if kind == "cylinder":
-        return cylinder(**fields)
+    if kind in _MAKERS:
+        return _MAKERS[kind](**fields)
     if kind == "region":
         obstacles = fields.get("obstacles", [])
         if not isinstance(obstacles, list):

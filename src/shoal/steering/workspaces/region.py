@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.checks import check_points
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.steering.workspaces.convex import TOUCH
-from shoal.steering.workspaces.convex_geometry import Points, check_inside
+from shoal.steering.workspaces.base import SteeringWorkspace
+from shoal.steering.workspaces.convex_geometry import Points
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class Region(SteeringWorkspace):
     """A workspace with obstacles: the points inside an outline and outside the obstacles. Use `region` to create it.
 
     Parameters
@@ -36,27 +34,10 @@ class Region:
     round = False
     height = 0.0
 
-    @cached_property
-    def size(self) -> float:
-        """The largest extent of the region, to which relative tolerances refer."""
-        return float(np.ptp(self.outline, axis=0).max())
-
-    @cached_property
+    @property
     def rings(self) -> tuple[Points, ...]:
-        """All outlines, the outer outline first."""
+        """Corners of the outline, followed by the corners of each obstacle; each float64, shape (n, 2)."""
         return self.outline, *self.obstacles
-
-    @cached_property
-    def edges(self) -> NDArray[np.float64]:
-        """All edges as coordinates (x and y) of both ends, with the free space on the left side; float64, shape (edges, 4)."""
-        return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
-
-    @cached_property
-    def shape(self) -> Any:
-        """The region as a Shapely polygon."""
-        from shapely import Polygon
-
-        return Polygon(self.outline, self.obstacles)
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the distance of each point to the nearest edge, which is negative outside; float64, shape (...)."""
@@ -66,14 +47,6 @@ class Region:
         spots = shapely.points(array)
         away = shapely.distance(self.shape.boundary, spots)
         return np.asarray(np.where(shapely.intersects(self.shape, spots), away, -away))
-
-    def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point whether it lies inside or on an edge, with the tolerance `TOUCH`; bool, shape (...)."""
-        return np.asarray(self.depth(points) >= -TOUCH * self.size)
-
-    def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as a float64 array of shape (n, dimensions). A point outside raises InvalidInputError."""
-        return check_inside(self, points, what=what)
 
     def __repr__(self) -> str:
         return f"<Region, {len(self.outline)} corners, {len(self.obstacles)} obstacles>"

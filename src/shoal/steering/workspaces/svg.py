@@ -10,7 +10,7 @@ import numpy as np
 
 from shoal.core.errors import InvalidInputError
 from shoal.steering.workspaces.convex import ConvexWorkspace, disk
-from shoal.steering.workspaces.convex_geometry import Points
+from shoal.steering.workspaces.convex_geometry import Points, signed_area
 
 LARGEST_DRAWING = 2_000_000  # characters
 DEEPEST, MOST_ELEMENTS, MOST_CORNERS = 100, 20_000, 20_000
@@ -68,7 +68,7 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
         raise
     except Exception as error:  # as above
         raise _refused(error, "drawing", where) from None
-    return sorted(_checked(found, where), key=lambda ring: -abs(_area(ring)))
+    return sorted(_checked(found, where), key=lambda ring: -abs(signed_area(ring)))
 
 
 def _check_size(text: str, where: str) -> None:
@@ -137,8 +137,3 @@ def _checked(rings: list[Points], where: str) -> list[Points]:
     if not all(np.isfinite(ring).all() and np.abs(ring).max() < 1e15 for ring in rings):
         raise InvalidInputError(f"{where}: expected an SVG with finite numbers below 1e15, got larger ones")
     return rings
-
-
-def _area(ring: Points) -> float:
-    x, y = ring.T
-    return float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) / 2)

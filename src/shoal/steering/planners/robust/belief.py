@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from shoal.steering.kernels import shortening as kernels
 from shoal.steering.workspaces.convex_geometry import Points
-from shoal.steering.workspaces.region import Region
 
 STATES = 256
 LIKELY = 16  # effective states: with fewer what is seen counts alone
@@ -82,6 +81,5 @@ def _nearest(room: Any, points: Points) -> Points:
     if room.round:
         away = points - room.center
         return np.asarray(room.center + room.radius * away / np.linalg.norm(away, axis=1, keepdims=True))
-    shape = room.shape if isinstance(room, Region) else shapely.Polygon(room.vertices)
-    lines = shapely.shortest_line(shape, shapely.points(points))
+    lines = shapely.shortest_line(room.shape, shapely.points(points))
     return np.asarray(shapely.get_coordinates(shapely.get_point(lines, 0)))

@@ -51,7 +51,7 @@ class Cycles:
                 continue
             if not self._cycle():
                 # No cycle is possible from this state. Move to the centre and observe again.
-                self._send((self._middle() - self.seen.mean(axis=0)) * 0.5)
+                self._send((self.room.middle - self.seen.mean(axis=0)) * 0.5)
 
     def _arrived(self) -> bool:
         near: float = max(self.task.tolerance - 2 * self.noise.measurement, 0.6 * self.task.tolerance)
@@ -249,9 +249,3 @@ class Cycles:
         inward = np.zeros(len(contact))
         inward[:2] = room.center - contact[:2]
         return inward / float(np.linalg.norm(inward))
-
-    def _middle(self) -> Points:
-        middle = np.zeros(self.room.dimensions)
-        middle[:2] = self.room.center
-        middle[2:] = self.room.height / 2
-        return middle
