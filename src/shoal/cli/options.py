@@ -20,14 +20,13 @@ Seed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor.", show_default=False),
+    typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor."),
 ]
 Processes = Annotated[
     int | None,
     typer.Option(
         "--workers",
         help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
-        show_default=False,
     ),
 ]
 Out = Annotated[
@@ -36,7 +35,6 @@ Out = Annotated[
         "--out",
         metavar="FOLDER",
         help="Write map.png, frontier.png, summary.json and the episodes into this folder.",
-        show_default=False,
     ),
 ]
 Film = Annotated[
@@ -45,7 +43,6 @@ Film = Annotated[
         "--film",
         metavar="FILE",
         help="Write a film: .gif, .mp4 or .html (the player). It shows the first of several trials. The option can be repeated.",
-        show_default=False,
     ),
 ]
 Trust = Annotated[

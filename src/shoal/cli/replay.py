@@ -19,12 +19,11 @@ def replay(
         typer.Argument(
             metavar="EPISODE",
             help="Episode file: .npz of map and cover, .json of steer and search, or .jsonl of drive.",
-            show_default=False,
         ),
     ],
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Refuse the episode unless it was played with this seed.", show_default=False),
+        typer.Option("--seed", help="Refuse the episode unless it was played with this seed."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -32,7 +31,6 @@ def replay(
             "--out",
             metavar="FOLDER",
             help="Write figures, summary.json and the episode into this folder.",
-            show_default=False,
         ),
     ] = None,
     film: options.Film = None,

@@ -22,9 +22,7 @@ EXAMPLE = "Example: shoal reproduce h-fig5 --quick --trials 20 --out figures"
 def reproduce(
     figure: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. By default, all are listed.", show_default=False
-        ),
+        typer.Argument(metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. By default, all are listed."),
     ] = None,
     all_: Annotated[
         bool, typer.Option("--all", help="Reproduce every figure, run the checks of all errata, and write a page of results.")
@@ -32,13 +30,11 @@ def reproduce(
     quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps.")] = False,
     trials: Annotated[
         int | None,
-        typer.Option("--trials", help="Number of trials at each point, instead of the default number.", show_default=False),
+        typer.Option("--trials", help="Number of trials at each point, instead of the default number."),
     ] = None,
     map_: Annotated[
         str | None,
-        typer.Option(
-            "--map", metavar="PATH", help='Picture or name of a map to use instead of the "complex" map.', show_default=False
-        ),
+        typer.Option("--map", metavar="PATH", help='Picture or name of a map to use instead of the "complex" map.'),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Processes = None,

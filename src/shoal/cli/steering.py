@@ -21,7 +21,7 @@ REACH_EXAMPLE = 'Example: shoal reach hexagon --start "-0.1,0 0.1,0.1" --moves 6
 
 _Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FOLDER", help="Write figures, JSON and the episode into this folder.", show_default=False),
+    typer.Option("--out", metavar="FOLDER", help="Write figures, JSON and the episode into this folder."),
 ]
 
 
@@ -36,7 +36,6 @@ def steer(
             "--film",
             metavar="FILE",
             help="Write a film of the plan: .gif, .mp4 or .html (the player). The option can be repeated.",
-            show_default=False,
         ),
     ] = None,
     json_: options.Json = False,

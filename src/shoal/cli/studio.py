@@ -18,9 +18,7 @@ def studio(
     folder: Annotated[
         Path, typer.Argument(metavar="FOLDER", help="Folder whose files are shown and where results are written.")
     ] = Path(),
-    port: Annotated[
-        int | None, typer.Option("--port", help="Port of the server. Default: 8790, or a free one.", show_default=False)
-    ] = None,
+    port: Annotated[int | None, typer.Option("--port", help="Port of the server. Default: 8790, or a free one.")] = None,
     browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
 ) -> None:
     """Open the studio in the browser: find vessels, place particles, watch and compare policies, steer by hand.

@@ -27,13 +27,13 @@ _SHOWN = 3  # maximum number of diagnostics of one kind in one file
 
 Folder = Annotated[
     Path,
-    typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv.", show_default=False),
+    typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv."),
 ]
 _FIELDS = SearchProblem.declarations()
-Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["region"]), show_default=False)]
-NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=help_of(_FIELDS["no_go"]), show_default=False)]
-Layer = Annotated[str | None, typer.Option("--layer", help=help_of(_FIELDS["layer"]), show_default=False)]
-Inner = Annotated[str | None, typer.Option("--inner", help=help_of(_FIELDS["inner"]), show_default=False)]
+Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["region"]))]
+NoGo = Annotated[list[str] | None, typer.Option("--no-go", metavar="FILE", help=help_of(_FIELDS["no_go"]))]
+Layer = Annotated[str | None, typer.Option("--layer", help=help_of(_FIELDS["layer"]))]
+Inner = Annotated[str | None, typer.Option("--inner", help=help_of(_FIELDS["inner"]))]
 AcrossZones = Annotated[bool, typer.Option("--across-zones", help=help_of(_FIELDS["across_zones"]))]
 Margin = Annotated[float, typer.Option("--margin", metavar="METRES", help=help_of(_FIELDS["margin"]))]
 Footprint = Annotated[
@@ -43,7 +43,6 @@ Footprint = Annotated[
         metavar="METRES",
         help="Side of the square that a robot sees around each point of its path, or one side per robot, separated by commas. "
         "Default: the view of --vehicle's camera or detector; without either, coverage is not measured.",
-        show_default=False,
     ),
 ]
 Angle = Annotated[
@@ -52,7 +51,6 @@ Angle = Annotated[
         "--angle",
         metavar="DEGREES",
         help="Angle of the footprints, counter-clockwise from east. Default: the direction of most legs.",
-        show_default=False,
     ),
 ]
 Least = Annotated[float, typer.Option("--least", help="Minimum fraction of the region that must be seen, 0 to 1.")]
@@ -61,7 +59,6 @@ Format = Annotated[
     typer.Option(
         "--format",
         help="Format of the files to check: plan, wpl, geojson, kml, gpx or csv. Default: the first of these that is found.",
-        show_default=False,
     ),
 ]
 Cap = Annotated[
@@ -69,12 +66,9 @@ Cap = Annotated[
     typer.Option(
         "--cap",
         help="Maximum number of mission items that the autopilot stores. Default: 2000 for PX4, 700 for ArduPilot.",
-        show_default=False,
     ),
 ]
-Autopilot = Annotated[
-    str | None, typer.Option("--autopilot", help="Required autopilot of the missions: px4 or ardupilot.", show_default=False)
-]
+Autopilot = Annotated[str | None, typer.Option("--autopilot", help="Required autopilot of the missions: px4 or ardupilot.")]
 _KEPT = MissionOptions.declarations()
 SEPARATION, DELAY = _KEPT["separation"].text(_KEPT["separation"].default), _KEPT["delay_tolerance"].default
 Separated = Annotated[
@@ -88,7 +82,6 @@ FlownBy = Annotated[
         metavar="NAME|FILE[,FIELD=VALUE...]",
         help="Vehicle whose climbs and turns are used for the nearest approach, and whose camera is used for coverage. Default: "
         "the speed in the file for all motion.",
-        show_default=False,
     ),
 ]
 Airspace = Annotated[
@@ -97,7 +90,6 @@ Airspace = Annotated[
         "--airspace",
         metavar=_KEPT["airspace"].option.metavar,
         help="Distance by which turns of fixed wings may leave the region, beyond --margin. Default: unlimited, with a warning.",
-        show_default=False,
     ),
 ]
 OverTerrain = Annotated[
@@ -106,7 +98,6 @@ OverTerrain = Annotated[
         "--terrain",
         metavar=_KEPT["terrain"].option.metavar,
         help="Terrain heights: a GeoTIFF or an ESRI ASCII grid. Heights above ground are measured along all paths.",
-        show_default=False,
     ),
 ]
 HeightError = Annotated[
@@ -123,7 +114,6 @@ Bands = Annotated[
         "--bands",
         metavar=_FIELDS["bands"].option.metavar,
         help="Altitudes. The whole region must be seen from each of them. Default for a box: its layers.",
-        show_default=False,
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
@@ -133,7 +123,6 @@ Out = Annotated[
         "--out",
         metavar="FOLDER",
         help="Write check.json, map.png and, with --footprint, uncovered.geojson into this folder.",
-        show_default=False,
     ),
 ]
 

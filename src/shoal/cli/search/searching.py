@@ -28,9 +28,7 @@ def search(
     options: MissionOptions,
     missions: Annotated[
         Path | None,
-        typer.Option(
-            "--missions", metavar="DIR", help="Folder for the missions, one for each robot and sortie.", show_default=False
-        ),
+        typer.Option("--missions", metavar="DIR", help="Folder for the missions, one for each robot and sortie."),
     ] = None,
     seed: Seed = 0,
     out: Annotated[
@@ -39,7 +37,6 @@ def search(
             "--out",
             metavar="FOLDER",
             help="Write region.png, timeline.png, the episode and summary.json into this folder.",
-            show_default=False,
         ),
     ] = None,
     film: Annotated[
@@ -48,7 +45,6 @@ def search(
             "--film",
             metavar="FILE",
             help="Write a film of the search: .gif, .mp4 or .html (the player). The option can be repeated.",
-            show_default=False,
         ),
     ] = None,
     json_: Json = False,

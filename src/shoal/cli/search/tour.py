@@ -26,7 +26,6 @@ def tour(
         typer.Argument(
             metavar="NAME",
             help="hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree or MODULE:ATTRIBUTE.",
-            show_default=False,
         ),
     ],
     size: Annotated[
@@ -35,7 +34,6 @@ def tour(
             metavar="SIZE",
             help="Cells per side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers); or a map whose free cells are "
             "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or .csv.",
-            show_default=False,
         ),
     ],
     seed: Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")] = 0,
@@ -45,7 +43,6 @@ def tour(
             "--out",
             metavar="FOLDER",
             help="Write tour.png, tour.csv (cells in order) and summary.json into this folder.",
-            show_default=False,
         ),
     ] = None,
     json_: options.Json = False,

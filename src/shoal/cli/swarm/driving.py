@@ -40,7 +40,6 @@ Size = Annotated[
         "--size",
         metavar="SIZE",
         help="Size of the rig's field of view in cells, such as 40x60. Any other rig is refused.",
-        show_default=False,
     ),
 ]
 
@@ -53,7 +52,6 @@ def drive(
         typer.Argument(
             metavar="[MAP]",
             help="True map. A simulated rig moves in it; the map of a real rig is compared with it.",
-            show_default=False,
         ),
     ] = None,
     rig: RigName = "simulated",
@@ -69,7 +67,7 @@ def drive(
     ] = 60.0,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written during the run.", show_default=False),
+        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written during the run."),
     ] = None,
     out: options.Out = None,
     film: options.Film = None,

@@ -25,9 +25,7 @@ def maps(
     problem: SwarmProblem,
     name: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[NAME]", help="A generated map, such as cave:80x60; with --vessels a photograph.", show_default=False
-        ),
+        typer.Argument(metavar="[NAME]", help="A generated map, such as cave:80x60; with --vessels a photograph."),
     ] = None,
     out: Annotated[
         Path | None,
@@ -36,12 +34,9 @@ def maps(
             metavar="FILE",
             help="Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels a folder for mask.png (at "
             "the photograph's resolution), overlay.png and map.png.",
-            show_default=False,
         ),
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option("--seed", help="Seed of a random map (as in cave:80x60:7).", show_default=False)
-    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of a random map (as in cave:80x60:7).")] = None,
     json_: options.Json = False,
 ) -> None:
     """List the generated maps, show one, or write it to a file. With --vessels, find the vessels in a photograph."""

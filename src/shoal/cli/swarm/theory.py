@@ -31,16 +31,16 @@ _DIGITS = 1_000
 
 _Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FOLDER", help="Write the figures and summary.json into this folder.", show_default=False),
+    typer.Option("--out", metavar="FOLDER", help="Write the figures and summary.json into this folder."),
 ]
 
 
 def line(
-    cells: Annotated[int, typer.Option("--cells", help="Cells of the line, m.", show_default=False)],
-    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles, n.", show_default=False)],
+    cells: Annotated[int, typer.Option("--cells", help="Cells of the line, m.")],
+    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles, n.")],
     monte_carlo: Annotated[
         int | None,
-        typer.Option("--monte-carlo", metavar="TRIALS", help="Also draw this number of random placements.", show_default=False),
+        typer.Option("--monte-carlo", metavar="TRIALS", help="Also draw this number of random placements."),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Workers = None,
@@ -120,8 +120,8 @@ def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> lis
 
 
 def schedule(
-    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan.", show_default=False)],
-    move_cost: Annotated[str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move.", show_default=False)],
+    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan.")],
+    move_cost: Annotated[str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move.")],
     max_distance: Annotated[
         str, typer.Option("--max-distance", metavar="D", help="Largest distance of the wall, such as 1000, 1e100 or 10^100.")
     ] = "1000",

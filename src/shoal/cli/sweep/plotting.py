@@ -18,11 +18,9 @@ FIGURES = (".png", ".svg", ".pdf")
 
 def plot(
     store: StoreFile,
-    out: Annotated[
-        Path, typer.Option("--out", metavar="FILE", help="File for the figure: .png, .svg or .pdf.", show_default=False)
-    ],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the figure: .png, .svg or .pdf.")],
     name: SweepName = None,
-    measure: Annotated[str | None, typer.Option("--measure", help="Measure to draw, such as moves.", show_default=False)] = None,
+    measure: Annotated[str | None, typer.Option("--measure", help="Measure to draw, such as moves.")] = None,
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:

@@ -25,10 +25,10 @@ EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
 MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"
 CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
-StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.", show_default=False)]
+StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.")]
 SweepName = Annotated[
     str | None,
-    typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store contains several.", show_default=False),
+    typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store contains several."),
 ]
 Unused = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 
@@ -55,21 +55,15 @@ Method = Annotated[
 def summary(
     store: StoreFile,
     name: SweepName = None,
-    measure: Annotated[
-        str | None, typer.Option("--measure", help="Measure to summarise, such as moves.", show_default=False)
-    ] = None,
+    measure: Annotated[str | None, typer.Option("--measure", help="Measure to summarise, such as moves.")] = None,
     compare: Annotated[
         str | None,
-        typer.Option(
-            "--compare", metavar="AXIS", help="Compare the values of this paired axis with its first value.", show_default=False
-        ),
+        typer.Option("--compare", metavar="AXIS", help="Compare the values of this paired axis with its first value."),
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
     method: Method = "auto",
     seed: Annotated[int, typer.Option("--seed", help="Not used, because the bootstrap draws the same numbers each time.")] = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
     """Show means with confidence intervals, and differences between the values of a paired axis.
@@ -160,7 +154,7 @@ def _numbers(found: Any) -> Any:
 
 def export_(
     store: StoreFile,
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the table: .csv or .parquet.", show_default=False)],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the table: .csv or .parquet.")],
     name: SweepName = None,
     seed: Unused = 0,
     json_: options.Json = False,
@@ -181,8 +175,8 @@ def export_(
 
 
 def merge(
-    stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.", show_default=False)],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the new store.", show_default=False)],
+    stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the new store.")],
     seed: Unused = 0,
     json_: options.Json = False,
 ) -> None:
@@ -206,9 +200,7 @@ def merge(
 def check(
     store: StoreFile,
     seed: Unused = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
     """Check the integrity of a store: its structure, keys, seeds and rows. The exit code is 1 if a check fails."""

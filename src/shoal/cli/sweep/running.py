@@ -30,26 +30,22 @@ _EVERY = 2.0  # seconds between two updates of --watch
 
 
 def run(
-    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.", show_default=False)],
+    spec: Annotated[Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.")],
     store: Annotated[
         Path,
-        typer.Option(
-            "--store", metavar="FILE", help="Store for the results. It is created if it does not exist.", show_default=False
-        ),
+        typer.Option("--store", metavar="FILE", help="Store for the results. It is created if it does not exist."),
     ],
     workers: options.Processes = None,
     dask: Annotated[
         str | None,
-        typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT.", show_default=False),
+        typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT."),
     ] = None,
-    trials: Annotated[
-        int | None, typer.Option("--trials", help="Number of trials at each point, not that in the file.", show_default=False)
-    ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the seed in the file.", show_default=False)] = None,
+    trials: Annotated[int | None, typer.Option("--trials", help="Number of trials at each point, not that in the file.")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the seed in the file.")] = None,
     extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is already in the store.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Write the table at the end: .csv or .parquet.", show_default=False),
+        typer.Option("--out", metavar="FILE", help="Write the table at the end: .csv or .parquet."),
     ] = None,
     json_: options.Json = False,
 ) -> None:
@@ -168,9 +164,7 @@ def status(
     store: StoreFile,
     watch: Annotated[bool, typer.Option("--watch", help="Repeat every two seconds until nothing is running.")] = False,
     seed: Unused = 0,
-    out: Annotated[
-        Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.", show_default=False)
-    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
     """Show the progress of the sweeps in a store. The command works also while another process runs the sweeps."""
