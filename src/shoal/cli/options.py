@@ -14,10 +14,13 @@ from shoal.core.checks import parse_json, read_text, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import LARGEST_PROBLEM, Declaration, Problem
 
-Trials = Annotated[int, typer.Option("--trials", help="Number of trials, each with another random start.")]
+Trials = Annotated[
+    int, typer.Option("--trials", help="Number of trials, each with another random start. A film shows the first trial.")
+]
 Seed = Annotated[
     int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
 ]
+UnusedSeed = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 Workers = Annotated[
     int | None,
     typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor."),
@@ -42,7 +45,7 @@ Film = Annotated[
     typer.Option(
         "--film",
         metavar="FILE",
-        help="Write a film: .gif, .mp4 or .html (the player). It shows the first of several trials. The option can be repeated.",
+        help="Write a film: .gif, .mp4 or .html (the player). The option can be repeated.",
     ),
 ]
 Trust = Annotated[

@@ -211,6 +211,12 @@ def check_outputs(out: Path | None, film: list[Path] | None) -> None:
         check_folder(out)
 
 
+FIGURES: dict[str, dict[str, str | None]] = {
+    "steering": {"plan.png": None},
+    "search": {"region.png": None, "timeline.png": "timeline"},
+}
+"""For each part with one episode per command, the files of its figures and their kinds (see `shoal.views.figure`)."""
+
 SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 
 
@@ -219,6 +225,21 @@ def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
     for path in paths or []:
         _write_film(episode, path)
     return [*(paths or [])]
+
+
+def write_episode(episode: Any, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
+    """Write the outputs that --out and --film request for an episode of steering or of search. Return the files."""
+    written: list[Path] = []
+    if out is not None:
+        from shoal.core.files import write_json
+        from shoal.views import figure, save_figure
+
+        for name, kind in FIGURES[episode.part].items():
+            save_figure(figure(episode, kind=kind), out / name)
+        episode.save(out / "episode.json")
+        write_json(out / "summary.json", result)
+        written += [out / name for name in (*FIGURES[episode.part], "episode.json", "summary.json")]
+    return written + write_films(episode, film)
 
 
 def _write_film(episode: Any, path: Path) -> None:

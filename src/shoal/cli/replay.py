@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from shoal.cli import options
-from shoal.cli.output import check_outputs
+from shoal.cli.output import check_outputs, check_seed, print_json, say, write_episode
+from shoal.core.errors import InvalidInputError, ShoalError
+from shoal.core.parts import load
 
 EXAMPLE = "Example: shoal replay result/episode.npz --film result/film.html"
 
@@ -39,27 +43,42 @@ def replay(
 ) -> None:
     """Replay an episode file, verify it, and draw or film it. The exit code is 1 if the replay differs from the stored episode."""
     check_outputs(out, film)
-    if is_search(episode_file):
-        from shoal.cli.search.searching import replay_search
-
-        replay_search(episode_file, seed, out, film, json_, trust=trust)
-    elif episode_file.suffix.lower() == ".jsonl":
+    if episode_file.suffix.lower() == ".jsonl":
         from shoal.cli.swarm.driving import replay_drive
 
         replay_drive(episode_file, seed, out, film, json_, trust=trust)
-    elif episode_file.suffix.lower() == ".json":
-        from shoal.cli.steering import replay_steering
-
-        replay_steering(episode_file, seed, out, film, json_, trust=trust)
+        return
+    episode = load(episode_file, trust=trust)
+    check_seed(episode_file, seed, episode.seed)
+    report, write, show = _functions_of(episode)
+    try:
+        verified = episode.verify()
+    except ShoalError as error:  # an unknown task, or targets that cannot be reached
+        raise InvalidInputError(f"{episode_file}: {error}") from None
+    result = report() | {"verified": verified.ok, "message": verified.message}
+    written = write(result, out, film) if verified else []
+    if json_:
+        print_json(result)
     else:
-        from shoal.cli.swarm.exploration import replay_swarm
+        show(result, written, ("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
+    if not verified:
+        say(f"shoal: {episode_file}: {verified.message}")
+        raise typer.Exit(1)
 
-        replay_swarm(episode_file, seed, out, film, json_, trust=trust)
 
+def _functions_of(episode: Any) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
+    """Return three functions of an episode's part: they return the report of the episode, write its files, and print its result."""
+    if episode.part == "search":
+        from shoal.cli.search.texts import print_search
 
-def is_search(path: Path) -> bool:
-    """Return whether the beginning of a file identifies a search episode."""
-    if path.suffix.lower() != ".json" or not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return b'"kind": "search"' in file.read(200)
+        return episode.report, partial(write_episode, episode), partial(print_search, episode)
+    if episode.part == "steering":
+        from shoal.cli.steering import print_plan
+
+        return episode.report, partial(write_episode, episode), partial(print_plan, episode)
+    from shoal.cli.swarm.exploration import print_trials, summary, write_outputs
+
+    def report() -> dict[str, Any]:
+        return summary([episode], seed=episode.seed) | {"commands": episode.commands}
+
+    return report, partial(write_outputs, [episode]), partial(print_trials, [episode])

@@ -9,7 +9,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.options import takes_problem
-from shoal.cli.output import check_folder, check_outputs, check_seed, print_json, print_table, say, write_films
+from shoal.cli.output import check_folder, check_outputs, print_json, print_table, say, write_episode, write_films
 from shoal.core.errors import InvalidInputError
 from shoal.steering.problem import SteeringProblem
 
@@ -30,14 +30,7 @@ def steer(
     problem: SteeringProblem,
     seed: options.Seed = 0,
     out: _Out = None,
-    film: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--film",
-            metavar="FILE",
-            help="Write a film of the plan: .gif, .mp4 or .html (the player). The option can be repeated.",
-        ),
-    ] = None,
+    film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
     """Bring two particles to two goals with one shared input, using walls that hold particles.
@@ -51,17 +44,18 @@ def steer(
     problem.check_at_place()
     check_outputs(out, film)
     episode = run(problem, seed=seed)
-    written = _write_plan(episode, episode.report(), out, film)
+    result = episode.report()
+    written = write_episode(episode, result, out, film)
     if json_:
-        print_json(episode.report())
+        print_json(result)
     else:
-        print_plan(episode, written)
+        print_plan(episode, result, written)
     if not episode:
         say(f"shoal: {episode.sentence}")
         raise typer.Exit(1)
 
 
-def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, str]) -> None:
+def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the moves and metrics of a plan."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
     shown = [", ".join(f"{number:+.6g}" for number in move) for move in episode.inputs[:24]]
@@ -77,40 +71,6 @@ def print_plan(episode: SteeringEpisode, written: list[Path], *more: tuple[str, 
         *(("written", str(path)) for path in written),
     ]
     print_table(rows, title=f"{episode.planner} in a {episode.problem.place.kind}")
-
-
-def _write_plan(episode: SteeringEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs that --out and --film request. Return the files."""
-    written: list[Path] = []
-    if out is not None:
-        from shoal.core.files import write_json
-        from shoal.views import figure, save_figure
-
-        save_figure(figure(episode), out / "plan.png")
-        episode.save(out / "episode.json")
-        write_json(out / "summary.json", result)
-        written += [out / name for name in ("plan.png", "episode.json", "summary.json")]
-    return written + write_films(episode, film)
-
-
-def replay_steering(
-    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
-) -> None:
-    """Replay a steering episode: ``shoal replay EPISODE.json``."""
-    from shoal.steering import SteeringEpisode
-
-    episode = SteeringEpisode.load(episode_file, trust=trust)
-    check_seed(episode_file, seed, episode.seed)
-    proof = episode.verify()
-    result = episode.report() | {"verified": proof.ok, "message": proof.message}
-    written = _write_plan(episode, result, out, film) if proof else []
-    if json_:
-        print_json(result)
-    else:
-        print_plan(episode, written, ("verified", f"{'yes' if proof else 'NO'}: {proof.message}"))
-    if not proof:
-        say(f"shoal: {episode_file}: {proof.message}")
-        raise typer.Exit(1)
 
 
 @takes_problem(SteeringProblem, only=("workspace", "start"))

@@ -162,12 +162,13 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
         size = path.stat().st_size if found else 0
     except (OSError, ValueError) as error:
         raise InvalidInputError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from None
+    expected = f"{path}: expected {'an' if what[0] in 'aeiou' else 'a'} {what}"
     if not found:
-        raise InvalidInputError(f"{path}: expected a {what}, got {'a folder' if folder else 'no such file'}")
+        raise InvalidInputError(f"{expected}, got {'a folder' if folder else 'no such file'}")
     if size == 0:
-        raise InvalidInputError(f"{path}: expected a {what}, got an empty file")
+        raise InvalidInputError(f"{expected}, got an empty file")
     if size > most:
-        raise InvalidInputError(f"{path}: expected a {what} of at most {most} bytes, got {size}")
+        raise InvalidInputError(f"{expected} of at most {most} bytes, got {size} bytes")
 
 
 def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:

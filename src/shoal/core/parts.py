@@ -158,9 +158,7 @@ def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
         problem = data.get("problem") if isinstance(data, dict) else None
         part = problem.get("kind", "") if isinstance(problem, dict) else ""
         if part not in PARTS:
-            raise InvalidInputError(
-                f"{source}: expected an episode of {', '.join(PARTS)}, got JSON without a problem of such a kind"
-            )
+            raise InvalidInputError(f"{source}: expected an episode of swarm, steering or search, got JSON of another kind")
     found: Episode = getattr(importlib.import_module(f"shoal.{part}.episode"), f"{part.capitalize()}Episode").load(
         source, trust=trust
     )

@@ -270,9 +270,11 @@ def test_bad_films_and_episodes_get_one_sentence(tmp_path, capsys):
     assert run(["steer", problem, "--film", "film.avi"]) == 2
     assert capsys.readouterr().err == "shoal: film.avi: expected a film (.gif .mp4 .html), got the suffix '.avi'\n"
     assert run(["replay", problem]) == 2
-    assert capsys.readouterr().err.startswith(f"shoal: {problem}: not a steering episode: ")
+    assert (
+        capsys.readouterr().err == f"shoal: {problem}: expected an episode of swarm, steering or search, got JSON of another kind\n"
+    )
     planned(SQUARE, PLANE).save(tmp_path / "episode.json")
     assert run(["replay", str(tmp_path / "episode.json"), "--seed", "4"]) == 2
     assert "expected an episode of seed 4, got seed 0" in capsys.readouterr().err
     assert run(["replay", str(tmp_path / "none.json")]) == 2
-    assert "expected a steering episode, got no such file" in capsys.readouterr().err
+    assert "expected an episode, got no such file" in capsys.readouterr().err

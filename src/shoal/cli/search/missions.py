@@ -116,7 +116,6 @@ Bands = Annotated[
         help="Altitudes. The whole region must be seen from each of them. Default for a box: its layers.",
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 Out = Annotated[
     Path | None,
     typer.Option(
@@ -148,7 +147,7 @@ def check(
     terrain: OverTerrain = None,
     terrain_error: HeightError = _KEPT["terrain_error"].default,
     bands: Bands = None,
-    seed: Seed = 0,
+    seed: options.UnusedSeed = 0,
     out: Out = None,
     json_: options.Json = False,
 ) -> None:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from shoal.cli.options import Json, Seed, takes_problem
-from shoal.cli.output import check_folder, check_outputs, check_seed, patience, print_json, say, write_films
+from shoal.cli.options import Film, Json, Seed, takes_problem
+from shoal.cli.output import check_folder, check_outputs, patience, print_json, say, write_episode
 from shoal.cli.search.texts import print_search
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash
@@ -39,14 +39,7 @@ def search(
             help="Write region.png, timeline.png, the episode and summary.json into this folder.",
         ),
     ] = None,
-    film: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--film",
-            metavar="FILE",
-            help="Write a film of the search: .gif, .mp4 or .html (the player). The option can be repeated.",
-        ),
-    ] = None,
+    film: Film = None,
     json_: Json = False,
 ) -> None:
     """Search a region with robots that have no coordinator.
@@ -78,7 +71,7 @@ def finish(
 ) -> None:
     """Write and print the result of a search. The exit code is 1 if the search was not completed."""
     result = episode.report() | ({} if writer is None else {"missions": writer.report(episode.plan)})
-    written = written + write_outputs(episode, result, out, film)
+    written = written + write_episode(episode, result, out, film)
     if json_:
         print_json(result)
     else:
@@ -92,41 +85,6 @@ def _mission_folder(folder: Path, problem: SearchProblem, options: MissionOption
     from shoal.views.search.mission_folder import MissionFolder
 
     return MissionFolder(folder, problem, options)
-
-
-def write_outputs(episode: SearchEpisode, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs that --out and --film request. Return the files."""
-    written: list[Path] = []
-    if out is not None:
-        from shoal.core.files import write_json
-        from shoal.views import figure, save_figure
-
-        save_figure(figure(episode), out / "region.png")
-        save_figure(figure(episode, kind="timeline"), out / "timeline.png")
-        episode.save(out / "episode.json")
-        write_json(out / "summary.json", result)
-        written += [out / name for name in ("region.png", "timeline.png", "episode.json", "summary.json")]
-    return written + write_films(episode, film)
-
-
-def replay_search(
-    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
-) -> None:
-    """Replay a search: ``shoal replay EPISODE.json``."""
-    from shoal.search import SearchEpisode
-
-    episode = SearchEpisode.load(episode_file, trust=trust)
-    check_seed(episode_file, seed, episode.seed)
-    verified = episode.verify()
-    result = episode.report() | {"verified": verified.ok, "message": verified.message}
-    written = write_outputs(episode, result, out, film) if verified else []
-    if json_:
-        print_json(result)
-    else:
-        print_search(episode, result, written, ("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
-    if not verified:
-        say(f"shoal: {episode_file}: {verified.message}")
-        raise typer.Exit(1)
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
@@ -145,7 +103,7 @@ def demo_search(out: Path, *, seed: int, json_: bool) -> None:
     episode = writer.run(problem, seed=seed)
     result = episode.report()
     written = writer.write(episode.plan)
-    written += write_outputs(episode, result, out, [out / "search.html"])
+    written += write_episode(episode, result, out, [out / "search.html"])
     if json_:
         print_json(result | {"files": [str(path) for path in written]})
         return

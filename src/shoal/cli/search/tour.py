@@ -36,7 +36,7 @@ def tour(
             "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or .csv.",
         ),
     ],
-    seed: Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")] = 0,
+    seed: options.UnusedSeed = 0,
     out: Annotated[
         Path | None,
         typer.Option(

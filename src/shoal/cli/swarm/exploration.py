@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm. The module also prints the output of shoal replay for swarms."""
+"""shoal map, shoal cover: run a swarm. The command shoal replay prints and writes episodes of a swarm with the same functions."""
 
 from __future__ import annotations
 
@@ -7,13 +7,10 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import (
     check_outputs,
-    check_seed,
     moves_told,
     patience,
     print_json,
@@ -24,7 +21,6 @@ from shoal.cli.output import (
     write_films,
 )
 from shoal.core.checks import check_integer
-from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
@@ -95,7 +91,7 @@ def _play(
     if json_:
         print_json(result)
         return
-    print_table([*_rows(episodes, result), *(("written", str(path)) for path in written)], title=_title(episodes[0]))
+    print_trials(episodes, result, written)
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
@@ -133,8 +129,10 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
     ]
 
 
-def _title(first: SwarmEpisode) -> str:
-    return f"{first.task} of {first.workspace.name}"
+def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
+    """Print the result of one trial or several trials."""
+    files = [("written", str(path)) for path in written]
+    print_table([*_rows(episodes, result), *more, *files], title=f"{episodes[0].task} of {episodes[0].workspace.name}")
 
 
 def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
@@ -252,31 +250,3 @@ def _remove_earlier(out: Path) -> None:
     """Remove the episodes of an earlier run from an output folder, because they would not belong to the new results."""
     for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
         path.unlink(missing_ok=True)
-
-
-def replay_swarm(
-    episode_file: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool
-) -> None:
-    """Replay a swarm episode: ``shoal replay EPISODE.npz``."""
-    from shoal.swarm import SwarmEpisode
-
-    episode = SwarmEpisode.load(episode_file, trust=trust)
-    check_seed(episode_file, seed, episode.seed)
-    try:
-        verified = episode.verify()
-    except ShoalError as error:  # an unknown task, or targets that cannot be reached
-        raise InvalidInputError(f"{episode_file}: {error}") from None
-    result = summary([episode], seed=episode.seed) | {
-        "commands": episode.commands,
-        "verified": verified.ok,
-        "message": verified.message,
-    }
-    written = write_outputs([episode], result, out, film) if verified else []
-    if json_:
-        print_json(result)
-    else:
-        rows = [*_rows([episode], result), ("verified", f"{'yes' if verified else 'NO'}: {verified.message}")]
-        print_table([*rows, *(("written", str(path)) for path in written)], title=_title(episode))
-    if not verified:
-        say(f"shoal: {episode_file}: {verified.message}")
-        raise typer.Exit(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from fractions import Fraction
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -125,7 +126,7 @@ def schedule(
     max_distance: Annotated[
         str, typer.Option("--max-distance", metavar="D", help="Largest distance of the wall, such as 1000, 1e100 or 10^100.")
     ] = "1000",
-    seed: Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")] = 0,
+    seed: options.UnusedSeed = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
@@ -218,20 +219,16 @@ def whole_number(text: str, *, option: str) -> int:
     --------
     >>> whole_number("1.5e3", option="--max-distance"), whole_number("2^10", option="--max-distance")
     (1500, 1024)
+    >>> whole_number("10^600", option="--max-distance") == 10**600
+    True
     """
-    found = re.fullmatch(r"(\d+)(?:\.(\d+))?(?:[eE]\+?(\d{1,4})|\^(\d{1,4}))?", text.strip(), flags=re.ASCII)
-    error = InvalidInputError(
+    text = text.strip()
+    base, _, power = text.partition("^")
+    written = re.fullmatch(r"\d+(\.\d+)?([eE]\+?\d{1,4})?|\d+\^\d{1,4}", text, flags=re.ASCII)
+    if written and (len(base) - 1) * int(power or 1) < _DIGITS:  # before a power of too many digits is computed
+        value = Fraction(base) ** int(power or 1)
+        if value.denominator == 1 and value < 10**_DIGITS:
+            return int(value)
+    raise InvalidInputError(
         f"{option}: expected a whole number of at most {_DIGITS} digits, such as 1000, 1e100 or 10^100, got {text[:80]!r}"
     )
-    if found is None:
-        raise error
-    whole, decimals, exponent, power = found.groups()
-    decimals = decimals or ""
-    shift = int(exponent or 0) - len(decimals)
-    if shift < 0 or (power and decimals) or len(whole) > _DIGITS or len(whole) * int(power or 1) > _DIGITS or shift > _DIGITS:
-        raise error
-    base, up = (int(whole), int(power)) if power else (10, shift)
-    value: int = base**up if power else int(whole + decimals) * base**up
-    if value >= 10**_DIGITS:
-        raise error
-    return value

@@ -9,7 +9,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
-from shoal.cli.sweep.results import StoreFile, SweepName, Unused
+from shoal.cli.sweep.results import StoreFile, SweepName
 from shoal.core.errors import InvalidInputError
 
 PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
@@ -21,7 +21,7 @@ def plot(
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the figure: .png, .svg or .pdf.")],
     name: SweepName = None,
     measure: Annotated[str | None, typer.Option("--measure", help="Measure to draw, such as moves.")] = None,
-    seed: Unused = 0,
+    seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
     """Plot means with 95 % intervals against the first numeric axis, with one line for each combination of the other axes."""

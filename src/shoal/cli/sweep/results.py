@@ -30,7 +30,6 @@ SweepName = Annotated[
     str | None,
     typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store contains several."),
 ]
-Unused = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
 
 
 def check_table(out: Path) -> None:
@@ -156,7 +155,7 @@ def export_(
     store: StoreFile,
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the table: .csv or .parquet.")],
     name: SweepName = None,
-    seed: Unused = 0,
+    seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
     """Write the table of a sweep: axes, trial, seed and measures."""
@@ -177,7 +176,7 @@ def export_(
 def merge(
     stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.")],
     out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the new store.")],
-    seed: Unused = 0,
+    seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
     """Merge several stores of the same sweeps, for example from several machines, into a new store.
@@ -199,7 +198,7 @@ def merge(
 
 def check(
     store: StoreFile,
-    seed: Unused = 0,
+    seed: options.UnusedSeed = 0,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:

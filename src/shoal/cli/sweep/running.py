@@ -14,7 +14,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import cell, check_folder, print_drawn, print_json, print_table, quiet, say, visible, warnings_said
-from shoal.cli.sweep.results import StoreFile, Unused, check_table
+from shoal.cli.sweep.results import StoreFile, check_table
 from shoal.core.errors import InvalidInputError
 from shoal.core.files import write_json
 
@@ -163,7 +163,7 @@ def _rows(status: SweepStatus) -> list[tuple[str, str]]:
 def status(
     store: StoreFile,
     watch: Annotated[bool, typer.Option("--watch", help="Repeat every two seconds until nothing is running.")] = False,
-    seed: Unused = 0,
+    seed: options.UnusedSeed = 0,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
