@@ -151,7 +151,7 @@ def check_points(points: Any, *, what: str, dimensions: int, count: int | None =
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
-    """Refuse a path that is not a file, and a file that is empty or larger than ``most`` bytes.
+    """Refuse a path that does not lead to a file. Refuse also an empty file and a file of more than ``most`` bytes.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return the first error that Pydantic found, as one sentence. ``without`` lists names to leave out of the location."""
+    """Return one sentence about the first error that Pydantic found. The path of the field leaves out the names in ``without``."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])
@@ -331,9 +331,9 @@ def _plain(number: float) -> str:
 
 
 def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
-    """Return the seed and the random generator of each chosen world of a batch. A world without a seed (None) keeps its generator.
+    """Return the seed and the random generator of each chosen world of a batch. A world whose seed is None keeps its generator.
 
-    ``seed`` is None, a number, or a sequence with a number or None for each world. A world adds its own number to a single number.
+    ``seed`` is None, a sequence with a number or None for each world, or a number to which each world adds its index.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:

@@ -1,4 +1,4 @@
-"""Dataclasses for this library. Their ``__repr__`` is one line even if their fields hold large arrays."""
+"""Dataclasses whose ``__repr__`` is one line even if their fields hold large arrays."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002 - as in dataclasses
-        """Return a class decorated by `dataclasses.dataclass`. Its ``__repr__`` is `one_line` unless the class defines its own."""
+        """Apply `dataclasses.dataclass` to a class. A class without a ``__repr__`` of its own gets `one_line` as ``__repr__``."""
 
         def made(cls):
             if repr and "__repr__" not in vars(cls):

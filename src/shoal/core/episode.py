@@ -13,7 +13,7 @@ from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
-    """How an episode ended. ``bool(status)`` is true only if the task was done (``complete`` or ``solved``)."""
+    """How an episode ended. The property `done` is true only for ``complete`` and ``solved``."""
 
     COMPLETE = "complete"
     """All cells that robots or particles can reach were mapped, covered or searched."""

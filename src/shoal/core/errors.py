@@ -1,8 +1,8 @@
 """The exceptions that Shoal raises for bad input.
 
 Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message is
-one sentence with the expected value, the given value and its location. A planner that finds no plan does not raise an exception;
-the status of its episode states this.
+one sentence with the expected value, the given value and its location. If a planner finds no plan, no exception is raised. The
+status of the episode then says that there is no plan.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 class ShoalError(Exception):
     """Base class of all exceptions that Shoal raises on purpose.
 
-    In its message, words longer than `LONGEST_ECHO` characters are shortened.
+    Words of a message that are longer than `LONGEST_ECHO` characters are shortened.
     """
 
     def __init__(self, *arguments: Any) -> None:

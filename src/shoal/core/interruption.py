@@ -1,8 +1,8 @@
 """How a command ends after Ctrl-C, after SIGTERM, or after its terminal is closed.
 
-A signal ends the command at once while its modules are loading. In a command that already works, the signal raises
-KeyboardInterrupt, so that the command can clean up. Compiled code can delay this exception for minutes, because Python handles
-signals only between its own instructions. Therefore a thread also waits for signals and ends the command shortly after a signal.
+While the modules of a command are loading, a signal ends the command at once. Later, a signal raises KeyboardInterrupt, so that
+the command can clean up. Compiled code can delay a KeyboardInterrupt for minutes, because Python handles signals only between its
+own instructions. Therefore a thread also waits for signals and ends the command shortly after a signal.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Prevent a forced end of the process inside the block, which must first stop other processes or hardware."""
+    """Prevent a forced end of the process while the block stops other processes or hardware."""
     _running.append("patient")
     try:
         yield
@@ -74,7 +74,7 @@ def patient() -> Iterator[None]:
 def interruption_held() -> Iterator[None]:
     """Delay Ctrl-C until the block has ended. Use this for short calls of libraries that do not survive an interruption.
 
-    An interrupted write of a zip archive, for example, raises another error on closing, or discards the interruption.
+    For example, an interrupted write of a zip archive raises an unrelated error when the archive is closed, or loses the Ctrl-C.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):
@@ -113,7 +113,7 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Return whether a frame runs code that swallows or converts interruptions: an import, the compiler or a callback."""
+    """Return whether a frame runs code that hides a KeyboardInterrupt: an import, the compiler or a callback."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True

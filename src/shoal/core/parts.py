@@ -67,7 +67,7 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
-    """Return the problem of the first part (swarm, steering or search) whose problem class has all given fields.
+    """Return the problem of the first part (swarm, search, steering) whose problem class has all given fields.
 
     ``place`` is the map, the region or the workspace of the problem.
 
@@ -100,14 +100,14 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
 
     Parameters
     ----------
-    problem : SwarmProblem, SteeringProblem or SearchProblem, or what one is about
-        A problem, or its short form: a map, workspace or region as a name, a path or an object. An array is a map. The short form
-        takes the problem's fields from ``fields``.
+    problem : SwarmProblem, SteeringProblem or SearchProblem, or a place
+        A problem, or a map, workspace or region as a name, a path or an object. An array is a map. For a place, ``fields`` contains
+        the other fields of the problem.
     seed : int
         Seed of the random numbers. The same problem and seed give the same episode.
     **fields
-        Fields of the problem in short form. All other options go to the part's own ``run``, such as ``trial`` and ``stepwise`` of a
-        swarm.
+        Fields of the problem. The options ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are also
+        valid for a swarm.
 
     Returns
     -------

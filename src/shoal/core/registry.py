@@ -1,6 +1,6 @@
 """Registries map names to objects: built-in names, or ``module:attribute`` for third-party objects.
 
-Both kinds of names may be followed by options.
+Options may follow a name, as in ``subset-coverage:fraction=0.2``.
 """
 
 from __future__ import annotations
@@ -46,19 +46,19 @@ def look_in(folder: str) -> None:
 def users_modules() -> tuple[list[str], list[str]]:
     """Return the folders that `look_in` added, and the modules found there.
 
-    In a worker process, `load_users_modules` takes both as arguments.
+    Both lists are the arguments of `load_users_modules` in a worker process.
     """
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
 def named_modules() -> dict[str, str]:
-    """Return the files of all modules that were named as ``module:attribute`` so far, without installed packages."""
+    """Return the source file of each module that was named as ``module:attribute``. Installed packages are left out."""
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
 
 
 def digest_of_module(name: str) -> str:
-    """Return a digest of a module's source as this process imports it, or an empty text if the module is not found."""
+    """Return a digest of the source file of a module, or an empty text if this process cannot import the module."""
     import hashlib
 
     with suppress(Exception, SystemExit), open(_imported(name).__file__ or "", "rb") as file:
@@ -108,7 +108,7 @@ class Registry(Generic[T]):
     open_to_others : bool
         Whether ``module:attribute`` is also valid as a name.
     functions : bool
-        Whether the objects are functions. If they are, their options are arguments of the function.
+        Whether the objects are functions. Options in a name are then keyword arguments of the function.
 
     Examples
     --------
@@ -218,7 +218,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
     """Return the object for ``NAME`` or ``module:attribute``. Options follow as ``NAME:option=value,option=value``.
 
     In the options, a value without ``option=`` sets the first option. Each value is converted to the parameter's annotated type, or
-    to the type of its default. If a parameter has neither, texts such as ``2.5`` and ``true`` become numbers and booleans.
+    to the type of its default. Without annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
 
     Raises
     ------

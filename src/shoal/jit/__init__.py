@@ -1,6 +1,6 @@
 """Compilation of kernels at their first call, with a cache on disk.
 
-Kernels release the global interpreter lock and divide as NumPy does.
+Kernels run without the global interpreter lock. In a kernel, a division by zero gives infinity or NaN, as in NumPy.
 """
 
 from shoal.jit.entry import in_place_kernel, kernel

@@ -1,6 +1,6 @@
 """Kernels as Python calls them. The machine code of a kernel comes from the cache, without Numba.
 
-If it is not there, Numba compiles the kernel.
+Numba compiles a kernel only if the cache does not contain the kernel.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class Kernel:
         self._loaded: dict[Any, Callable[..., Any]] = {}  # by the kinds of the arguments
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the entry. The first call with arguments of some kinds loads or compiles it."""
+        """Call the entry. The first call for each combination of argument types loads or compiles the kernel."""
         try:
             kinds = kinds_of_arguments(arguments)
         except TypeError:
@@ -87,5 +87,5 @@ def kernel(function: Callable[..., Any]) -> Any:
 
 
 def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function that creates no arrays for compilation without reference counting."""
+    """Mark a function for compilation without reference counting. The function must not create arrays."""
     return _compiled(function, _nrt=False)

@@ -72,7 +72,7 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder with a kernel and its related kernels. The kernel must be compiled again if any of these changes."""
+    """Return the folder of a kernel and of all kernels that it calls. If any of these changes, the kernel is compiled again."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 

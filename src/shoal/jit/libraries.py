@@ -9,7 +9,7 @@ from numba.core.codegen import JITCodeLibrary
 
 
 class LinkedPart(JITCodeLibrary):
-    """Code that is only linked into other code. Such code is never optimized or compiled to machine code by itself."""
+    """The code of a part. A part is never optimized or compiled to machine code by itself."""
 
     def _optimize_final_module(self) -> None:
         pass

@@ -1,11 +1,9 @@
-"""Archives of lowered kernels: their types are inferred, and they are translated to LLVM code, before Shoal is installed.
-
-Each part has one archive beside its kernels.
+"""Archives of lowered kernels, one archive for each part of Shoal. A lowered kernel is translated to LLVM code.
 
 Type inference and translation take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes
-the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. If they
-have changed, a kernel is compiled from its source on its first call. ``make kernels`` writes the archives;
-docs/adr/0013-kernels-lowered-ahead.md has the measurements.
+the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise,
+a kernel is compiled from its source on its first call. ``make kernels`` writes the archives. Measurements:
+docs/adr/0013-kernels-lowered-ahead.md.
 """
 
 from __future__ import annotations

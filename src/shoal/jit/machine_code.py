@@ -1,6 +1,6 @@
 """Machine code from the cache, loaded and called without Numba, because importing Numba takes longer than most commands.
 
-Numba made the machine code, which therefore needs the modules of Numba that are written in C, and LLVM's loader.
+The machine code needs LLVM's loader and the modules of Numba that are written in C.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class MachineCode:
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the kind of each argument, on which the compiled form of a kernel depends.
+    """Return the kind of each argument. A kernel has one compiled form for each combination of kinds.
 
-    Every call needs this function, so the function is short.
+    Every call of a kernel runs this function, so the function is short.
 
     Raises
     ------
     TypeError
-        If only Numba can tell.
+        If only Numba can determine the kind of an argument.
     """
     kinds: list[Any] = []
     for value in values:
@@ -80,8 +80,8 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 def compiled_form(kinds: Any) -> Any:
     """Return a common form of kinds of arguments for which Numba compiles the same code.
 
-    Flags of arrays that do not matter are left out. An array that is contiguous in both orders counts as an array in C order. A
-    number of Python counts as the number of NumPy with the same bits.
+    Array flags that do not change the code are left out. An array that is contiguous in both orders counts as an array in C order.
+    A Python number counts as the NumPy number with the same bits.
     """
     if not isinstance(kinds, tuple):
         return _SAME.get(kinds, kinds)

@@ -49,10 +49,10 @@ class SwarmEpisode(Episode):
     trace : Trace
         The effect of each command.
     status : Status
-        "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every cell is classified that particles
-        could reach and that lies beside a free cell. "stalled" then means that some of these cells stay undecided.
+        "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every reachable cell beside a free cell
+        is classified, and "stalled" means that some of these cells are still undecided.
     policy : str
-        The policy that ran. It names the policy that ``auto`` chose.
+        Name of the policy that ran. If the problem has the policy ``auto``, the name of the policy that ``auto`` chose.
     first_frontier : int
         Number of frontier cells at the start.
     targets : ndarray of bool, the shape of the workspace, or None
@@ -63,10 +63,10 @@ class SwarmEpisode(Episode):
         Computing time in seconds, including planning.
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
-        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. In this case, the
-        workspace consists of the free cells that were found.
+        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. The workspace of
+        such an episode consists of the cells that were classified as free.
     truth : ndarray of bool, optional
-        Only for a rig with noise: the true free cells if known. With them, figures can show classification errors.
+        Only for a rig with noise: the true free cells, if they are known. Figures use these cells to show classification errors.
     """
 
     part: ClassVar[str] = "swarm"
@@ -221,8 +221,8 @@ class SwarmEpisode(Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        Without noise, the belief is that of the last scan. If the outcome of all later commands was already certain, the belief
-        includes this outcome. With noise, the state holds the most likely positions of the particles.
+        Without noise, the belief comes from the last scan. If the outcome of all commands since this scan was certain, the belief
+        includes the outcome. With noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -244,7 +244,7 @@ class SwarmEpisode(Episode):
 
     @cached_property
     def errors(self) -> MapErrors | None:
-        """Classification errors of the final map, for simulations with noise; otherwise None."""
+        """Classification errors of the final map of a simulation with noise. The value is None for all other episodes."""
         if self.problem.noise is None or self.observations is not None:
             return None
         return MapErrors.of(self.workspace, self.start, self.final()[1])
@@ -283,8 +283,8 @@ class SwarmEpisode(Episode):
         Raises
         ------
         InvalidInputError
-            If the path has another suffix, or if the episode comes from a rig with noise. Such an episode is stored in the rig's
-            log.
+            If the path does not end in ``.npz``. Also if the episode comes from a rig with noise, because the rig's log stores this
+            episode.
         OutputError
             If the file cannot be written.
         """

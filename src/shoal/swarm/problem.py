@@ -165,7 +165,7 @@ class SwarmProblem(Problem):
         help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
         "closest-frontier:ties=row-major. For mapping without noise, with a scan after each move and rule block or merge, auto "
-        "means best; otherwise closest-frontier.",
+        "means best. In all other cases, auto means closest-frontier.",
         names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
@@ -176,7 +176,7 @@ class SwarmProblem(Problem):
         None, help="For planners: mean computing time per move, in place of a budget. The commands then depend on the machine.",
         metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
-    max_moves: int = option(1_000_000, help="Maximum number of moves. An episode that reaches it has the status limit.", least=0)
+    max_moves: int = option(1_000_000, help="Maximum number of moves. An episode that ends there has the status limit.", least=0)
     scan_every: int | str = option(
         1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most classified cells "
         "for the price). With noise: maximum number of commands before each scan.", metavar="RULE", check=_check_scan_every,
@@ -191,11 +191,11 @@ class SwarmProblem(Problem):
     width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
     low: float = option(
         0.6, help="With --vessels: lower threshold of the filter response, relative to the best threshold. "
-        "A vessel continues while its response is above it.", above=0, most=10,
+        "A vessel continues while its response is above this threshold.", above=0, most=10,
     )  # fmt: skip
     high: float = option(
-        1.2, help="With --vessels: upper threshold of the filter response, relative to the best threshold. Every vessel exceeds it "
-        "somewhere. Lower values find more vessels.", above=0, most=10,
+        1.2, help="With --vessels: upper threshold of the filter response, relative to the best threshold. Every vessel exceeds "
+        "this threshold somewhere. Lower values find more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than their surroundings. By default, the clearer lines are vessels."
@@ -254,7 +254,7 @@ class SwarmProblem(Problem):
 
     @property
     def task_name(self) -> str:
-        """Name of the task. A third-party task is not imported for this."""
+        """Name of the task. A third-party task is named without being imported."""
         if self.subset is not None:
             return "subset-coverage"
         name = _name_for_people(self.task)

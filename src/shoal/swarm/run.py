@@ -44,13 +44,13 @@ def run(
     ----------
     problem : SwarmProblem
     seed, trial : int
-        Seed and trial number, at least 0. The same pair always gives the same episode.
+        Seed and trial number, at least 0. The same seed and trial number always give the same episode.
     stepwise : bool
-        Whether to run built-in policies step by step, like third-party policies. The resulting episode is the same.
+        Whether to run built-in policies step by step, like third-party policies. The option does not change the episode.
     on_moves : callable, optional
         Function that is called with the progress: (moves so far, frontier cells left).
     on_trace : callable, optional
-        Function that receives each piece of the trace during the run. The resulting episode is the same.
+        Function that receives each piece of the trace during the run.
 
     Returns
     -------

@@ -149,7 +149,7 @@ def test_positions_that_cannot_be_are_refused_and_the_rig_stopped(wrong, words):
 def test_a_particle_that_slips_is_noticed_where_nothing_is_in_its_way():
     rig = SimulatedRig(GridWorkspace(np.ones((1, 9))), [(0, 1)])
     rig.send = lambda command: None if command == "r" and rig.observe()[0, 1] == 0 else SimulatedRig.send(rig, command)
-    with pytest.raises(RigError, match="expected every particle to move unless something is in its way, got one there"):
+    with pytest.raises(RigError, match="expected every particle to move as rule block requires, got a particle at"):
         drive(rig, policy="manual:llrr")
 
 
@@ -406,9 +406,9 @@ def test_a_changed_log_is_noticed(tmp_path):
     changed(4, "{", "[")
     with pytest.raises(InvalidInputError, match="line 5: expected JSON, got something else in line 1, column 8"):
         read_log(log)
-    with pytest.raises(OutputError, match="it is there already"):
+    with pytest.raises(OutputError, match="the file exists already"):
         DriveLog(log)
-    with pytest.raises(RigError, match="move 1: expected 'l' as it was sent then, got 'r'"):
+    with pytest.raises(RigError, match="move 1: expected the recorded command 'l', got 'r'"):
         RecordedRig("p", (2, 2), SwarmProblem("rig"), "x", 0, "l", {}, [], None).send("r")
 
 
@@ -430,7 +430,7 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert again["commands"] == result["commands"]
     assert (tmp_path / "out" / "map.png").exists()
     assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log)]) == 2
-    assert "it is there already" in capsys.readouterr().err
+    assert "the file exists already" in capsys.readouterr().err
     assert shoal(["drive", "--size", "7x8", "--rig", spec]) == 2
     assert "size: expected a rig of 7x8 cells, got map, which sees 7x9" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "simulated"]) == 2

@@ -1,7 +1,7 @@
 """The class Problem: all settings of a run. Each setting is declared once, with its type, default, unit, range and help.
 
 These declarations generate the options of commands, the fields of sweeps and problem files, and the tables of the documentation.
-Therefore all of them show the same defaults.
+Therefore commands, files and tables have the same defaults.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Problem:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any], *, where: str = "problem") -> Self:
-        """Return the problem for a mapping of fields. Missing fields have their defaults.
+        """Return the problem for a mapping of fields. Missing fields get their default values.
 
         Raises
         ------
@@ -113,7 +113,7 @@ class Problem:
                 )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
-        """Return the fields as JSON data with ``kind``. Fields with default values are included only if ``defaults`` is true."""
+        """Return the fields and the part (``kind``) as JSON data. Set ``defaults`` to include fields with default values."""
         told: dict[str, Any] = {"kind": self.part}
         for name, declared in self.declarations().items():
             value = getattr(self, name)
@@ -122,7 +122,7 @@ class Problem:
         return told
 
     def canonical(self, *, without: tuple[str, ...] = ()) -> str:
-        """Return the problem as JSON that is equal for equal problems. Fields with default values are left out."""
+        """Return a JSON text that is equal for equal problems. Fields with default values are left out."""
         told = {name: value for name, value in self.to_dict().items() if name not in without}
         return json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
@@ -149,7 +149,7 @@ class Problem:
 
     @cached_property
     def place(self) -> Any:
-        """The opened map, workspace or region. It is opened only once."""
+        """The map, workspace or region, which is opened on first use."""
         return self.open_place()
 
     def open_place(self) -> Any:
@@ -165,11 +165,11 @@ class Problem:
         return False
 
     def place_digest(self) -> bytes:
-        """Return bytes that identify the opened place, and so reveal whether the content of a file has changed."""
+        """Return bytes that differ for places with different content. A sweep thereby detects a changed file."""
         return b""
 
     def at_place(self, place: Any) -> Self:
-        """Return the problem with an opened place."""
+        """Return a copy of the problem with an opened place."""
         same = replace(self)
         same.__dict__["place"] = place
         return same

@@ -33,7 +33,7 @@ class Option:
     short : str
         Short form of the command's option, such as ``-n``.
     argument : bool
-        Whether commands take the field as an argument by position, instead of an option.
+        Whether commands take the field as a positional argument instead of an option.
     repeated : bool
         Whether commands accept the option several times. ``parse`` then receives a list of texts.
     parse : callable, optional
@@ -72,7 +72,7 @@ class Declaration:
     ----------
     name : str
     type : type
-        int, float, bool, str, or ``object`` if the option has a ``check`` of its own.
+        The type of the value: int, float, bool or str. For any other type, it is ``object``, and the option has a ``check``.
     optional : bool
         Whether None is a valid value of the field.
     default : object
@@ -88,7 +88,7 @@ class Declaration:
 
     @property
     def flag(self) -> str:
-        """The command's option."""
+        """The name of the command line option, such as ``--scan-every``."""
         return "--" + self.name.replace("_", "-")
 
     @property
@@ -98,7 +98,7 @@ class Declaration:
 
     @property
     def range(self) -> str:
-        """The range of a number as text, or an empty text without a range."""
+        """The range of a number as text, such as "from 0 to 1". The text is empty for a field without a range."""
         option = self.option
         return range_text(option.least, option.most, option.above, option.below)
 

@@ -32,7 +32,7 @@ def check_problems(problems: list[SwarmProblem]) -> None:
 
 
 def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return a uint8 array for a result: the array ``out`` after a check, or a new array."""
+    """Return the array ``out`` after a check of its dtype and shape. If ``out`` is None, return a new uint8 array."""
     if out is None:
         return np.empty(shape, dtype=np.uint8)
     good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
@@ -56,9 +56,9 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
 def check_numbers(
     given: Any, chosen: NDArray[np.int64], count: int, *, what: str, least: int, below: int = LARGEST, single: bool = True
 ) -> NDArray[np.integer[Any]]:
-    """Return whole numbers, one per world. With ``single``, one number may be for all worlds.
+    """Return one whole number for each selected world. With ``single``, a single number counts for all worlds.
 
-    Only the numbers of selected worlds are checked.
+    The numbers of other worlds are not checked. ``chosen`` contains the indices of the selected worlds.
     """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):

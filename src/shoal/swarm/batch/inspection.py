@@ -1,4 +1,4 @@
-"""Observations of many worlds: boards, planes of bytes, and sums.
+"""Observations of many worlds: boards, planes with one byte per cell, and sums over the particles.
 
 The module also returns the state and the belief of a single world.
 """
@@ -169,12 +169,13 @@ class Inspection:
         centers : ndarray of int64, shape (worlds, ndim)
             Plane indices of each window's central cell.
         side : int
+            Number of cells along each side of a window.
         where : array_like of bool, shape (worlds,), optional
             Mask of the worlds to return. The default is all worlds.
 
         Returns
         -------
-        ndarray of uint8, shape (worlds, planes, side, side), in three dimensions one side more
+        ndarray of uint8, shape (worlds, planes, side, side), or (worlds, planes, side, side, side) in 3-D
         """
         chosen, ndim, codes = self._chosen(where), self.layout.ndim, _codes_of(names)
         filled = np.empty((len(chosen), len(names), *[side] * ndim), dtype=np.uint8)
@@ -211,6 +212,7 @@ class Inspection:
         ndarray of int64, shape (worlds,)
             Length of the path in cells. The length is 0 if no path exists.
         ndarray of int64, shape (worlds,)
+            Code of the path's first command.
         ndarray of int64, shape (worlds, ndim)
             Plane indices of the path's last cell.
         """
@@ -232,8 +234,8 @@ class Inspection:
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
         """Return which commands can have an effect according to the belief; int8, shape (worlds, commands).
 
-        Under the rules block and tilt, a command has an effect if at least one particle's next cell is no known obstacle and holds
-        no particle. Under the rule merge, the next cell may hold particles. With noise, every command may have an effect.
+        Under the rules block and tilt, a command has an effect if at least one particle's next cell is not a known obstacle and
+        holds no particle. Under the rule merge, the next cell may hold particles. With noise, every command may have an effect.
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)

@@ -57,8 +57,8 @@ class WorldBatch(Inspection):
     layout : GridLayout
         The window of all boards and planes, including a rim of one cell.
     moves, limits : ndarray of int64, shape (worlds,)
-        Number of commands sent in the current episode, and its maximum. These arrays are views: each step and each reset writes to
-        them.
+        Number of commands sent in the current episode (``moves``), and the maximum of this number (``limits``). Each step and each
+        reset writes to these arrays.
     frontier : ndarray of int32, shape (worlds,)
         Number of frontier cells of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
@@ -219,7 +219,7 @@ class WorldBatch(Inspection):
         Returns
         -------
         Trace
-            One row per world: the total effect of its commands. The arrays are views: each step and each reset writes to them.
+            One row per world: the total effect of its commands. Each step and each reset writes to the arrays of this trace.
 
         Raises
         ------

@@ -231,7 +231,7 @@ def _window_words(layout: GridLayout) -> Words:
 
 
 def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
-    """Return packed words shifted by one cell. The unused bits at the end of a row may be set."""
+    """Return packed words shifted by one cell in the direction of ``command``. Unused bits at the end of a row may be set."""
     out = np.zeros_like(words)
     if command == "l":
         out[:] = words >> _ONE

@@ -1,4 +1,4 @@
-"""The commands, of which each is a letter that moves all particles, and the move rules."""
+"""Commands and move rules. A command is a letter that moves all particles."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return, for each command in the order of the letters, the difference of flat array indices that one step makes.
+    """Return the change of a flat array index that one step of each command makes, in the order of the letters.
 
     Examples
     --------

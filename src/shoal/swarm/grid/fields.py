@@ -1,7 +1,4 @@
-"""Conversion of boards and states to the flat arrays of kernels and back.
-
-The module also contains one push, which a kernel computes.
-"""
+"""Conversion of boards and states to the flat arrays of kernels and back. The function `pushed` simulates one push."""
 
 from __future__ import annotations
 
@@ -17,7 +14,7 @@ RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 
 
 def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
-    """Return the state of the swarm after one push. Nothing is observed."""
+    """Return the state of the swarm after one push by the command number ``code``."""
     everything = np.full(free.size, np.uint64(2**64 - 1))
     field = new_field(layout, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
     moves.push(field, code, RULE_CODES[rule])
@@ -38,7 +35,7 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
 
 
 def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return kernel arrays: the given flat boards, empty boards for the boards that are not given, and working memory."""
+    """Return kernel arrays: the given flat boards, empty boards in place of all others, and working memory."""
     block = max(moves.BLOCK_WORDS, layout.words[1])
     work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "moving")}
     missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]

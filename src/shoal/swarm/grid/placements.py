@@ -110,7 +110,7 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
 
 @PLACEMENTS.register("region-fill")
 def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n free cells with the smallest Manhattan distance to a random cell of the map, ignoring walls."""
+    """Take the n free cells with the smallest Manhattan distance to a random cell of the map. Walls do not change the distance."""
     center = np.array([rng.integers(size) for size in workspace.shape])
     distance = np.abs(workspace.cells - center).sum(axis=1)
     return workspace.cells[np.argsort(distance, kind="stable")[:n]]

@@ -1,10 +1,10 @@
 """Scan rules: the number of equal commands before each scan, and the inference of states from two scans.
 
 While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
-pushes is therefore also the i-th particle after the run. Its displacement is known although particles have no labels. If a
-particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. Behind these free
-cells, there is an obstacle or another particle that was stopped. A stopped particle stays stopped. Two scans therefore determine
-the positions after every single command. Therefore a scan after a run gives the same information as a scan after each command.
+pushes is therefore also the i-th particle after the run. The displacement of each particle is thus known although particles have no
+labels. If a particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. Behind
+these free cells, there is an obstacle or another particle that was stopped. A stopped particle stays stopped. Two scans therefore
+determine the positions after every single command. A scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class ScanRule:
     step : int
         Number of commands for the kind "equal".
     scan_cost, move_cost : float
-        Prices in any common unit. Both must be at least 0, and one must be positive.
+        Prices of one scan and of one move, in any common unit. Each price is at least 0, and at least one price is above 0.
 
     Raises
     ------
@@ -82,7 +82,9 @@ class ScanRule:
         return self.kind == "equal" and self.step == 1
 
     def interval(self, streak: int) -> int:
-        """Return the number of commands in the next run, after ``streak`` runs in the same direction. Not defined for "adaptive".
+        """Return the number of commands in the next run, after ``streak`` runs in the same direction.
+
+        Rules of the kind "adaptive" have no such number.
 
         Examples
         --------
@@ -135,7 +137,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Parameters
     ----------
     before, after : SwarmState
-        States observed by the two scans. Under the rule merge, they include the number of particles per cell.
+        States observed by the two scans. Under the rule merge, a state includes the number of particles per cell.
     command : str
         The letter of the repeated command.
     steps : int
@@ -144,7 +146,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Returns
     -------
     iterator of SwarmState
-        Yields ``steps`` states. When no particle moves any more, it yields ``after`` itself.
+        The ``steps`` states in order. Each state after the last movement of a particle is ``after`` itself.
 
     Raises
     ------

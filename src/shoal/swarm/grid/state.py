@@ -22,12 +22,12 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
     what : str
         Name of the cells in error messages.
     rim : int
-        Width of the rim around the workspace, in cells, that also counts as inside.
+        Width in cells of the rim around the workspace. Cells of the rim are valid.
 
     Raises
     ------
     InvalidInputError
-        If the values are not integer cells, or a cell lies outside.
+        If the values are not integer cells, or a cell lies outside the workspace and its rim.
     """
     expected = f"{what}: expected integer cells of shape (n, {len(shape)})"
     try:

@@ -23,8 +23,8 @@ class Task(Protocol):
     """The interface of tasks. `shoal.testing.check_task` tests it.
 
     The method ``begin`` returns the belief at the start. The method ``update`` returns the belief after one push (see
-    `GridWorld.pushes`). A task is complete when the frontier of its belief is empty. These two methods must not change their
-    arguments.
+    `GridWorld.pushes`). A task is complete when the frontier of its belief is empty. The methods ``begin`` and ``update`` must not
+    change their arguments.
     """
 
     @property
@@ -32,7 +32,7 @@ class Task(Protocol):
         """Name of the task in summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return random target cells, drawn from ``rng``, as a mask of the workspace's cells, or None without targets."""
+        """Return a mask of random target cells, drawn with ``rng``. A task without targets returns None."""
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
         """Return the belief before the first command.
@@ -41,7 +41,7 @@ class Task(Protocol):
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``, which uses only the positions ``before`` and ``after``."""
+        """Return the belief after one push by ``command``. It depends only on the positions ``before`` and ``after`` the push."""
 
 
 TASKS: Registry[type[Task]] = Registry("task")

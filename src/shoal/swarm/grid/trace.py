@@ -79,7 +79,7 @@ class Trace(NamedTuple):
 
 
 class Recorder:
-    """Builds a trace, adding one run of equal commands at a time.
+    """Record a trace. Each call of `add` appends one run of equal commands.
 
     Attributes
     ----------
@@ -112,7 +112,7 @@ class Recorder:
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return the last ``moves`` commands of the trace, which came from one run."""
+        """Return the last ``moves`` commands of the trace. All of them must belong to the last run."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

@@ -23,7 +23,7 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     Raises
     ------
     InvalidInputError
-        If there is no cell, a cell is outside or an obstacle, or a cell is repeated under a rule other than merge.
+        If there is no cell, or a cell is not a free cell of the workspace. Also if a cell is repeated, except under the rule merge.
     """
     array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:

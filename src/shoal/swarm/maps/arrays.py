@@ -35,13 +35,15 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of a numeric array, which a level or a label selects. An array with only two values needs neither.
+    """Return the free cells of a numeric array: the cells of at least the level, or the cells with the label.
+
+    Without a level and a label, one of two values must be 0 (obstacle).
 
     Raises
     ------
     InvalidInputError
-        If a number is not finite, or no cell has the label. Also if the array has more than two values and neither level nor label
-        is given, because intensities and probabilities need a level.
+        If a number is not finite, or no cell has the label. Also if an array with more values, such as intensities or
+        probabilities, is given without a level and a label.
     """
     if options.level is not None:
         check_finite(array, what=where)

@@ -32,11 +32,11 @@ class MapFormat:
     Parameters
     ----------
     read : callable
-        Function from a path and the options to the free cells and the size of a cell.
+        Function (path, options) that returns the free cells and the size of a cell.
     encode : callable
-        Function from a workspace to the bytes of a file that the function ``read`` can read.
+        Function that converts a workspace to the bytes of a file of this format.
     dimensions : tuple of int
-        Numbers of dimensions that the format supports.
+        The supported numbers of dimensions of a workspace: (2,), (3,) or (2, 3).
     """
 
     read: Callable[[Path, MapOptions], Cells]

@@ -84,7 +84,7 @@ def check_size(where: Path, *sides: int) -> None:
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Convert any exception that a library raises for a damaged file into one sentence. Hide the library's warnings.
+    """Convert any exception that a library raises for a damaged file into an error of one sentence. Hide the library's warnings.
 
     Raises
     ------

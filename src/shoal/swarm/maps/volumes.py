@@ -31,7 +31,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
     Raises
     ------
     InvalidInputError
-        If the file is damaged or truncated, has another number of dimensions or too many voxels, or contains non-finite numbers.
+        If the file is damaged or truncated, is not three-dimensional, has too many voxels, or contains non-finite numbers.
     MissingExtraError
     """
     nibabel = _nibabel()
@@ -55,7 +55,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a NIfTI file of zeros and ones with the voxel size."""
+    """Return the bytes of a NIfTI file: 1 for each free cell, 0 for each obstacle, and the voxel size."""
     nibabel = _nibabel()
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)

@@ -44,7 +44,7 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
     Raises
     ------
     InvalidInputError
-        If the array has another number of dimensions, no free cell, NaN, or more than ``MAX_CELLS`` cells.
+        If the array is neither 2-D nor 3-D, has no free cell, contains NaN, or has more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(free)
@@ -148,7 +148,7 @@ class GridWorkspace:
     def text(self) -> str:
         """The map as rows of ``.`` (free) and ``#`` (obstacle). In 3-D, an empty line separates layers.
 
-        Small maps print this text.
+        The function ``print`` shows this text for small maps.
         """
         return raster.text_rows(self.free, ".#")
 

@@ -121,7 +121,7 @@ class NoisyBelief:
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Update the belief with the observation in the arrays. Return the number of cells classified for the first time."""
+        """Update the belief with the observation in ``state.seen``. Return the number of cells classified for the first time."""
         kernels.learn_noisy(self.state, code)
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
@@ -133,7 +133,7 @@ class NoisyBelief:
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
     def spread_code(self, code: np.int8) -> None:
-        """Do the same as `spread`, for a command given by its code."""
+        """Update the belief after the command number ``code``, which no scan follows; see `spread`."""
         kernels.spread_noisy(self.state, code)
         noisy_episode.refresh(self.state, self._field, self.guard)
 
@@ -143,7 +143,7 @@ class NoisyBelief:
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Replay the commands of the trace and fill its other columns."""
+        """Replay the commands of the trace and fill the other columns of the trace."""
         noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
@@ -166,7 +166,7 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left and whether no cell was given up."""
+        """Whether no reachable frontier cell is left. The value is false if a cell was given up as undecidable."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 

@@ -18,7 +18,7 @@ class MapErrors:
     Parameters
     ----------
     free, walls : int
-        Number of cells that particles can reach, and number of obstacles beside them.
+        Number of free cells that particles can reach (``free``), and number of obstacles beside these cells (``walls``).
     false_free : int
         Number of obstacles classified as free.
     false_obstacles : int

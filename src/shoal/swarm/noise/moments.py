@@ -31,8 +31,8 @@ class Moment:
         Cells with particles. For a rig, whose true positions are unknown, these are the cells of the last scan.
     looks : ndarray of uint8
         A shade for each cell, linear in the log-odds, from ``OBSTACLE`` (classified) through ``UNKNOWN`` to ``FREE`` (classified).
-        ``FRONTIER`` is added for frontier cells. If the true map is known, wrongly classified cells have the shade ``FALSE_FREE``
-        or ``FALSE_OBSTACLE``.
+        The shade of a frontier cell is higher by ``FRONTIER``. If the true map is known, wrongly classified cells have the shade
+        ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
     """
 
     particles: NDArray[np.bool_]
@@ -40,7 +40,7 @@ class Moment:
 
 
 def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return the kind of each cell in a picture of a belief.
+    """Return the shade of each cell in a picture of a belief; see `Moment`.
 
     ``truth`` is the mask of the free cells including the rim, if it is known.
 

@@ -27,11 +27,12 @@ class _Trail:
 class DepthFirst(Compiled):
     """Move one particle, the first in row-major order, through the workspace.
 
-    The particle probes an unknown neighbour. If there is none, it enters an unvisited cell. If there is none either, it goes back.
+    The particle probes an unknown neighbour. If no neighbour is unknown, the particle enters an unvisited neighbour. If all free
+    neighbours were visited, the particle goes back.
 
-    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. With a single particle, this is at most
-    twice the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio than this factor 2. The
-    other particles also move, and can only help. Source: paper M, section III.B.1.
+    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. With a single particle, the tree takes at
+    most twice as many moves as the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio
+    than 2. The other particles also move, and can only help. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"

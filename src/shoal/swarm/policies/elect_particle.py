@@ -22,11 +22,11 @@ class _Elected:
 
 @dataclass(frozen=True)
 class ElectParticle(Searching):
-    """Elect a random particle, follow the shortest path to the nearest frontier cell, and plan again when that cell is classified.
+    """Elect a random particle and move it along the shortest path to a frontier cell. Plan again when this cell is classified.
 
-    If another particle blocks the elected particle, this particle is already in the cell that the elected particle wants to enter.
-    The blocking particle then becomes the elected particle. Without this rule, the algorithm of paper M can repeat the same moves
-    forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
+    A particle that blocks the elected particle occupies the next cell of the path. Therefore the blocking particle becomes the
+    elected particle. Without this rule, the algorithm of paper M can repeat the same moves forever. Source: paper M, algorithm 2;
+    docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"

@@ -71,7 +71,8 @@ def path_to_frontier(
     rule : str
         The move rule. Under "tilt", the path consists of tilts between stop cells and has the fewest tilts.
     mapping : bool
-        Whether frontier cells are unknown (mapping) or known to be free (coverage). Only the rule "tilt" uses this argument.
+        True for mapping, in which frontier cells are unknown. False for coverage, in which frontier cells are known to be free.
+        Only the rule "tilt" uses this argument.
     ties : str
         "column-major" (leftmost column first, top to bottom) or "row-major".
     neighbours : str

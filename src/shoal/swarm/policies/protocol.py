@@ -27,7 +27,7 @@ class View:
     rule : str
         The move rule.
     mapping : bool
-        Whether frontier cells are unknown (mapping) or known to be free (coverage).
+        True for mapping, in which frontier cells are unknown. False for coverage, in which frontier cells are known to be free.
     moves : int
         Number of commands sent so far.
     travelled : int
@@ -49,8 +49,8 @@ class View:
 class Policy(Protocol):
     """The interface of policies. `shoal.testing.check_policy` tests it.
 
-    ``decide(view, memory, rng)`` returns ``(commands, memory)``. All commands are sent before the next decision, or until the task
-    is complete. If the policy can make no progress, ``commands`` is an empty text. The memory is None at the first decision. A
+    ``decide(view, memory, rng)`` returns ``(commands, memory)``. All commands are sent before the next decision, unless the task is
+    complete earlier. If the policy can make no progress, ``commands`` is an empty text. The memory is None at the first decision. A
     policy object never changes. Therefore one object can serve many episodes.
     """
 

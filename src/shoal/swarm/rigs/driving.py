@@ -40,7 +40,7 @@ class Drive:
     Parameters
     ----------
     policy : str
-        The policy that ran. It names the policy that ``auto`` chose.
+        Name of the policy that ran. If the problem has the policy ``auto``, the name of the policy that ``auto`` chose.
     status : Status
     trace : Trace
         The commands that were sent, and their effects.
@@ -49,8 +49,8 @@ class Drive:
     cells : ndarray of int64, shape (n, ndim)
         Estimated cells of the particles at the end.
     episode : SwarmEpisode or None
-        The run as an episode, for films, figures and verification. Its workspace consists of the free cells that were found. With
-        noise, the episode also contains the scans. It is None if no free cell was found.
+        The run as an episode, for films, figures and verification. The workspace of the episode consists of the free cells that
+        were found. With noise, the episode also contains the scans. If no free cell was found, there is no episode (None).
     link : LinkCounts or None
         Connection statistics of a remote rig.
     seconds : float
@@ -95,7 +95,7 @@ class Drive:
         Raises
         ------
         InvalidInputError
-            If the true map has another shape.
+            If ``truth`` and the map of the rig have different shapes.
         """
         if truth.shape != self.belief.open.layout.shape:
             raise InvalidInputError(f"map: expected one of shape {self.belief.open.layout.shape}, got {truth.shape}")
@@ -106,7 +106,7 @@ class Drive:
 def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnMoves | None = None, **fields: Any) -> Drive:
     """Map the workspace of a rig. The policy uses only the observed positions.
 
-    The rig gets a stop command at the end, also after an error and after Ctrl-C.
+    The rig gets a stop command at the end, even after an error or Ctrl-C.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     InvalidInputError, UnknownNameError
         If an argument is invalid.
     RigError
-        If the rig does not answer, or its particles move in a way that its rule does not allow.
+        If the rig does not answer, or its particles violate the move rule.
 
     Examples
     --------
@@ -217,7 +217,7 @@ class _RecordedRuns:
 
 
 def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
-    """Replay the commands of a log, and verify that the final map and the status equal the recorded ones.
+    """Replay the commands of a log, and compare the final map and the status with those in the log.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     Raises
     ------
     InvalidInputError
-        If `read_log` raises it.
+        If the file is missing, damaged or not a log.
     RigError
         If the recorded positions are inconsistent.
     """

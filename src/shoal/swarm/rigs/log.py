@@ -46,7 +46,7 @@ class DriveLog:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         if self.path.exists():
-            raise OutputError(f"cannot write {self.path}: it is there already, and the log of a run is not written over")
+            raise OutputError(f"cannot write {self.path}: the file exists already, and a log is never overwritten")
         if not self.path.absolute().parent.is_dir():
             raise OutputError(f"cannot write {self.path}: no folder {self.path.parent}")
         self._file: Any = None
@@ -83,7 +83,7 @@ class DriveLog:
             self._write(entry | {"time": self._time()})
 
     def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
-        """Record the status and, unless the run was interrupted, the map. Close the file."""
+        """Record the status, and a digest of the map unless the run was interrupted. Close the file."""
         if self._file is None:
             return
         found = {} if belief is None else {"moves": moves} | map_digest(belief)
@@ -179,7 +179,7 @@ class RecordedRig:
     commands : str
         The recorded commands before the last scan. Later commands are left out.
     scans : dict
-        Observed cells of each scan, by the number of moves before it.
+        Observed cells of each scan. The keys are the numbers of commands before the scans.
     events : list of dict
         Events on the connection.
     ended : dict or None
@@ -212,7 +212,7 @@ class RecordedRig:
         """
         if self._at >= len(self.commands) or self.commands[self._at] != command:
             there = self.commands[self._at : self._at + 1] or "the end"
-            raise RigError(f"the log, move {self._at + 1}: expected {there!r} as it was sent then, got {command!r}")
+            raise RigError(f"the log, move {self._at + 1}: expected the recorded command {there!r}, got {command!r}")
         self._at += 1
 
     def observe(self) -> NDArray[np.int64]:

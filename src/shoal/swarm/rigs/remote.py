@@ -73,7 +73,7 @@ class RemoteRig:
     repeat_after : float
         Seconds to wait for an answer before the request is repeated.
     end_after : float
-        Seconds without any answer, including connection losses, after which the rig counts as lost.
+        Seconds without an answer after which the rig counts as lost. The time without a connection is included.
     on_event : callable, optional
         Function that is called with connection events.
     session : str, optional
@@ -86,7 +86,7 @@ class RemoteRig:
 
     Notes
     -----
-    The object is a context manager that closes the connection at the end. Closing does not stop the rig; only `stop` does.
+    The object is a context manager that closes the connection at the end. Only `stop` stops the rig.
     """
 
     def __init__(
@@ -168,7 +168,7 @@ class RemoteRig:
         Raises
         ------
         RigError
-            If the rig does not confirm within ``end_after`` seconds.
+            If the rig does not confirm the stop within ``end_after`` seconds.
         """
         until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
         while time.monotonic() < until:

@@ -1,7 +1,4 @@
-"""The particles of a rig in the closed loop: they carry out commands, and their observed positions become a belief.
-
-Impossible positions are refused.
-"""
+"""The particles of a rig in the closed loop. Their observed positions are checked, and update the belief."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ from shoal.swarm.rigs.log import DriveLog
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.simulation.exact import distance_of_push, newly_classified
 
-NOISY = "if it slips or is seen wrongly, say how often (slip, misplace, miss)"
+NOISY = "if particles slip or are observed wrongly, give the probabilities slip, misplace and miss"
 
 
 class RigSwarm(ABC):
@@ -67,7 +64,7 @@ class RigSwarm(ABC):
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """Update the belief after ``steps`` equal commands without a scan, like `update`.
+        """Update the belief after ``steps`` equal commands without a scan, and return the same entries as `update`.
 
         If a scan is necessary, return None and change nothing.
         """
@@ -84,7 +81,10 @@ class RigSwarm(ABC):
         return check_cells(self.rig.observe(), self.rig.shape, what="positions")
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send a run of commands. After the commands, observe unless the outcome is already certain."""
+        """Send a run of equal commands, and observe the particles unless the outcome is certain.
+
+        Return the entries of the trace, and whether the particles were observed.
+        """
         for _ in range(steps):
             self.moves += 1
             if self.log is not None:
@@ -105,8 +105,8 @@ class ExactRigSwarm(RigSwarm):
     Raises
     ------
     RigError
-        If no positions are observed, or a position is outside the free space. After the first observation, also if the commands
-        cannot explain the positions.
+        If no positions are observed, or a position is outside the field of view. Also if the commands cannot explain the change of
+        the positions between two observations.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -178,10 +178,11 @@ class ExactRigSwarm(RigSwarm):
         wrong = should.occupied ^ after.occupied
         if wrong or should != after:
             cell = tuple(int(i) for i in wrong.cells[0]) if wrong else ()
-            there = "one there" if not wrong or cell in after.occupied else "none there"
+            got = (
+                f"{'a' if cell in after.occupied else 'no'} particle at {cell}" if wrong else "other numbers of particles in cells"
+            )
             raise RigError(
-                f"the rig, move {self.moves}: expected every particle to move unless something is in its way, got {there}, "
-                f"{cell}, against rule {self.rule}; {NOISY}"
+                f"the rig, move {self.moves}: expected every particle to move as rule {self.rule} requires, got {got}; {NOISY}"
             )
 
 
@@ -220,7 +221,7 @@ class NoisyRigSwarm(RigSwarm):
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """See `RigSwarm`. The travelled distance is unknown. It is reported as 0."""
+        """See `RigSwarm`. The travelled distance is unknown, and is reported as 0."""
         rows = self.predict(command, steps - 1)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)

@@ -41,7 +41,7 @@ NOISY_PIECE = 256  # moves with noise between two points at which progress is sh
 
 
 class Game(Protocol):
-    """The state of a policy that runs in compiled code. Each call fills one trace."""
+    """The state of a policy that runs in compiled code. Each call of `play_on` fills one trace."""
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
         """Continue until the trace is full or the episode ends, for at most ``limit`` moves. Return (moves, status code)."""
@@ -55,7 +55,7 @@ class Game(Protocol):
         """Maximum number of moves that one call may compute."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode that was stopped early. If a run of commands was interrupted, observe its end."""
+        """Return the status of an episode that ends at its maximum number of moves. If necessary, add a last scan to the trace."""
 
 
 def compiled_loop(
@@ -85,7 +85,7 @@ def compiled_loop(
 
 
 def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
-    """Return the initial memory of the policy depth-first for its path."""
+    """Return the memory in which the policy depth-first stores its path."""
     return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
 
 
@@ -153,12 +153,12 @@ class SearchGame:
     def largest(self) -> int:
         """Maximum number of moves that one call may compute.
 
-        The maximum is smaller for larger boards, because their moves take longer.
+        The maximum is smaller for larger boards, because a move on a larger board takes longer.
         """
         return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
-        """If a run of commands was interrupted, observe its end unless the outcome was already certain; see `Game`."""
+        """Add a last scan if the episode ends within a run of commands whose outcome is not certain; see `Game`."""
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
@@ -216,7 +216,7 @@ class NoisyGame:
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        The belief. The belief, whose arrays also hold the true state.
+        The belief. Its arrays also hold the true state of the simulation.
     rng : Generator
         Generator of the noise.
     every : int
@@ -252,12 +252,12 @@ def is_compiled(task: Any) -> bool:
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return the number of moves that one call to compiled code may compute, which takes a fraction of a second."""
+    """Return how many moves one call of compiled code may compute. Such a call takes a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
 def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule in the form that kernels use. Without a rule, the recorded log determines the scans."""
+    """Return a scan rule in the form that kernels use. Without a rule, the trace determines the scans."""
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
@@ -301,7 +301,7 @@ def policy_state_of(
 
 
 def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
-    """Choose the particle that a policy moves: a random particle for elect-particle, the first for depth-first, otherwise none."""
+    """Choose the particle that a policy moves: a random one for elect-particle, the first one for depth-first, otherwise none."""
     if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells

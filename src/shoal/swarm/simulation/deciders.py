@@ -37,7 +37,7 @@ class Decider(Protocol):
     def due(self) -> bool:
         """Whether a scan must follow the last run of commands.
 
-        If no scan must follow, a scan with a certain outcome may be left out.
+        If the value is false, a scan with a certain outcome may be left out.
         """
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
@@ -58,8 +58,8 @@ def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool
 class PlannedRuns:
     """Divides the plans of a policy into runs.
 
-    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells. Therefore its run may
-    be longer than this part.
+    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells. Therefore the run for
+    the last part may be longer than this part.
     """
 
     due = True
@@ -94,7 +94,7 @@ class PlannedRuns:
 
 
 class AdaptiveRuns:
-    """The adaptive scan rule. The same kernels choose the runs as in compiled episodes.
+    """The adaptive scan rule. The kernels of compiled episodes choose the runs.
 
     Parameters
     ----------

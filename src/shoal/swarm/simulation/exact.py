@@ -1,4 +1,4 @@
-"""A simulated swarm without noise. Every step returns new data, and does not change its arguments."""
+"""A simulated swarm without noise. States and beliefs are never changed in place."""
 
 from __future__ import annotations
 
@@ -73,8 +73,7 @@ class ExactSwarm:
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
     """Return the number of particles that moved by one cell in a push.
 
-    Particles in a row keep their order. Therefore their order identifies them, although they have no labels. The change of the sum
-    of the occupied cells' coordinates, along the command's direction, is the total distance.
+    This number is the change of the sum of all particles' coordinates along the direction of the command.
     """
     axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
     sign = 1 if command in "rdo" else -1

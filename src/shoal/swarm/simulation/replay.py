@@ -83,7 +83,7 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        The belief is that of the last scan. If the outcome of all later commands was already certain, the belief includes this
+        The belief comes from the last scan. If the outcome of all commands since this scan was certain, the belief includes the
         outcome.
         """
         state, shown = self._begin()
@@ -119,7 +119,7 @@ class ExactReplay:
     def wrong_scan(self, scanning: ScanRule) -> str | None:
         """Return a description of the first scan that does not follow the scan rule, or None.
 
-        The policy must not decide between a run and its scan.
+        Before each change of direction, a scan is necessary.
         """
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
@@ -166,7 +166,7 @@ class _BeliefReplay(ABC):
     def wrong_scan(self, scanning: ScanRule) -> str | None:
         """Return a description of the first scan that does not follow the scan rule, or None.
 
-        With noise, a plan may change direction before its scan.
+        With noise, the direction may change without a scan.
         """
         unseen, most = 0, scanning.step
         for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
@@ -223,7 +223,7 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief at the end of the replay with its probabilities, and the other values at the end."""
+        """The belief with its probabilities at the end of the replay, and all other values at the end."""
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned

@@ -23,11 +23,11 @@ class LowerBound:
     count : int
         Counting bound: each move classifies at most one cell per particle.
     distance : int
-        Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs d
-        moves, and after them as many moves as the counting bound of N cells.
+        Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs at
+        least d moves plus the counting bound of these N cells.
     axes : int
-        Axis bound: the sum, over all axes, of the number of commands that are necessary along the axis. Some cells cannot be
-        reached with fewer commands along this axis, for any other commands. Some walls can be probed only along this axis.
+        Axis bound: along each axis, a plan needs a minimum number of commands, because some cells cannot be reached with fewer
+        commands along this axis, and some walls can be probed only along this axis. The bound is the sum of these minimum numbers.
     """
 
     count: int
@@ -74,7 +74,7 @@ def lower_bound(
     targets: NDArray[np.bool_] | None = None,
     rule: str = "block",
 ) -> LowerBound:
-    """Return lower bounds on the number of moves of any plan, even with knowledge of the map.
+    """Return lower bounds on the number of moves of any plan, even of a plan made with the complete map.
 
     Parameters
     ----------

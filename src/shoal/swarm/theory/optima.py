@@ -1,4 +1,4 @@
-"""Minimum numbers of moves of small coverage tasks, found by a complete search, which proves them."""
+"""Minimum numbers of moves of small coverage tasks, proved by a complete search."""
 
 from __future__ import annotations
 

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     """Return a maze carved by a randomized depth-first search.
 
-    Rooms lie at even rows and columns, with walls between them. If a size is even, the last row or column contains no rooms. Random
-    short dead ends are added there.
+    Rooms lie at even rows and columns, with walls between them. If the width (or height) is even, the last column (or row) contains
+    short random dead ends instead of rooms.
 
     Parameters
     ----------

@@ -1,8 +1,9 @@
 """Vessel segmentation of photographs, and conversion of the vessels to a map of free cells.
 
-The steps are: take the green channel; find the field of view (a fundus photograph has a dark surround); subtract the background (a
-median over a wide window); apply line detectors and ridge filters; apply thresholds with hysteresis; convert the pixels to cells.
-This package needs scikit-image, which the extra ``shoal[imaging]`` installs.
+The package takes the green channel of a photograph and finds the field of view inside the dark surround. It subtracts the
+background, which is the median over a wide window. Line detectors and ridge filters then respond to vessels. Thresholds with
+hysteresis select the pixels of vessels, and these pixels are converted to cells. This package needs scikit-image, which the extra
+``shoal[imaging]`` installs.
 """
 
 from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines

@@ -29,9 +29,9 @@ class Segment(NamedTuple):
     along : ndarray, float64, shape (k,)
         Length of the centre line up to each point, in pixels.
     area : ndarray, float64, shape (k,)
-        Area of the vessel that is nearer to this point than to any other of the centre lines, in pixels.
+        Number of vessel pixels that are nearer to each point than to any other point of a centre line.
     nodes : tuple of int
-        The first node and the last.
+        The indices of the first and the last node in `CentreLines`.
     """
 
     points: Points
@@ -70,7 +70,7 @@ class CentreLines(NamedTuple):
     places : ndarray, float64, shape (nodes, 2)
         Row and column of each junction or end.
     radii : ndarray, float64, shape (nodes,)
-        Radius of the largest disc around the node that lies in the vessels, in pixels.
+        Radius in pixels of the largest disc around each node that lies inside the vessels.
     skeleton : ndarray of bool, shape (H, W)
         True on the centre lines.
     """
@@ -98,7 +98,8 @@ class CentreLines(NamedTuple):
 def centre_lines(mask: Mask) -> CentreLines:
     """Return the centre lines of a mask of shape (H, W), True on vessels.
 
-    Junctions whose discs overlap count as one, so that two crossing vessels have one junction of four segments.
+    Connected junctions are joined if their largest discs inside the vessels overlap. Two crossing vessels therefore have one
+    junction of four segments.
 
     Raises
     ------

@@ -53,7 +53,7 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
     """Subtract the background, which is the median over a wide window.
 
-    For the median, pixels outside the field of view are mirror images of the pixels inside.
+    For the median, mirror images of pixels inside the field of view replace the pixels outside.
     """
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
@@ -95,7 +95,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return, for each pixel, the highest mean along a line through this pixel, over all angles of the line."""
+    """Return for each pixel the highest mean value along a line through this pixel. The line may have any of `ANGLES` angles."""
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 

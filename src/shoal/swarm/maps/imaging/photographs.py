@@ -43,7 +43,7 @@ class Photograph(NamedTuple):
 
 
 def read_photograph(image: ArrayLike) -> Photograph:
-    """Return the picture's channel with the best contrast of blood, with values from 0 to 1. Return also the field of view.
+    """Return the field of view of a picture and its channel with the best contrast of blood, with values from 0 to 1.
 
     Raises
     ------

@@ -55,7 +55,7 @@ class Vessels:
 
     @property
     def warning(self) -> str | None:
-        """A sentence that warns if the picture may show no vessels, otherwise None."""
+        """A warning that the picture may show no vessels. The value is None if the confidence is high."""
         if self.confidence >= SURE:
             return None
         return f"the picture may show no vessels: confidence {self.confidence:.2f} of 1 (compare the overlay)"
@@ -136,9 +136,7 @@ class VesselFinder:
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
         """Return the mask of vessels for other thresholds, resized to ``shape``.
 
-        The line detectors are those that `find` chose last.
-
-        Fast, without a confidence.
+        The method is fast, because it uses the filter responses that `find` chose last and computes no confidence.
         """
         _check_thresholds(low, high)
         if self._clearest is None:

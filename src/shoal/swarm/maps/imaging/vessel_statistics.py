@@ -30,13 +30,13 @@ class VesselStatistics:
     angles : ndarray, float64, shape (k,)
         Angle in degrees between the two daughters of each measured bifurcation.
     radii : ndarray, float64, shape (k, 3)
-        Radius of the parent, of the wider and of the narrower daughter.
+        Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation.
     lengths, chords, widths : ndarray, float64, shape (s,)
         Length, distance between the ends, and mean width of each segment between two junctions.
     area_density : float
         Fraction of the view that vessels cover.
     dead_ends : float
-        Dead ends in a length of 100 mean widths, or NaN if the network is not longer than wide.
+        Number of dead ends per length of 100 mean vessel widths, or NaN if the network is not longer than its mean width.
     fractal_dimension : float
         Box-counting dimension of the centre lines.
     """
@@ -107,8 +107,9 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     Notes
     -----
     The centre lines are the skeleton of the mask. The width of a part of a vessel is its area divided by its length. A bifurcation
-    is a junction of three segments. Each of them is measured outside the disc of the junction. The parent is the widest segment. If
-    others are about as wide, the parent is the one that leaves the smallest angle between the other two.
+    is a junction of three segments, and each of these segments is measured outside the largest disc that fits into the junction.
+    The parent is the widest segment. If several segments are about as wide, the parent is the segment for which the angle between
+    the other two segments is smallest.
 
     Examples
     --------
@@ -150,12 +151,12 @@ def murray_exponents(radii: ArrayLike) -> Values:
     Parameters
     ----------
     radii : array_like, shape (k, 3)
-        Radius r0 of the parent, r1 and r2 of the daughters.
+        Radius r0 of the parent vessel, and radii r1 and r2 of the daughter vessels.
 
     Returns
     -------
     ndarray, float64, shape (k,)
-        Infinite if a daughter is as wide as the parent, or the exponent above 50.
+        Infinite if a daughter vessel is at least as wide as the parent vessel, or if the exponent is above 50.
 
     Examples
     --------
@@ -180,7 +181,8 @@ def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
     mask : array_like of bool, shape (H, W)
         True on the network.
     smallest : float
-        Side of the smallest boxes in pixels. Each further size doubles it, up to a quarter of the network's larger side.
+        Side of the smallest boxes in pixels. Each further size of boxes has twice the side of the previous size, up to a quarter of
+        the network's larger side.
 
     Returns
     -------

@@ -44,7 +44,7 @@ def signed_binomials(n: int, at_most: int) -> list[int]:
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return the numbers of placements in which no gap, end gaps included, exceeds g = 0 .. cells - particles."""
+    """Return, for each g from 0 to cells - particles, the number of placements in which no gap, end gaps included, exceeds g."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):

@@ -52,7 +52,7 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    Source: paper M, section III.A.2. The last term of its eq. 2 is the correction for the clump.
+    Source: paper M, section III.A.2. The last term of eq. 2 in this paper is the correction for the clump.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    This corrects paper M, section III.A.2, which ignores that the moves to the left have already reduced the first gap.
+    The formula corrects paper M, section III.A.2, which ignores that the moves to the left have already reduced the first gap.
 
     Examples
     --------

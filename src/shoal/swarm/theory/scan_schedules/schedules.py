@@ -102,7 +102,7 @@ class ScanSchedule(ABC):
         Raises
         ------
         InvalidInputError
-            If the distance is negative, or the schedule ends before it.
+            If the distance is negative, or the schedule ends before this distance.
         """
         distance, last = check_distance(distance), 0
         for scans, last in enumerate(self.positions(), start=2):
@@ -236,8 +236,8 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The schedule with the i-th scan after i^i moves: 1, 4, 27, 256, ...
 
-    Its move ratio and its scan ratio grow as log D / log log D with the distance D. No other schedule lets both ratios grow more
-    slowly.
+    The move ratio and the scan ratio of this schedule grow as log D / log log D with the distance D. No other schedule lets both
+    ratios grow more slowly.
 
     Notes
     -----

@@ -12,14 +12,14 @@ from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, ch
 
 @dataclass(frozen=True)
 class Bracket:
-    """The smallest possible bound on both ratios of a schedule, for distances up to a limit.
+    """The smallest possible bound on the move ratio and the scan ratio of a schedule, for distances up to a limit.
 
     Parameters
     ----------
     ratio : Fraction
-        The smallest bound that both ratios of one schedule can keep. No schedule keeps both ratios below this bound, and `schedule`
-        reaches it.
+        The smallest bound that both ratios of one schedule can keep.
     schedule : Custom
+        A schedule whose two ratios keep this bound.
     """
 
     ratio: Fraction
@@ -72,7 +72,7 @@ def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
     Raises
     ------
     InvalidInputError
-        If the distance is out of range, or the schedule ends before it.
+        If the distance is out of range, or the schedule ends before this distance.
 
     Examples
     --------
