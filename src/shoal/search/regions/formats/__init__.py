@@ -2,16 +2,16 @@
 
 - ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
 - ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, it reads the first KML file.
-- ``.gpkg .shp .zip``: GeoPackage or Shapefile. The file names its coordinate system. For a Shapefile, the ``.prj`` file names it. A
-  zip archive must contain one Shapefile. A GeoPackage layer without a coordinate system on Earth is in metres.
-- ``.csv``: one vertex per line. A heading names the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with # are
-  ignored. The next ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first vertex
-  at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
+- ``.gpkg``: GeoPackage. Each layer names its coordinate system. A layer without a coordinate system on Earth is in metres.
+- ``.shp .zip``: Shapefile. Its ``.prj`` file names the coordinate system. A zip archive must contain exactly one Shapefile.
+- ``.csv``: one vertex per line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with #
+  are ignored. The next ring begins after a blank line, or when the value in a third column changes. The last vertex of a ring may be
+  equal to its first vertex. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
 no-go zone if its name or its kind marks it ("No-go: pond", "NFZ 3"). The name of its folder, collection or layer can mark it too.
-The reader ignores points and lines if the file contains a polygon. It unites overlapping parts. `shoal.search.regions.limits` lists
-the limits.
+Points and lines are ignored if the file contains a polygon. Overlapping polygons are united. `shoal.search.regions.limits` lists
+the maximum sizes.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zon
     ----------
     path : path
     layer : str, optional
-        Layer of a GeoPackage.
+        Name of the layer that is read from a GeoPackage.
     zones : bool
-        Whether all polygons in the file are no-go zones. If so, all layers are read.
+        Whether all polygons in the file are no-go zones. All layers of a GeoPackage are then read.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged, of another format, too large, or contains no polygon. The message gives the location of the
-        fault.
+        If the file is missing, damaged, too large or of another format, or if it contains no polygon. The message names the place
+        of the mistake.
     """
     source = Path(path)
     suffix = source.suffix.lower()

@@ -1,8 +1,9 @@
-"""GeoJSON regions (RFC 7946), which Shoal parses itself, so that every error message names the location in the file."""
+"""Reader of regions and points in GeoJSON files (RFC 7946). Every error message names the place of the mistake in the file."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,20 @@ def read_geojson(path: Path) -> RegionOutlines:
     data = parse_json(read_text(path, what="region file", most=LARGEST_FILE), where=str(path))
     found: list[RegionOutline] = []
     passed: set[str] = set()
-    _walk(data, str(path), False, found, passed)
+    for where, shape, no_go in _geometries(data, str(path)):
+        kind = shape.get("type")
+        if kind == "Polygon":
+            found.append(_polygon(_list(shape, "coordinates", where), where, no_go))
+        elif kind == "MultiPolygon":
+            for k, rings in enumerate(_list(shape, "coordinates", where), start=1):
+                if not isinstance(rings, list):
+                    raise InvalidInputError(f"{where}, polygon {k}: expected a list of rings, got {_short(rings)}")
+                found.append(_polygon(rings, f"{where}, polygon {k}", no_go))
+        elif isinstance(kind, str) and kind in _OTHER:
+            passed.add(kind)
+        else:
+            got = "no type" if kind is None else f"the type {_short(kind)}"
+            raise InvalidInputError(f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection, got {got}")
     if not found:
         got = "only " + " and ".join(sorted(passed)) if passed else "none"
         raise InvalidInputError(f"{path}: expected a Polygon or MultiPolygon, got {got}")
@@ -40,7 +54,13 @@ def read_geojson(path: Path) -> RegionOutlines:
 
 
 def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
-    """Return the points in a GeoJSON file, or the vertices of its line, and whether they form a line.
+    """Return the points in a GeoJSON file, and whether they are the vertices of a line.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        Name of the file in error messages.
 
     Raises
     ------
@@ -49,8 +69,8 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
     data = parse_json(read_text(path, what=what, most=LARGEST_FILE), where=str(path))
     points: list[Points] = []
     lines: list[Points] = []
-    for k, shape in enumerate(_geometries(data, str(path)), start=1):
-        where, kind = f"{path}: geometry {k}", shape.get("type")
+    for where, shape, _ in _geometries(data, str(path)):
+        kind = shape.get("type")
         if kind == "Point":
             points.append(_points([shape.get("coordinates")], where))
         elif kind in ("MultiPoint", "LineString"):
@@ -65,47 +85,25 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
     return np.concatenate(lines or points), bool(lines)
 
 
-def _geometries(data: Any, where: str) -> list[dict[str, Any]]:
-    """Return the geometries of a GeoJSON object, one after another."""
-    if not isinstance(data, dict):
-        raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
-    if data.get("type") == "Feature":
-        return _geometries(data.get("geometry"), where)
-    members = {"FeatureCollection": "features", "GeometryCollection": "geometries"}.get(str(data.get("type")))
-    if members is None:
-        return [data]
-    return [shape for member in _list(data, members, where) for shape in _geometries(member, where)]
-
-
-def _walk(data: Any, where: str, no_go: bool, found: list[RegionOutline], passed: set[str]) -> None:
-    """Collect the polygons of a GeoJSON object, and the types of its other geometries."""
+def _geometries(data: Any, where: str, no_go: bool = False) -> Iterator[tuple[str, dict[str, Any], bool]]:
+    """Yield each geometry of a GeoJSON object: its place in the file, the geometry, and whether it is marked as a no-go zone."""
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")
     if kind == "FeatureCollection":
         zones = no_go or names_no_go(data.get("name"))
-        for k, feature in enumerate(_list(data, "features", where)):
-            _walk(feature, f"{where}: feature {k + 1}", zones, found, passed)
+        for k, feature in enumerate(_list(data, "features", where), start=1):
+            yield from _geometries(feature, f"{where}: feature {k}", zones)
     elif kind == "Feature":
         if data.get("geometry") is not None:
             told = data.get("properties")
             zone = is_no_go(told if isinstance(told, dict) else {}, data.get("id"))
-            _walk(data["geometry"], where, no_go or zone, found, passed)
+            yield from _geometries(data["geometry"], where, no_go or zone)
     elif kind == "GeometryCollection":
-        for k, geometry in enumerate(_list(data, "geometries", where)):
-            _walk(geometry, f"{where}, geometry {k + 1}", no_go, found, passed)
-    elif kind == "Polygon":
-        found.append(_polygon(_list(data, "coordinates", where), where, no_go))
-    elif kind == "MultiPolygon":
-        for k, rings in enumerate(_list(data, "coordinates", where)):
-            if not isinstance(rings, list):
-                raise InvalidInputError(f"{where}, polygon {k + 1}: expected a list of rings, got {_short(rings)}")
-            found.append(_polygon(rings, f"{where}, polygon {k + 1}", no_go))
-    elif isinstance(kind, str) and kind in _OTHER:
-        passed.add(kind)
+        for k, geometry in enumerate(_list(data, "geometries", where), start=1):
+            yield from _geometries(geometry, f"{where}, geometry {k}", no_go)
     else:
-        got = "no type" if kind is None else f"the type {_short(kind)}"
-        raise InvalidInputError(f"{where}: expected a GeoJSON Polygon, MultiPolygon, Feature or FeatureCollection, got {got}")
+        yield where, data, no_go
 
 
 def _list(data: dict[str, Any], key: str, where: str) -> list[Any]:

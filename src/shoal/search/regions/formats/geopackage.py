@@ -1,4 +1,4 @@
-"""GeoPackage regions (OGC 12-128): an SQLite file whose tables are read without running any code that the file contains."""
+"""Reader of regions in GeoPackage files (OGC 12-128). A GeoPackage is an SQLite file. Code in the file is never run."""
 
 from __future__ import annotations
 
@@ -31,14 +31,15 @@ _LAYERS = """
 
 
 def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> RegionOutlines:
-    """Return the polygons of one layer, and the polygons of layers whose names mark no-go zones.
+    """Return the polygons in one layer of a GeoPackage, and the polygons in all layers whose names mark no-go zones.
 
     Parameters
     ----------
     path : path
     layer : str, optional
+        Name of the layer. It is required if several layers could contain the region.
     every : bool
-        Whether to read all layers, as for a file of no-go zones.
+        Whether to read all layers. A file of no-go zones is read in this way.
 
     Raises
     ------

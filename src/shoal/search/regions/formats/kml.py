@@ -1,4 +1,4 @@
-"""KML regions: the polygons of placemarks. KMZ files are zipped KML files."""
+"""Reader of regions in KML and KMZ files. A KMZ file is a zip archive that contains a KML file."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def read_kml(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        If the file is invalid. The message names the line.
+        If the file is invalid. The message names the line of the mistake.
     """
     return _outlines(read_text(path, what="region file", most=LARGEST_FILE), str(path))
 

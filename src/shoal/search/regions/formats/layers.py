@@ -1,4 +1,4 @@
-"""Common code for layers, which consist of features: a geometry with properties that may mark a no-go zone."""
+"""Conversion of a layer's features to outlines. A feature is a geometry with properties, which may mark it as a no-go zone."""
 
 from __future__ import annotations
 
@@ -13,12 +13,21 @@ from shoal.search.regions.outline_checks import RegionOutline, polygon_outlines
 def layer_polygons(
     shapes: Iterable[tuple[Any, Mapping[str, Any]]], where: str, *, no_go: bool = False
 ) -> tuple[RegionOutline, ...]:
-    """Return the polygons of features. Each feature is a Shapely geometry or None, with its properties.
+    """Return the polygons in the features of a layer.
+
+    Parameters
+    ----------
+    shapes : iterable of (geometry, mapping)
+        For each feature, its Shapely geometry or None, and its properties by name.
+    where : str
+        Name of the file or of the layer in error messages.
+    no_go : bool
+        Whether all polygons are no-go zones, whatever their properties are.
 
     Raises
     ------
     InvalidInputError
-        If there are no polygons.
+        If no feature has a polygon.
     """
     found: list[RegionOutline] = []
     kinds: set[str] = set()

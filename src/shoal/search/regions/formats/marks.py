@@ -1,4 +1,4 @@
-"""Detection of no-go zones in files by a true property, or by a name or kind with no-go, no-fly, NFZ or exclusion."""
+"""Detection of no-go zones in files, from a property such as ``no_go`` or from a name such as "No-fly zone 3"."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _NO = {"", "0", "0.0", "false", "no", "n", "none", "null", "off"}
 
 
 def can_mark(key: str) -> bool:
-    """Return whether a property could mark a no-go zone.
+    """Return whether a property with the name ``key`` can mark a no-go zone.
 
     Examples
     --------
@@ -28,9 +28,16 @@ def can_mark(key: str) -> bool:
 
 
 def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
-    """Return whether the properties and names of a feature mark it as a no-go zone.
+    """Return whether a feature of a file is marked as a no-go zone.
 
-    A property that says "no" overrides all names.
+    If a property such as ``no_go`` is false, the names of the feature do not count.
+
+    Parameters
+    ----------
+    told : mapping
+        The properties of the feature by name.
+    names
+        Further names of the feature, such as its identifier. Values that are not texts are ignored.
 
     Examples
     --------

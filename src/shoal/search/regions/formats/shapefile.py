@@ -1,4 +1,4 @@
-"""Shapefile regions, read by pyogrio (GDAL), as separate files or zipped."""
+"""Reader of regions in Shapefiles, as separate files or in a zip archive. The library pyogrio (GDAL) reads the files."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ _BESIDE = {".shx": "index", ".prj": "coordinate reference system"}
 
 
 PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
-"""The files of a Shapefile that are read."""
+"""Suffixes of the files that belong to a Shapefile and are unpacked from an archive."""
 
 
 def read_zipped_shapefile(path: Path) -> RegionOutlines:
-    """Return the polygons in the only Shapefile of a zip archive. Paths inside the archive are ignored.
+    """Return the polygons in the Shapefile of a zip archive, which must contain exactly one Shapefile.
+
+    The parts of the Shapefile are unpacked under new names. Therefore no path in the archive can lead to another folder.
 
     Raises
     ------
@@ -54,7 +56,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
-    """Return the polygons in a Shapefile. ``where`` is the name of the file in error messages. The default is the path.
+    """Return the polygons in a Shapefile. In error messages, ``where`` is the name of the file instead of the path.
 
     Raises
     ------

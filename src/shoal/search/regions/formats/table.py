@@ -1,4 +1,4 @@
-"""CSV regions: points and vertices in metres or degrees, according to the heading."""
+"""Reader of CSV files with points, or with the vertices of polygons, in metres or degrees."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WIDEST_IN_DEGREES = 2.0  # a wider region is refused in any unit
 
 
 class Vertex(NamedTuple):
-    """A point of a table: its coordinates (x or longitude first), the text of a third column, and its line number."""
+    """A point in a CSV file: its coordinates (x or longitude first), the text in the column for labels, and its line number."""
 
     x: float
     y: float
@@ -37,7 +37,17 @@ class Vertex(NamedTuple):
 
 
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
-    """Return the points of a table, with None for a blank line. Return also whether the heading names degrees, or None.
+    """Return the points in a CSV file, with None for each blank line, and their unit.
+
+    The second result is true for degrees, false for metres, and None if no heading names the unit.
+
+    Parameters
+    ----------
+    path : path
+    what : str
+        Name of the file in error messages.
+    columns : str
+        Description of the expected columns in error messages.
 
     Raises
     ------
@@ -90,7 +100,7 @@ def read_table(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        If a line is invalid. The message names this line. Also if the coordinates look like degrees but the heading names no unit.
+        If a line is invalid, or if the coordinates look like degrees although no heading names their unit.
     """
     rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
     rings = _rings(rows, path)

@@ -1,4 +1,4 @@
-"""A safe XML reader, which refuses document types and entities. Every element knows its line."""
+"""A safe reader of XML texts. It refuses document types and entities, and stores the line of each element."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 
 class XmlError(Exception):
-    """An error in an XML text, with its line."""
+    """A mistake in an XML text, with the line of the mistake."""
 
     def __init__(self, message: str, line: int, *, readable: bool = False) -> None:
         super().__init__(message)
@@ -20,7 +20,7 @@ class XmlError(Exception):
 
 @dataclass
 class Element:
-    """One element: its name without namespace, line, attributes, text and children."""
+    """An element of an XML text: its name without the namespace, its line, its attributes, the parts of its text, its children."""
 
     tag: str
     line: int
@@ -30,11 +30,11 @@ class Element:
 
     @property
     def text(self) -> str:
-        """The text of the element."""
+        """The text inside the element, without the text of its children."""
         return "".join(self.parts)
 
     def walk(self) -> Iterator[Element]:
-        """Yield all descendants in the order of the file."""
+        """Yield all elements inside this element, in the order of the file."""
         waiting = list(reversed(self.children))
         while waiting:
             element = waiting.pop()
@@ -42,21 +42,22 @@ class Element:
             waiting += reversed(element.children)
 
     def all(self, tag: str) -> list[Element]:
-        """Return all descendants with a given name, in the order of the file."""
+        """Return all elements with the name ``tag`` inside this element, in the order of the file."""
         return [element for element in self.walk() if element.tag == tag]
 
     def first(self, tag: str) -> Element | None:
-        """Return the first descendant with a given name."""
+        """Return the first element with the name ``tag`` inside this element, or None if there is none."""
         return next((element for element in self.walk() if element.tag == tag), None)
 
 
 def parse_xml(text: str, *, root: str) -> Element:
-    """Return the root of an XML text.
+    """Return the root element of an XML text. ``root`` is the name that this element must have.
 
     Raises
     ------
     XmlError
-        If the text is not XML. ``readable`` is true if the text is XML with another root.
+        If the text is not XML, is too large or too deeply nested, or has another root element. In the last case, the error's
+        attribute ``readable`` is true.
     """
     parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares, because it is already decoded
     parser.buffer_text = True
