@@ -32,7 +32,7 @@ def test_cells_are_where_the_region_is(seed):
     grid = cells_of(region, float(rng.uniform(20, 90)))
     for cell in grid.cells[rng.integers(0, grid.n_cells, 20)]:
         assert region.contains(grid.viewpoints_in(cell)).all()
-        box = shapely.box(*(grid.point(cell) - grid.size / 2), *(grid.point(cell) + grid.size / 2))
+        box = grid.lattice.boxes(*np.array([cell]).T)[0]
         assert box.intersection(region.area).area > 0
     inside = grid.waypoints()
     assert grid.region.contains(inside).all()

@@ -25,8 +25,8 @@ def test_a_square_of_whole_cells():
     assert grid.mask.shape == (10, 10)
     assert grid.mask.all()
     assert grid.corner == (0, 100)
-    assert np.array_equal(grid.viewpoints, grid.centers())
-    assert grid.waypoint((0, 0)).tolist() == grid.point((0, 0)).tolist() == [5, 95]
+    assert np.array_equal(grid.viewpoints, grid.lattice.to_region(grid.lattice.centers(*grid.cells.T)))
+    assert grid.waypoint((0, 0)).tolist() == [5, 95]
     assert grid.cell_of([(0, 0), (100, 100), (34.9, 50.1)]).tolist() == [[9, 0], [0, 9], [4, 3]]
     assert grid.doors_east.all()
     assert grid.doors_south.all()

@@ -72,7 +72,7 @@ def test_robots_space_themselves_along_a_road(tmp_path):
     places = places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
     assert np.allclose(region.frame.to_degrees(places)[:, 1], 47.4 + 0.002 * np.array([1, 3, 5, 7]) / 8, atol=1e-6)
     (tmp_path / "road.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [outline]}))
-    with pytest.raises(InvalidInputError, match="road.geojson: expected a Point, MultiPoint or LineString, got 'Polygon'"):
+    with pytest.raises(InvalidInputError, match=r"road\.geojson: expected a Point, MultiPoint or LineString, got 'Polygon'"):
         places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
     assert len(places_of("8.499,47.401", region, 2, what="launch")) == 2
     with pytest.raises(InvalidInputError, match="the two swapped"):

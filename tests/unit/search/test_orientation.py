@@ -58,7 +58,7 @@ def test_at_any_angle_all_is_seen_from_inside(tour, angle, offset, seed):
     assert (seen.covered_fraction, seen.outside_m) == (1.0, 0.0)
     grid = laid.grid
     assert sum(piece.area for piece in grid.clipped.pieces) + grid.clipped.whole.sum() * 37.0**2 == pytest.approx(region.area_m2)
-    np.testing.assert_array_equal(grid.cell_of(grid.centers()), grid.cells)
+    np.testing.assert_array_equal(grid.cell_of(grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))), grid.cells)
 
 
 def test_turning_the_region_and_the_rows_changes_nothing_else():

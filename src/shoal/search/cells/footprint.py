@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import InvalidInputError
+from shoal.search.cells.viewpoints import own_piece
 from shoal.search.tours import Tour
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ _PARTS = (1, 3, 5)  # maximum number of cells across a footprint when the cell s
 
 
 class Footprint(Protocol):
-    """The interface for visibility that `TourCost` uses."""
+    """Visibility between the cells of a tour, as `TourCost` uses it."""
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
@@ -52,7 +53,7 @@ class MaskFootprint:
         self._known: dict[tuple[int, int], Numbers] = {}
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
         if width == 1:
             return np.array([cell], dtype=np.int64)
         key = (cell, width)
@@ -128,7 +129,8 @@ class RegionFootprint(MaskFootprint):
 
         if not self._single[other]:
             return False  # the cell has several viewpoints because no single one sees all of it
-        piece, place = self._piece(other), self._viewpoints[cell]
+        grid, (row, col) = self._grid, self._cells[other].tolist()
+        piece, place = own_piece(grid.clipped, grid.lattice, grid.own, (row, col)), self._viewpoints[cell]
         bounds = np.array(piece.bounds).reshape(2, 2)
         if (np.abs(bounds - place) > self._half + _HAIR * self._grid.size).any():
             return False
@@ -144,20 +146,9 @@ class RegionFootprint(MaskFootprint):
         parts = shapely.get_parts(shapely.intersection(self._grid.area, square))
         return parts[int(np.argmin(shapely.distance(parts, shapely.points(place))))]
 
-    def _piece(self, cell: int) -> Any:
-        """Return a cell's own piece."""
-        import shapely
-
-        grid, (row, col) = self._grid, self._cells[cell]
-        if grid.clipped.whole[row, col]:
-            x, y = grid.lattice.centers(np.array([row]), np.array([col]))[0]
-            half = grid.size / 2
-            return shapely.box(x - half, y - half, x + half, y + half)
-        return grid.clipped.pieces[grid.own[row, col]]
-
 
 def check_widths(widths: NDArray[np.int64], robots: int) -> None:
-    """Refuse invalid footprint widths.
+    """Refuse footprint widths that are not odd whole numbers of cells from 1 to `WIDEST`, one for each robot.
 
     Raises
     ------
@@ -169,7 +160,14 @@ def check_widths(widths: NDArray[np.int64], robots: int) -> None:
 
 
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:
-    """Return the effective footprint widths in cells: the largest odd number that fits, at most `WIDEST`; int64.
+    """Return the effective widths of footprints in cells: the largest odd numbers that fit, from 1 to `WIDEST`; int64.
+
+    Parameters
+    ----------
+    footprints : array_like of float
+        Sides of the footprints in metres.
+    size : float
+        Side of a cell in metres.
 
     Examples
     --------
@@ -181,12 +179,17 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
-    """Return the cell size with which all robots together see most area per second.
+    """Return the cell size with which all robots together see most area per second, at most the smallest footprint.
 
-    If several sizes are equally good, the largest one is returned.
+    If several sizes are equally good, the result is the largest one of them. A footprint wider than one cell counts as three
+    quarters of its width. This is about the gain that `gain_of` measures.
 
-    The cell size is at most the smallest footprint. If all footprints are equal, the cell size equals the footprint. The part of a
-    footprint beyond one cell counts three quarters, because wide footprints gain about this much (`gain_of`).
+    Parameters
+    ----------
+    footprints : array_like of float, shape (m,)
+        Side of each robot's footprint in metres.
+    rates : array_like of float, shape (m,)
+        Speed of each robot relative to the common speed.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""A region as a grid of square cells no larger than a footprint, with viewpoints inside that see the whole region."""
+"""CellGrid: a region divided into square cells, with viewpoints from which a vehicle sees the whole region."""
 
 from __future__ import annotations
 
@@ -22,30 +22,30 @@ from shoal.search.regions.region import SearchRegion
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
-    """The cells of a region. Use `cells_of` to create them.
+    """The cells of a region. The function `cells_of` creates them.
 
     The border of the region may divide a cell into several pieces. The largest piece is called the cell's own piece. Every other
-    piece is assigned to a cell from which a vehicle reaches it without leaving the region. Therefore no robot has to drive around a
-    wall to see a piece behind the wall.
+    piece is assigned to the cell whose own piece is the fewest portals away. Therefore no robot has to drive around a wall to see a
+    piece behind the wall.
 
     Parameters
     ----------
     region : SearchRegion
         The region. Its area is the area that robots can see.
     footprint : float
-        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the axes.
+        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the rows.
     mask : ndarray of bool, shape (H, W)
-        Cells that contain a part of the region, with row 0 on top.
+        Which cells contain a part of the region, with row 0 on top.
     lattice : Lattice
-        Position of the cells.
+        Position, size and angle of the cells.
     clipped : Clipped
-        The cells that are whole, and the pieces of the other cells.
+        The cells that lie entirely inside the region, and the pieces of the other cells.
     portals : Portals
         The openings through which a vehicle moves from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
-        Viewpoints in metres, sorted by cell (row by row) and then by visiting order.
+        Viewpoints in metres. They are sorted by cell, row by row, and inside a cell in the order of the visits.
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
-        Index of each cell's first viewpoint.
+        Index of each cell's first viewpoint, followed by the number of viewpoints.
     own : ndarray of int64, shape (H, W)
         Number of each cell's own piece as in `Portals`, or -1 for positions without a cell.
     """
@@ -72,7 +72,7 @@ class CellGrid:
 
     @property
     def angle(self) -> float:
-        """Rotation of the rows from the region's x axis, in degrees counter-clockwise."""
+        """Angle of the rows in degrees, counter-clockwise from the region's x axis."""
         return self.lattice.angle
 
     @cached_property
@@ -92,7 +92,7 @@ class CellGrid:
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
-        """The cells row by row; int64, shape (n_cells, 2)."""
+        """The cells as (row, col), row by row; int64, shape (n_cells, 2)."""
         return np.argwhere(self.mask)
 
     @cached_property
@@ -101,16 +101,12 @@ class CellGrid:
         ordinal[self.mask] = np.arange(self.n_cells)
         return ordinal
 
-    def centers(self) -> Points:
-        """Return the centres of all cells in the order of `cells`, inside or outside the region; float64, shape (n_cells, 2)."""
-        return self.lattice.to_region(self.lattice.centers(*self.cells.T))
-
     def waypoints(self) -> Points:
         """Return the first viewpoint of each cell in the order of `cells`; float64, shape (n_cells, 2)."""
         return np.asarray(self.viewpoints[self.viewpoint_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
-        """Return the index of each cell in `cells`; int64, shape (n,).
+        """Return the numbers of given cells (row, col) in the order of `CellGrid.cells`; int64, shape (n,).
 
         Raises
         ------
@@ -136,10 +132,6 @@ class CellGrid:
         """Return the first viewpoint of a cell: its centre if the centre is inside the region; float64, shape (2,)."""
         return np.asarray(self.viewpoints_in(cell)[0])
 
-    def point(self, cell: tuple[int, int]) -> Points:
-        """Return the centre of any cell of the lattice, even outside the region; float64, shape (2,)."""
-        return np.asarray(self.lattice.to_region(self.lattice.centers(np.array([cell[0]]), np.array([cell[1]])))[0])
-
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return the cell that contains each point. For a point outside all cells, return the cell with the nearest waypoint.
 
@@ -161,7 +153,7 @@ class CellGrid:
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
-        """For each cell, the index of the part in `SearchRegion.parts` that contains its own piece, or -1; int64, shape (H, W)."""
+        """Index of the part in `SearchRegion.parts` that contains a cell's own piece; -1 without a cell; int64, shape (H, W)."""
         import shapely
 
         labels = np.where(self.mask, 0, -1)
@@ -174,12 +166,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Whether a direct way leads from a cell's own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
+        """Whether a portal connects the own pieces of a cell and of the next cell in its row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Whether a direct way leads from a cell's own piece to that of the cell below; bool, shape (H - 1, W)."""
+        """Whether a portal connects the own pieces of a cell and of the cell below; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:
@@ -214,17 +206,18 @@ def cells_of(
     ----------
     region : SearchRegion
     footprint : float
-        Side in metres of the square that a vehicle sees. If the footprint is larger than the
-        region, there is only one cell.
+        Side in metres of the square that a vehicle sees. If the footprint is larger than the region, there is only one cell.
     size : float, optional
-        Side of a cell in metres, at most the footprint. The default is the footprint. With smaller cells, footprints overlap.
+        Side of a cell in metres, at most the footprint. The default is the footprint. If the cells are smaller than the footprint,
+        neighbouring footprints overlap.
     angle : float
-        Rotation of the rows from the x axis, in degrees counter-clockwise. Footprints are rotated with the rows.
+        Angle of the rows and of the footprint's sides in degrees, counter-clockwise from the x axis.
     offset : tuple of float
-        Shift of the lattice to the right and upwards in its own frame, in cell sides from 0 to 1. With (0, 0), the lattice is
-        centred on the bounds of the region in the lattice's frame.
+        Shift of the lattice along its rows and upwards across its rows, in cell sides from 0 to 1. Without a shift, the lattice is
+        centred on the bounding box of the region.
     on_rows : bool
-        Whether viewpoints of border cells lie on the centre lines of rows where possible. This suits tours that follow rows.
+        Whether viewpoints of border cells lie on the centre lines of rows where possible. Tours that follow rows then have fewer
+        bends.
 
     Returns
     -------

@@ -16,10 +16,11 @@ _MOST = 3  # maximum number of viewpoints of a piece before the vehicle follows 
 
 
 def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
-    """Return a point for each piece, on the centre line of its row, from which the whole piece is visible, or None.
+    """Return for each piece a point on the centre line of its row from which the whole piece is visible.
 
-    The point may lie in the previous or the next cell, so that a vehicle can continue straight. The point is as close as possible
-    to the cell. The point lies on the side of the neighbouring cell that contains more of the region.
+    The point may lie in the previous or the next cell of the row. If several points suffice, the function chooses the point
+    farthest towards the neighbouring cell that contains more of the region. If both neighbouring cells contain equally much, the
+    function chooses the point nearest to the centre of the piece's cell.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     Returns
     -------
     list of (ndarray of float64, shape (1, 2)) or None
-        One entry per piece.
+        One point for each piece in the lattice's frame, or None if the whole piece is not visible from any point of the line.
     """
     import shapely
 
@@ -50,7 +51,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
             found.append(None)
             continue
         beside = [(row, other) for other in (col - 1, col + 1) if 0 <= other < width and own[row, other] >= 0]
-        rooms = [_piece(clipped, lattice, cell, own) for cell in beside]
+        rooms = [own_piece(clipped, lattice, own, cell) for cell in beside]
         parts = shapely.get_parts(shapely.union_all([clipped.pieces[k], *rooms]))
         room = parts[int(np.argmin(shapely.distance(parts, shapely.point_on_surface(clipped.pieces[k]))))]
         line = shapely.intersection(room, shapely.linestrings([(least, y), (max(most, least + _HAIR), y)]))
@@ -66,8 +67,8 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     return found
 
 
-def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArray[np.int64]) -> Any:
-    """Return a cell's own piece."""
+def own_piece(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], cell: tuple[int, int]) -> Any:
+    """Return the own piece of a cell (row, col) as a Shapely geometry in the lattice's frame; ``own`` is as in `CellGrid`."""
     if clipped.whole[cell]:
         return lattice.boxes(np.array([cell[0]]), np.array([cell[1]]))[0]
     return clipped.pieces[own[cell]]
@@ -76,31 +77,30 @@ def _piece(clipped: Clipped, lattice: Lattice, cell: tuple[int, int], own: NDArr
 def viewpoints_of(
     pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = (), free: Any = None
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return points from which every piece of a cell is completely visible. New points lie in their piece.
+    """Return for each piece one or several points from which the whole piece is visible.
 
-    Points that are already known may lie elsewhere.
-
-    A piece that contains the centre of its cell gets the centre as its viewpoint. For any other piece, the viewpoint is the point
-    nearest to the centre from which the whole piece is visible. If no single point suffices, several points are returned.
+    The viewpoint of a piece is the centre of its cell if the piece contains the centre. Otherwise, it is the point of the piece
+    nearest to the centre from which the whole piece is visible. If no single point suffices, the piece gets several viewpoints.
 
     Parameters
     ----------
     pieces : ndarray of Shapely polygons, shape (n,)
-        The pieces, each inside a square of side ``size``.
+        The pieces in the lattice's frame, each inside a square of side ``size``.
     centers : ndarray of float64, shape (n, 2)
-        Centres of the cells.
+        Centre of each piece's cell in the lattice's frame.
     footprint, size : float
         Sides of the footprint and of a cell in metres; size <= footprint.
     known : sequence of (ndarray of float64, shape (k, 2)) or None
-        Known viewpoints of some pieces. They are used for pieces that do not contain the centre of the cell.
+        Viewpoints found by `viewpoints_on_rows`, which pieces without the centre of their cell get instead.
     free : Shapely geometry, optional
-        The area where robots may be. If this area is given, viewpoints lie in it, either inside or beside the piece.
+        The area where robots may be. All viewpoints then lie in this area, inside or beside their piece.
 
     Returns
     -------
     points : ndarray of float64, shape (k, 2)
+        The viewpoints in the lattice's frame.
     index : ndarray of int64, shape (k,)
-        The piece of each point, in increasing order.
+        Number of each viewpoint's piece, in increasing order.
     """
     import shapely
 
@@ -119,10 +119,7 @@ def viewpoints_of(
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return points from which a whole piece is visible.
-
-    They lie inside the piece, or beside it if robots must not be everywhere in it.
-    """
+    """Return points from which a whole piece is visible: inside the piece, or beside it if robots must not be everywhere in it."""
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
