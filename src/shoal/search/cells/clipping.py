@@ -18,18 +18,18 @@ SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The lines of a square grid in the lattice's frame, in which rows are parallel to the x axis.
+    """A grid of square cells. In the frame of the lattice, the rows of cells are parallel to the x axis.
 
     Parameters
     ----------
     left, top : float
-        Coordinates of the top left corner in metres.
+        Coordinates of the top left corner in the lattice's frame, in metres.
     size : float
         Side of a cell in metres.
     shape : tuple of int
         Numbers of rows and columns.
     angle : float
-        Rotation of the rows from the region's x axis, in degrees counter-clockwise.
+        Angle of the rows in degrees, counter-clockwise from the region's x axis.
     """
 
     left: float
@@ -47,7 +47,10 @@ class Lattice:
         return rotated(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
-        """Return blocks of ``span`` times ``span`` cells as Shapely boxes. A grid line has the same coordinate in all boxes."""
+        """Return blocks of ``span`` times ``span`` cells as Shapely boxes in the lattice's frame.
+
+        ``rows`` and ``cols`` give the top left cell of each block. Boxes on both sides of a grid line have equal coordinates there.
+        """
         import shapely
 
         return shapely.box(
@@ -58,7 +61,7 @@ class Lattice:
         )
 
     def centers(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the centres of cells; float64, shape (n, 2)."""
+        """Return the centres of cells in the lattice's frame; float64, shape (n, 2)."""
         return np.stack([self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1)
 
 
@@ -89,9 +92,16 @@ def rotated_shape(shape: Any, angle: float) -> Any:
 
 
 def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float, float] = (0.0, 0.0)) -> Lattice:
-    """Return a lattice that covers an area given in the lattice's frame.
+    """Return a lattice that covers a polygon.
 
-    The lattice is centred on the area's bounds, plus a shift; see `cells_of`.
+    Parameters
+    ----------
+    area : Shapely geometry
+        The polygon in the lattice's frame, in metres.
+    size : float
+        Side of a cell in metres.
+    angle, offset
+        As in `shoal.search.cells_of`.
 
     Raises
     ------
@@ -119,16 +129,16 @@ def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float
 
 @dataclass(frozen=True, eq=False)
 class Clipped:
-    """A region clipped to a lattice, in the lattice's frame.
+    """A region cut along the lines of a lattice, in the lattice's frame.
 
     Parameters
     ----------
     whole : ndarray of bool, shape (H, W)
-        Cells that lie entirely inside.
+        Which cells lie entirely inside the region.
     rows, cols : ndarray of int64, shape (n,)
-        The cell of each piece. A border cell has one or several pieces.
+        The cell of each piece. A cell on the border of the region has one or several pieces.
     pieces : ndarray of Shapely polygons, shape (n,)
-        The connected pieces of the region in border cells.
+        The connected pieces of the region in the cells on its border.
     """
 
     whole: NDArray[np.bool_]
@@ -138,11 +148,10 @@ class Clipped:
 
 
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
-    """Clip a polygon to a lattice.
+    """Cut a polygon, given in the lattice's frame, along the lines of a lattice.
 
-    Blocks are divided recursively into quarters, and each quarter gets its part of the polygon. No cell is tested against the whole
-    outline, and a block that lies entirely inside is finished at once. The work therefore grows with the length of the border, not
-    with the area.
+    Blocks of cells are divided recursively into quarters, and each quarter gets its part of the polygon. A block that lies entirely
+    inside the polygon is not divided further. The work therefore grows with the length of the border, not with the area.
     """
     import shapely
 
@@ -175,11 +184,9 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Return a clipped region in which a cell counts as whole (without border) only if a robot may be at its centre.
+    """Return a clipped region in which each whole cell has a centre where a robot may be. Other whole cells become pieces.
 
-    The other cells become pieces.
-
-    ``free`` is the area where robots may be, in the lattice's frame; None for the whole region.
+    ``free`` is the area where robots may be, in the lattice's frame, or None for the whole region.
     """
     import shapely
 

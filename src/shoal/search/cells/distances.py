@@ -1,4 +1,4 @@
-"""Distances between cells: along the shortest path inside a region, or from cell to neighbouring cell around known obstacles."""
+"""Distances between cells: along short paths inside a region, or from cell to neighbouring cell around known obstacles."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ _DIAGONAL = float(np.sqrt(2))
 
 
 class Distances(Protocol):
-    """The interface for distances that `TourCost` uses."""
+    """Distances between the cells of a tour, as `TourCost` uses them."""
 
     @property
     def stepwise(self) -> bool:
         """Whether robots move from each cell to a neighbouring cell, and discover obstacles on the way."""
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. Cells are given by tour indices.
+        """Return the length of the path between two cells, in cell sides; infinity if no path exists.
 
-        ``closed`` is a bitset of cells that the path must not enter. The length is infinite if no path exists.
+        ``here`` and ``cell`` are tour indices, and ``closed`` is a bitset of cells that the path must not enter.
         """
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances, all finite, from a cell to all cells, in cell sides; float64, shape (N,)."""
+        """Return approximate and finite distances from a cell to all cells, in cell sides; float64, shape (N,)."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellPlane:
-    """The cells of one layer, for `CellDistances`.
+    """The cells of one layer, with the steps between neighbouring cells.
 
     Parameters
     ----------
     position : ndarray of int64, shape (H, W)
-        Tour index of each cell, -1 where there is none.
+        Tour index of each cell, and -1 for positions without a cell.
     doors_east, doors_south : ndarray of bool, shapes (H, W - 1) and (H - 1, W), optional
-        Whether a robot can move from a cell to the next cell in its row, and to the cell below. By default, it can wherever both
-        are cells.
+        Whether a robot can move from a cell to the next cell in its row, and to the cell below. By default, a robot can move
+        between any two neighbouring cells.
     size : float
-        Length of a step to a neighbouring cell.
+        Length of a step to a neighbouring cell, in cell sides.
     """
 
     position: NDArray[np.int64]
@@ -58,7 +58,10 @@ class CellPlane:
     size: float = 1.0
 
     def edges(self, open_: NDArray[np.bool_]) -> tuple[list[Any], list[Any], list[Any]]:
-        """Return the steps between open cells: ends and lengths."""
+        """Return the steps between open cells as three lists of arrays: first cells, second cells, and lengths in cell sides.
+
+        ``open_`` (shape (N,)) marks the open cells by tour index.
+        """
         position = self.position
         free = (position >= 0) & open_[position]
         east, south = free[:, :-1] & free[:, 1:], free[:-1] & free[1:]
@@ -72,19 +75,19 @@ class CellPlane:
 
 
 class CellDistances:
-    """Paths between neighbouring cells. A path may cross a corner if both cells beside the corner are open.
+    """Shortest paths from cell to neighbouring cell. A step may cross a corner if both cells beside the corner are open.
 
     Parameters
     ----------
     tour : Tour
         The tour of a plane region, or through several layers.
     planes : sequence of CellPlane, optional
-        The layers. The default is the plane of the tour, or its layers, between which robots climb from cell to cell.
+        The layers. By default, they follow from the tour, and robots climb between any two cells above each other.
     climbs : tuple of array_like, optional
-        Ways between layers: cells at both ends, as tour indices, and lengths in cell sides.
+        Climbs between layers: the cells at both ends, as tour indices, and the lengths in cell sides.
     steps : array_like of float64, shape (N,), optional
-        Length of the path from each cell of the tour to the next. Robots use these paths between cells that are not connected
-        otherwise.
+        Length in cell sides of the path from each cell of the tour to the next. Robots use these paths between cells that no steps
+        connect.
 
     Examples
     --------
@@ -146,9 +149,9 @@ class CellDistances:
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return distances from a cell to all cells in cell sides.
+        """Return distances from a cell to all cells, in cell sides.
 
-        For a cell without a path, the distance is set to the number of cells.
+        The distance to a cell without a path is the number of cells.
         """
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
@@ -213,12 +216,9 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Paths inside a region: straight if possible.
+    """Distances inside a region. The path is straight if possible. Otherwise, a path from cell to cell is shortened.
 
-    If no straight path is possible, the path leads from cell to cell and is then shortened.
-
-    The length of the path is an upper bound for the path that a robot takes (`RegionPaths.leg`). In a ring-shaped region, the
-    robot's path is at most one twentieth shorter.
+    A robot's own path (`RegionPaths.leg`) is never longer. In a ring-shaped region, the robot's own path is up to 5 % shorter.
 
     Parameters
     ----------
@@ -239,7 +239,7 @@ class RegionDistances:
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0."""
+        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0, because no cell can be closed."""
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
         if length is None:
@@ -247,7 +247,10 @@ class RegionDistances:
         return length
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells: the straight distance, scaled by the detour around walls."""
+        """Return approximate distances from a cell to all cells, in cell sides.
+
+        Each one is the straight distance plus the length of the detour around walls from cell to cell.
+        """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
         free = np.maximum(rows, cols) + (_DIAGONAL - 1) * np.minimum(rows, cols)

@@ -14,7 +14,7 @@ from shoal.search.regions.outline_checks import Points
 
 
 class PortalGraph:
-    """Connections between the pieces of a grid.
+    """The pieces of a grid's cells, connected by portals.
 
     Parameters
     ----------
@@ -26,9 +26,9 @@ class PortalGraph:
         self._n = len(grid.clipped.pieces)
 
     def through(self, start: Points, end: Points) -> Points | None:
-        """Return the path through the fewest pieces: its start, a point in each portal, and its end; float64, shape (k, 2).
+        """Return points on a path through the fewest pieces: its start, the middle of each portal, its end; float64, shape (k, 2).
 
-        Between two of these points, the path stays in one piece. The result is None if rounding errors have closed a portal.
+        The result is None if there is no path because rounding errors have closed a portal.
         """
         from scipy.sparse.csgraph import breadth_first_order
 

@@ -1,4 +1,4 @@
-"""Portals between pieces of cells: sections of grid lines through which a vehicle can pass."""
+"""Portals: sections of grid lines through which a vehicle passes from one piece of a cell to another piece."""
 
 from __future__ import annotations
 
@@ -17,16 +17,14 @@ _ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding m
 
 @dataclass(frozen=True, eq=False)
 class Portals:
-    """All portals that lead from a border piece to another border piece or to a whole cell.
+    """All portals between two pieces of cells, and between a piece and a whole cell.
 
-    A border piece is the part of a border cell that is inside the region.
-
-    A piece is identified by its index in `Clipped`. A whole cell has the number n plus its flat index, where n is the number of
-    pieces.
+    The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index plus the number of pieces.
 
     Parameters
     ----------
     pairs : ndarray of int64, shape (g, 2)
+        The numbers of the two pieces or cells that each portal connects.
     middles : ndarray of float64, shape (g, 2)
         Midpoint of each portal in metres.
     widths : ndarray of float64, shape (g,)
@@ -39,7 +37,7 @@ class Portals:
 
 
 def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
-    """Find all portals that lead to or from a border piece."""
+    """Return all portals between the pieces of a clipped region, and between a piece and a whole cell."""
     found = [portal for axis in (0, 1) for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
     pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
     middles = lattice.to_region(np.array([portal[2:4] for portal in found]).reshape(-1, 2))

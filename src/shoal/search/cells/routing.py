@@ -1,4 +1,4 @@
-"""Routing: paths between viewpoints that stay inside the region."""
+"""Routing: short paths between points of a region that do not leave the region."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ __all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A route through several stops.
+    """A path through several stops.
 
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Points in metres east and north, with the altitude if several layers are searched. The legs between these points are
-        straight.
+        Points in metres east and north, with the altitude if several layers are searched. The path is straight between two
+        consecutive points.
     stops : ndarray of int64, shape (n,)
         Indices of the stops among the points.
     transit : ndarray of bool, shape (k - 1,)
-        Which legs lead outside the region from one of its parts to another.
+        Which legs lead outside the region, from one of its parts to another part.
     """
 
     points: Points
@@ -46,7 +46,10 @@ class Route:
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
-        """Return which legs are transits, or are longer than the distance between neighbouring cells; bool, shape (k - 1,)."""
+        """Return which legs lead outside the region, or belong to a long path between two stops; bool, shape (k - 1,).
+
+        A path is long if it is longer than 1.6 times ``size``, the side of a cell in metres.
+        """
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
         far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
         stops = np.diff(far[self.stops], prepend=0.0)
@@ -58,14 +61,15 @@ class Route:
 
 
 class RegionPaths:
-    """Paths inside the region of a grid. The paths stay inside the region within the tolerance `shoal.search.regions.region.TOUCH`.
+    """Short paths inside the region of a grid.
+
+    Because of rounding errors, a path may leave the region by up to `shoal.search.regions.region.TOUCH`.
 
     Parameters
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead straight from one part of the region to another, for vehicles that fly. If false, such a path is
-        refused.
+        Whether a path may lead straight from one part of the region to another part, for vehicles that fly.
 
     Examples
     --------
@@ -83,14 +87,14 @@ class RegionPaths:
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
 
-        The path is straight if it stays inside the region. If the straight path leaves the region, the path is the shortest one
-        around nearby corners of the region. If there are too many corners, the path leads from cell to cell and is then shortened.
-        Such a shortened path is rarely much longer than the shortest path.
+        The path is straight if the straight path stays inside the region. Otherwise, the path is the shortest one around nearby
+        corners of the region. If more than 1000 corners are near, a path from cell to cell is shortened instead. The shortened path
+        is rarely much longer than the shortest path.
 
         Raises
         ------
         InvalidInputError
-            If a point is outside, or the points are in different parts and transit is not allowed.
+            If a point is outside the region, or if the points are in different parts of the region and ``transit`` is false.
         """
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
@@ -104,7 +108,7 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If `leg` raises this error.
+            If `leg` refuses two consecutive stops.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
@@ -119,7 +123,8 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If a cell contains no part of the region, or consecutive cells are in different parts and transit is not allowed.
+            If a cell contains no part of the region, or if consecutive cells are in different parts of the region and ``transit``
+            is false.
         """
         grid = self.grid
         index = grid.ordinals(np.asarray(cells).reshape(-1, 2))

@@ -27,10 +27,10 @@ _ROUNDS = 12
 
 
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
-    """Return the grid with viewpoints that suit a closed tour.
+    """Return the grid with other viewpoints, so that the path along a closed tour is short and has few bends.
 
-    Every cell is still completely visible from its viewpoint. The viewpoint lies in the region, and no wall lies between it and the
-    cell's piece.
+    Every cell is still completely visible from its viewpoint. Each viewpoint lies in the region, and no wall separates it from the
+    piece of its cell.
 
     Parameters
     ----------

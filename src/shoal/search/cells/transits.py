@@ -20,9 +20,10 @@ _ROOM = 1.0  # relative to the bounds of region and launch points: margin in whi
 
 
 class Transits:
-    """The shortest paths between points inside and outside a region, around no-go zones and holes with their margin.
+    """The shortest paths between points inside and outside a region.
 
-    A path may cross a hole that contains a launch or landing point.
+    The paths keep the region's margin from its no-go zones and holes. They may cross a hole that contains a launch or landing
+    point.
 
     Parameters
     ----------
@@ -33,7 +34,7 @@ class Transits:
     Raises
     ------
     InvalidInputError
-        If a point lies in a no-go zone, or too close to one.
+        If a point lies in a no-go zone, or is closer to a no-go zone than the margin.
 
     Examples
     --------
@@ -71,7 +72,7 @@ class Transits:
         Raises
         ------
         InvalidInputError
-            If no path exists.
+            If no-go zones or holes block all paths.
         """
         ends = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])
         if inside(self._space, ends[:1], ends[1:])[0]:
@@ -84,7 +85,7 @@ class Transits:
 
 
 class WaysOut:
-    """Distances from launch points outside a region to the cells, in cell sides.
+    """Distances from launch points outside a region to the cells of the region, in cell sides.
 
     Parameters
     ----------
@@ -92,8 +93,8 @@ class WaysOut:
     launches : mapping of int to ndarray of float64, shape (2,)
         The launch point in metres of each robot that starts outside the region, by the number of the robot (from 1).
     stops : ndarray of float64, shape (N, 2) or (N, 3)
-        Viewpoint of each cell by tour index, in metres. Its height is the horizontal length of the same duration as the climb.
-        Launch points have the lowest height.
+        Viewpoint of each cell by tour index, in metres. The third coordinate is the altitude, scaled so that a climb is as long as
+        a horizontal path of the same duration. All launch points have the altitude of the lowest viewpoint.
     size : float
         Side of a cell in metres.
     """
@@ -106,7 +107,7 @@ class WaysOut:
         return number in self._launches
 
     def length(self, number: int, cell: int) -> float:
-        """Return the length of the path from a robot's launch point to a cell."""
+        """Return the length of the path from a robot's launch point to a cell, with the climb, in cell sides."""
         launch = self._launches[number]
         key = (*launch.tolist(), cell)
         if key not in self._known:

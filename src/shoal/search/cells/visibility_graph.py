@@ -20,7 +20,14 @@ _AT_FIRST = 16  # number of corners tested for a start point at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
-    """Return which straight segments stay inside the region within `TOUCH`. All segments must start inside; bool, shape (n,)."""
+    """Return which straight segments stay inside the region, apart from rounding errors; bool, shape (n,).
+
+    Parameters
+    ----------
+    region : SearchRegion
+    starts, ends : ndarray of float64, shape (n, 2)
+        The ends of the segments in metres. The starts must lie inside the region.
+    """
     import shapely
 
     found = np.empty(len(starts), dtype=np.bool_)
@@ -32,13 +39,10 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 
 
 class VisibilityGraph:
-    """The corners at which shortest paths bend (inner angle above 180 degrees), and their mutual visibility.
+    """The corners at which shortest paths can bend (inner angle above 180 degrees), and which of them see each other.
 
-    The corners `SearchRegion.bends` come first. Paths that bend only at these corners are preferred to shorter paths with more
-    bends.
-
-    The visibility of a corner is computed when a search first reaches it, and then cached. Only corners on possible shortest paths
-    are tested.
+    A path that bends only at corners of `SearchRegion.bends` is preferred to a shorter path around other corners. The corners that
+    a corner sees are computed when a search first reaches this corner, and are then cached.
 
     Parameters
     ----------
@@ -47,6 +51,7 @@ class VisibilityGraph:
     Attributes
     ----------
     corners : ndarray of float64, shape (n, 2)
+        The corners in metres, beginning with those of `SearchRegion.bends`.
     """
 
     def __init__(self, region: SearchRegion) -> None:
@@ -63,11 +68,19 @@ class VisibilityGraph:
         self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
-        """Return the indices of the corners in a box."""
+        """Return the indices of the corners in the box between the points ``low`` and ``high``; int64, shape (k,)."""
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest path that bends only at the candidate corners, or None if there is none; float64, shape (k, 2)."""
+        """Return the shortest path that bends only at given corners, or None if there is no path; float64, shape (k, 2).
+
+        Parameters
+        ----------
+        start, end : ndarray of float64, shape (2,)
+            Both ends of the path in metres, inside the region.
+        candidates : ndarray of int64, shape (c,)
+            Indices of the given corners.
+        """
         few = candidates[candidates < self._few]
         found = self._shortest(start, end, few) if len(few) else None
         return self._shortest(start, end, candidates) if found is None else found
@@ -169,9 +182,9 @@ def _inward_corners(area: Any) -> Points:
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a path without unnecessary bends.
+    """Return a path with fewer bends.
 
-    Each leg leads to the farthest point of the old path that is visible from its start.
+    Each leg of the new path leads to the last of the next 64 points of the given path that is visible from the start of the leg.
     """
     kept = [0]
     while kept[-1] < len(way) - 1:
@@ -184,7 +197,9 @@ def pulled(region: SearchRegion, way: Points) -> Points:
 
 
 def merge_collinear(points: Points) -> Points:
-    """Return a path without repeated points and without points on a straight line between their neighbours. Reversals are kept.
+    """Return a path without repeated points and without points on a straight line between their neighbours.
+
+    A point at which the path turns back is kept.
 
     Examples
     --------
