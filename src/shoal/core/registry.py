@@ -300,25 +300,26 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
     return value
 
 
-def loaded_on_use(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
     """Return a ``__getattr__`` that imports a package's names on first use, so that importing the package is fast.
 
     Parameters
     ----------
     package : str
-        Its ``__name__``.
-    homes : mapping of str to str
-        For each name, the module that contains it, relative to the package.
+        The ``__name__`` of the package.
+    homes : mapping of str to tuple of str
+        The names in each module. The module is given relative to the package.
 
     Examples
     --------
-    >>> loaded_on_use("shoal", {"Status": "core.episode"})("Status").COMPLETE
+    >>> loaded_on_use("shoal", {"core.episode": ("Episode", "Status")})("Status").COMPLETE
     <Status.COMPLETE: 'complete'>
     """
 
     def get(name: str) -> Any:
-        if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(importlib.import_module(f"{package}.{homes[name]}"), name)
+        for module, names in homes.items():
+            if name in names:
+                return getattr(importlib.import_module(f"{package}.{module}"), name)
+        raise AttributeError(f"module {package!r} has no attribute {name!r}")
 
     return get

@@ -19,15 +19,12 @@ if TYPE_CHECKING:
 
 # Names are imported on first use, because `shoal map` needs only trials and the studio's server only a lock.
 _HOMES = {
-    "Point": "sweeps.sweep",
-    "Store": "storage.store",
-    "Sweep": "sweeps.sweep",
-    "SweepProgress": "sweeps.progress",
-    "SweepStatus": "sweeps.progress",
-    "merge_stores": "storage.merging",
-    "run_sweep": "coordinator",
-    "run_trials": "trials",
-    "sweep_of": "sweeps.sweep",
+    "coordinator": ("run_sweep",),
+    "storage.merging": ("merge_stores",),
+    "storage.store": ("Store",),
+    "sweeps.progress": ("SweepProgress", "SweepStatus"),
+    "sweeps.sweep": ("Point", "Sweep", "sweep_of"),
+    "trials": ("run_trials",),
 }
 
 __all__ = ["Point", "Store", "Sweep", "SweepProgress", "SweepStatus", "merge_stores", "run_sweep", "run_trials", "sweep_of"]

@@ -5,8 +5,9 @@ Names are imported on first use because kernels need Numba. `shoal.search.run.ru
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.search.allocation.allocate import Allocation, Arc, allocate
@@ -75,11 +76,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"shoal.search.{module}"), name)
-    raise AttributeError(f"module 'shoal.search' has no attribute {name!r}")
+__getattr__ = loaded_on_use(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:

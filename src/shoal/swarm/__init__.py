@@ -5,8 +5,9 @@ Names are imported when they are first used.
 
 from __future__ import annotations
 
-import importlib
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
     from shoal.swarm.episode import SwarmEpisode
@@ -60,11 +61,7 @@ __all__ = [
 ]
 
 
-def __getattr__(name: str) -> Any:
-    for module, names in _HOMES.items():
-        if name in names:
-            return getattr(importlib.import_module(f"shoal.swarm.{module}"), name)
-    raise AttributeError(f"module 'shoal.swarm' has no attribute {name!r}")
+__getattr__ = loaded_on_use(__name__, _HOMES)
 
 
 def __dir__() -> list[str]:
