@@ -10,9 +10,10 @@ from typing import Annotated, Any
 
 import typer
 
-from shoal.core.checks import parse_json, read_text, shortened
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
-from shoal.core.problem import LARGEST_PROBLEM, Declaration, Problem
+from shoal.core.parts import read_problem
+from shoal.core.problem import Declaration, Problem
 
 Trials = Annotated[
     int, typer.Option("--trials", help="Number of trials, each with another random start. A film shows the first trial.")
@@ -130,16 +131,15 @@ def _problem_of(
     place = next(name for name, declared in taken.items() if declared.option.argument)
     source = given.get(place)
     if isinstance(source, str) and Path(source).suffix == ".json":
-        data = parse_json(read_text(Path(source), what="problem file", most=LARGEST_PROBLEM), where=source)
+        data = read_problem(source)
         if isinstance(data, dict) and (place in data or "kind" in data):
             for name in set(fixed) & set(data):
                 if data[name] != fixed[name]:
                     raise InvalidInputError(
                         f"{source}: {name}: expected {shortened(fixed[name])}, as of this command, got {shortened(data[name])}"
                     )
-            return kind.load(source, trust=trust).replaced(
-                **fixed, **{name: value for name, value in given.items() if name != place}
-            )
+            options = {name: value for name, value in given.items() if name != place}
+            return kind.from_file(data, source, trust=trust).replaced(**fixed, **options)
     return kind(**fixed, **given)
 
 

@@ -8,13 +8,16 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from shoal.core.checks import parse_json, read_text, shortened, suggestion
+from shoal.core.checks import parse_json, read_text, shortened
 from shoal.core.episode import Episode
 from shoal.core.errors import InvalidInputError
-from shoal.core.problem import LARGEST_PROBLEM, Problem
+from shoal.core.problem import Problem, check_known
 
 PARTS = ("swarm", "search", "steering")
 """The parts in the order in which `problem_for` tries them."""
+
+LARGEST_PROBLEM = 20_000_000
+"""Maximum size of a problem file in bytes."""
 
 _LARGEST_EPISODE = 2**31
 
@@ -40,10 +43,24 @@ def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
     >>> problem_of({"kind": "swarm", "map": "line:9", "particles": 3}).particles
     3
     """
+    return _type_named_in(data, where=where).from_dict(data, where=where)
+
+
+def _type_named_in(data: Any, *, where: str) -> type[Problem]:
     kind = data.get("kind") if isinstance(data, Mapping) else data
     if kind not in PARTS:
         raise InvalidInputError(f"{where}: expected a kind, one of {', '.join(PARTS)}, got {shortened(kind)}")
-    return problem_type(kind).from_dict(data, where=where)
+    return problem_type(kind)
+
+
+def read_problem(path: str | os.PathLike[str]) -> Any:
+    """Return the JSON data of a problem file.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    return parse_json(read_text(Path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path))
 
 
 def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Problem:
@@ -59,11 +76,8 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
     ------
     InvalidInputError
     """
-    data = parse_json(read_text(Path(path), what="problem file", most=LARGEST_PROBLEM), where=str(path))
-    kind = data.get("kind") if isinstance(data, dict) else None
-    if kind in PARTS and not trust:
-        problem_type(kind).refuse_code(data, where=str(path))
-    return problem_of(data, where=str(path))
+    data = read_problem(path)
+    return _type_named_in(data, where=str(path)).from_file(data, str(path), trust=trust)
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
@@ -88,10 +102,7 @@ def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
         if set(fields) <= set(names):
             return kind(**{names[0]: place}, **fields)
         known |= dict.fromkeys(names)
-    strange = next((name for name in fields if name not in known), None)
-    if strange is not None:
-        value = shortened(fields[strange])
-        raise InvalidInputError(f"problem: {strange}: expected no such field, got {value}{suggestion(strange, known)}")
+    check_known(fields, known, where="problem")
     raise InvalidInputError(f"problem: expected fields of one part ({', '.join(PARTS)}), got {', '.join(fields)}")
 
 

@@ -225,16 +225,16 @@ class SteeringProblem(Problem):
         return planner
 
     @classmethod
-    def load(cls, path: Any, *, trust: bool = False) -> Self:
-        """Read a problem file (JSON). A workspace given as a text is a name, or a file relative to the problem file.
+    def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
+        """Return the problem for the JSON data of the file ``path``. A workspace file may be given relative to this file.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
         """
-        problem = super().load(path, trust=trust)
+        problem = super().from_file(data, path, trust=trust)
         if isinstance(problem.workspace, str):
-            beside = os.path.join(os.path.dirname(os.fspath(path)), problem.workspace)
+            beside = os.path.join(os.path.dirname(path), problem.workspace)
             if os.path.isfile(beside):
                 problem = problem.replaced(workspace=beside)
         return problem

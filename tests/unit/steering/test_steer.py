@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.steering import steer
 
+from shoal import load_problem
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.steering import (
@@ -154,7 +155,7 @@ def test_approachable_and_unreachable(tmp_path, capsys):
     episode = steer(SteeringProblem(tube, [(0.1, 0.2, 0.3), (0.1, 0.2, 0.6)], [(0.3, 0.3, 0.3), (0.1, 0.1, 0.7)]))
     assert (episode.status, episode.moves) == ("unreachable", 0)
     assert "open tube" in episode.reason
-    short = steer(SteeringProblem.load(written(tmp_path)), max_moves=2)
+    short = steer(SteeringProblem.from_dict(PROBLEM), max_moves=2)
     assert short.status == "limit"
     assert "moves" in short.reason
 
@@ -318,8 +319,10 @@ def test_gain_and_spheres():
 def test_formats(name, text, tmp_path):
     path = tmp_path / name
     path.write_text(text)
-    space = open_workspace(path)
-    assert sorted(map(tuple, space.vertices.round(12).tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    problem = tmp_path / "task.json"  # a problem file may give its workspace relative to itself
+    problem.write_text(json.dumps(PROBLEM | {"kind": "steering", "workspace": name}))
+    for space in (open_workspace(path), load_problem(problem).place):
+        assert sorted(map(tuple, space.vertices.round(12).tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
 
 
 def test_more_workspaces(tmp_path):

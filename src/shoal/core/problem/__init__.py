@@ -10,18 +10,27 @@ import json
 from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Any, ClassVar, Self, get_type_hints
 
-from shoal.core.checks import parse_json, read_text, shortened, suggestion
+from shoal.core.checks import shortened, suggestion
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.core.problem.declaration import Declaration, declaration_of, option
 
-__all__ = ["LARGEST_PROBLEM", "Declaration", "Problem", "option"]
+__all__ = ["Declaration", "Problem", "check_known", "option"]
 
-LARGEST_PROBLEM = 20_000_000
-"""Maximum size of a problem file in bytes."""
+
+def check_known(given: Mapping[str, Any], known: Iterable[str], *, where: str) -> None:
+    """Refuse fields whose names are not in ``known``. The error message suggests the nearest known name.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    for name in given:
+        if name not in known:
+            near = suggestion(name, known)
+            raise InvalidInputError(f"{where}: {name}: expected no such field, got {shortened(given[name])}{near}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,10 +72,7 @@ class Problem:
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")
         given = {name: value for name, value in data.items() if name != "kind"}
         known = cls.declarations()
-        for name, value in given.items():
-            if name not in known:
-                near = suggestion(name, known)
-                raise InvalidInputError(f"{where}: {name}: expected no such field, got {shortened(value)}{near}")
+        check_known(given, known, where=where)
         for name, declared in known.items():
             if declared.required and name not in given:
                 raise InvalidInputError(f"{where}: {name}: expected this field, got none")
@@ -76,20 +82,17 @@ class Problem:
             raise type(error)(f"{where}: {error}") from None
 
     @classmethod
-    def load(cls, path: Any, *, trust: bool = False) -> Self:
-        """Read a problem file (JSON). A problem file may name a user's code as MODULE:ATTRIBUTE.
-
-        Such code runs only if ``trust`` is true.
+    def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
+        """Return the problem for the JSON data of the file ``path``.
 
         Raises
         ------
         InvalidInputError
+            If the data are invalid, or a field names third-party code and ``trust`` is false.
         """
-        source = Path(path)
-        data = parse_json(read_text(source, what="problem file", most=LARGEST_PROBLEM), where=str(source))
         if not trust:
-            cls.refuse_code(data, where=str(source))
-        return cls.from_dict(data, where=str(source))
+            cls.refuse_code(data, where=path)
+        return cls.from_dict(data, where=path)
 
     @classmethod
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
@@ -133,10 +136,7 @@ class Problem:
         ------
         InvalidInputError
         """
-        for name, value in changes.items():
-            if name not in (known := self.declarations()):
-                near = suggestion(name, known)
-                raise InvalidInputError(f"problem: {name}: expected no such field, got {shortened(value)}{near}")
+        check_known(changes, self.declarations(), where="problem")
         return replace(self, **changes)
 
     def __eq__(self, other: object) -> bool:

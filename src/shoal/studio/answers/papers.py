@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from shoal.core.checks import parse_json, read_text
-from shoal.core.problem import LARGEST_PROBLEM
+from shoal.core.parts import LARGEST_PROBLEM
 from shoal.studio.folder import PAPERS, Folder
 
 
