@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.patches import Patch
 
 SIDE = 900  # pixels of the rotated 3-D view
+_WIDE = 9.0  # inches: width of a figure with several maps
 _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obstacle": "obstacle", "unknown": "unknown"}
 
 
@@ -69,9 +70,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
     return figure
 
 
-def map_panels(
-    shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None, wide: float = 9.0
-) -> Figure:
+def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None) -> Figure:
     """Return a figure with plane maps side by side, as in paper M, Fig. 1. Each map shows an episode after a given number of moves.
 
     Parameters
@@ -80,8 +79,6 @@ def map_panels(
     columns : int
     chart : callable, optional
         Function that draws a chart below the maps.
-    wide : float
-        Width of the figure in inches.
 
     Raises
     ------
@@ -92,8 +89,8 @@ def map_panels(
         raise InvalidInputError("map panels: expected an episode or more, got none")
     rows = -(-len(shown) // columns)
     height, width = (side + 2 for side in shown[0][0].workspace.shape)
-    tall = rows * (wide / columns * height / width + 0.3) + 0.4
-    figure = padded_figure(wide, tall + (3.6 if chart else 0.3))
+    tall = rows * (_WIDE / columns * height / width + 0.3) + 0.4
+    figure = padded_figure(_WIDE, tall + (3.6 if chart else 0.3))
     above, *below = figure.subfigures(1 + bool(chart), 1, squeeze=False, height_ratios=[tall, 3.6] if chart else None).ravel()
     for axes, (episode, moves) in zip(above.subplots(rows, columns, squeeze=False).ravel(), shown, strict=True):
         axes.imshow(palette_of_cells(episode).rgb[codes_after(episode, moves)], interpolation="nearest")

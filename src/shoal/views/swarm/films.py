@@ -52,10 +52,10 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
     return np.unique(np.linspace(0, moves, min(moves + 1, max(2, at_most))).round().astype(np.int64))
 
 
-def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = VOLUME_SIDE) -> Iterator[NDArray[np.uint8]]:
+def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
     """Yield the picture after each number of moves in ``shown``; uint8, shape (H, W, 3).
 
-    In 2-D, a picture has one pixel per cell. In 3-D, a picture is a rotating view of ``side`` pixels with slices.
+    In 2-D, a picture has one pixel per cell. In 3-D, a picture is a rotating view of `VOLUME_SIDE` pixels with slices.
     """
     wanted = set(shown.tolist())
     workspace = episode.workspace
@@ -66,7 +66,7 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64], *, side: int = 
             if volume is not None:
                 turn = 2 * np.pi * TURNS * move / max(1, episode.moves)
                 picture = sheet(
-                    codes, volume[0], azimuth=turn, side=side, spacing=workspace.spacing, palette=palette, fit=volume[1]
+                    codes, volume[0], azimuth=turn, side=VOLUME_SIDE, spacing=workspace.spacing, palette=palette, fit=volume[1]
                 )
             else:
                 picture = in_strips(palette.rgb[codes])

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _BARS = 60
+_TEETH = 40  # maximum number of scans before and after each of which a chart has a point
+_POINTS = 400  # maximum number of scans at each of which a chart has a point
 
 
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
@@ -167,17 +169,17 @@ def _float(ratio: Fraction) -> float:
     return float(min(ratio, Fraction(10**100)))
 
 
-def telling_distances(schedule: ScanSchedule, max_distance: int, *, teeth: int = 40, at_most: int = 400) -> list[int]:
+def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
     """Return the distances at which a chart shows a schedule's ratios.
 
     The result contains the distances just before and just after each scan. If there are many scans, only the distances with the
     worse ratio are used, so that the line connects the peaks. If there are still too many distances, ten distances per decade are
     used.
     """
-    scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), at_most + 1)]
-    if len(scans) <= teeth:
+    scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), _POINTS + 1)]
+    if len(scans) <= _TEETH:
         chosen = [position - side for position in scans for side in (1, 0)]
-    elif len(scans) <= at_most:
+    elif len(scans) <= _POINTS:
         return [0, *scans]
     else:
         tenths = (10, 13, 16, 20, 25, 32, 40, 50, 63, 80)
