@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,13 @@ def rings_of(area: Any) -> list[list[Ring]]:
         for part in getattr(area, "geoms", [area])
         if part.geom_type == "Polygon" and not part.is_empty
     ]
+
+
+def compound_path(rings: Iterable[Ring]) -> Any:
+    """Return closed rings as one matplotlib path."""
+    from matplotlib.path import Path
+
+    return Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
 
 
 def hole_in(frame: Ring, ring: Ring) -> Ring:

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.polygon_paths import hole_in, rings_of
+from shoal.views.drawing.polygon_paths import compound_path, hole_in, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.history import SearchHistory, robot_colour
-from shoal.views.search.panels import sizes_text
+from shoal.views.search.panels import count_text, sizes_text
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     axes.set_title(
         _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None
     )
-    draw_heading(figure, f"{episode.plan.grid.region.name}, {_robots(history.n_robots)}")
+    draw_heading(figure, f"{episode.plan.grid.region.name}, {count_text(history.n_robots, 'robot')}")
     _draw_legend(figure, history)
     figure.draw_without_rendering()  # fixes the positions of the axes, so that the numbers can be moved apart
     figure.set_layout_engine("none")
@@ -67,15 +67,11 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     return figure
 
 
-def _robots(count: int) -> str:
-    return f"{count} robot" if count == 1 else f"{count} robots"
-
-
 def _summary(episode: SearchEpisode) -> str:
     cells = episode.plan.grid.n_cells
     when = "not searched wholly" if episode.makespan is None else f"searched after {duration_text(episode.makespan)}"
     over = f", {episode.trace.takeovers} taken over" if episode.trace.takeovers else ""
-    return f"{cells:,} cell{'s' if cells != 1 else ''} of {sizes_text(episode.plan)}, {when}{over}"
+    return f"{count_text(cells, 'cell')} of {sizes_text(episode.plan)}, {when}{over}"
 
 
 def _draw_ground(axes: Axes, history: SearchHistory) -> None:
@@ -110,12 +106,8 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
     """Return a path that contains the points surrounded by an odd number of rings: the outer frame without the parts."""
-    from matplotlib.path import Path
-
     frame, *rest = rings
-    return Path.make_compound_path(
-        *(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in (frame, *(hole_in(frame, one) for one in rest)))
-    )
+    return compound_path([frame, *(hole_in(frame, one) for one in rest)])
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.drawing.polygon_paths import hole_in
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
-from shoal.views.search.panels import sizes_text
+from shoal.views.search.panels import count_text, sizes_text
 
 RATE = {".gif": 10, ".mp4": 30}  # frames per second
 HEIGHT = {".gif": 432, ".mp4": 720}
@@ -106,8 +106,7 @@ class SearchFilm:
         canvas.area([[(0, 0), (self.width, 0), (self.width, self.height), (0, self.height)]], "#ffffff")
         name = episode.plan.grid.region.name
         width = canvas.text((32 * unit, 38 * unit), name if len(name) < 30 else name[:29] + "…", INK, 19 * unit, bold=True)
-        count = self.history.n_robots
-        words = f"{count} robot{'s' if count != 1 else ''}, {self.history.n_cells:,} cells of {sizes_text(episode.plan)}"
+        words = f"{count_text(self.history.n_robots, 'robot')}, {self.history.n_cells:,} cells of {sizes_text(episode.plan)}"
         canvas.text((32 * unit + width + 14 * unit, 38 * unit), words, MUTED, 14 * unit)
         self._plain = canvas.frame()
         self._draw_cells(-1.0)

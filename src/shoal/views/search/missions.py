@@ -12,8 +12,9 @@ from shoal.search.missions.approach import MissionApproach
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.polygon_paths import rings_of
+from shoal.views.drawing.polygon_paths import compound_path, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
+from shoal.views.search.panels import count_text
 from shoal.views.search.timeline import draw_heading
 
 if TYPE_CHECKING:
@@ -77,7 +78,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
 def _summary(missions: Sequence[Mission]) -> str:
     robots, waits = len({mission.robot for mission in missions}), max((mission.delay for mission in missions), default=0.0)
     sorties = f", {len(missions)} sorties" if len(missions) > robots else ""
-    return f"{robots} vehicle{'s' if robots != 1 else ''}{sorties}, starts within {waits:.0f} s"
+    return f"{count_text(robots, 'vehicle')}{sorties}, starts within {waits:.0f} s"
 
 
 def _draw_region(axes: Axes, region: SearchRegion) -> None:
@@ -88,13 +89,7 @@ def _draw_region(axes: Axes, region: SearchRegion) -> None:
         (region.no_go, {"facecolor": "none", "edgecolor": _ZONE, "lw": 1.0, "hatch": "////", "zorder": 1.4}),
     ):
         for part in rings_of(shape):
-            axes.add_patch(PathPatch(_outline(part), **look))
-
-
-def _outline(rings: Sequence[Any]) -> Any:
-    from matplotlib.path import Path
-
-    return Path.make_compound_path(*(Path(np.vstack([ring, ring[:1]]), closed=True) for ring in rings))
+            axes.add_patch(PathPatch(compound_path(part), **look))
 
 
 def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:

@@ -14,7 +14,7 @@ from shoal.search import SearchEpisode
 from shoal.search.simulation.findings import Finding
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
-from shoal.views.search.panels import sizes_text
+from shoal.views.search.panels import count_text, sizes_text
 from shoal.views.search.trajectories import RobotTrajectory
 
 LARGEST = 300_000
@@ -74,7 +74,7 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     order = order[squares[where]]
     count = history.n_robots
     return {
-        "title": f"{plan.grid.region.name}, {count} robot{'s' if count != 1 else ''}",
+        "title": f"{plan.grid.region.name}, {count_text(count, 'robot')}",
         "tour": plan.tour.name,
         "allocation": plan.allocation.allocator,
         "version": episode.versions["shoal"],

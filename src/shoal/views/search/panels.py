@@ -134,3 +134,14 @@ def sizes_text(plan: SearchPlan) -> str:
     """Return the sides of cells as text: 8.8 to 14.7 m."""
     low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
     return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
+
+
+def count_text(count: int, word: str) -> str:
+    """Return a number with a word for the counted things. The word gets an "s" unless the number is 1.
+
+    Examples
+    --------
+    >>> count_text(1, "robot"), count_text(1200, "cell")
+    ('1 robot', '1,200 cells')
+    """
+    return f"{count:,} {word}{'s' * (count != 1)}"
