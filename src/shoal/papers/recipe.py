@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -176,6 +176,11 @@ def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
     """Return the trials of a sweep. Each trial is a mapping from the names of axes and measures to values."""
     columns = store.columns(sweep.name)
     return [dict(zip(columns, row, strict=True)) for row in store.rows(sweep.name)]
+
+
+def trials_table(trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *, title: str = "trials") -> Table:
+    """Return a table of trials, which is stored as CSV and not shown on the page."""
+    return Table(title, columns, [[trial[name] for name in columns] for trial in trials], shown=False)
 
 
 @cache

@@ -12,12 +12,12 @@ from shapely import Polygon
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import Claim, claim
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of, trials_table
 from shoal.steering import ContactWorld, ConvexWorkspace, disk, open_workspace, polygon, reached_in_two_moves
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.views.drawing.charts import GREEN, INK, MUTED, ORANGE, padded_figure, set_title
-from shoal.views.steering.axes import PARTICLES, draw_workspace
+from shoal.views.steering.axes import PARTICLES, arrow_between, draw_workspace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -86,8 +86,7 @@ def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
         f"share of {played:g} random pairs of moves that end outside of the set", "0", outside / played, within=(0, 0),
         why="the set is that of all pairs; one outside refutes it",
     )  # fmt: skip
-    rows = [[int(trial["trial"]), trial["played"], trial["outside"]] for trial in trials]
-    return found, max(trial["widest"] for trial in trials), Table("trials", ["trial", "played", "outside"], rows, shown=False)
+    return found, max(trial["widest"] for trial in trials), trials_table(trials, ["trial", "played", "outside"])
 
 
 def _pieces(place: ConvexWorkspace, start: Points) -> list[Polygon]:
@@ -110,24 +109,22 @@ def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) ->
     set_title(axes, title)
 
 
-def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, toucher: int, wall: int, title: str) -> None:
-    """Draw a particle's possible first contacts with a wall, one of them, and possible positions of the other particle then."""
+def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, wall: int, title: str) -> None:
+    """Draw the possible first contacts of particle 2 with a wall, one of them, and possible positions of particle 1 then."""
     _draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
     shares = np.linspace(0, 1, 201)
     points = corner + shares[:, None] * along
-    room = points[place.contains(points + start[1 - toucher] - start[toucher])]
-    depth = float(normal @ (start[1 - toucher] - start[toucher]))
+    room = points[place.contains(points + start[0] - start[1])]
+    depth = float(normal @ (start[0] - start[1]))
     heights = place.vertices @ normal - float(normal @ corner)
     slab = Polygon(place.vertices).intersection(_below(place, corner, normal, depth))
     axes.fill(*slab.exterior.xy, color="#c9ced6", alpha=0.75, lw=0, zorder=1)
     axes.plot(*room[[0, -1]].T, color=GREEN, lw=5, solid_capstyle="butt", zorder=4)
     contact = room[len(room) // 2]
     for particle in (0, 1):
-        tip = start[particle] + contact - start[toucher]
-        arrow = {"arrowstyle": "-|>", "color": PARTICLES[particle], "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", xy=tuple(tip), xytext=tuple(start[particle]), arrowprops=arrow, zorder=4)
+        arrow_between(axes, start[particle], start[particle] + contact - start[1], PARTICLES[particle], order=4)
     assert heights.max() >= depth  # the other particle is inside
 
 
@@ -172,8 +169,8 @@ def _fig5(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     )
     figure = padded_figure(10.2, 3.6)
     left, middle, right = figure.subplots(1, 3)
-    _draw_crossing(left, place, start, 1, 0, "particle 2 touches below")
-    _draw_crossing(middle, place, start, 1, 1, "particle 2 touches at the right")
+    _draw_crossing(left, place, start, 0, "particle 2 touches below")
+    _draw_crossing(middle, place, start, 1, "particle 2 touches at the right")
     _draw_space(right, place, start, "all sets of two moves")
     return Outcome(figure, claims, "Green: where the toucher can be; grey: where the other can go then.", (table,), NO_DATA)
 
@@ -192,7 +189,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     for k, corner in enumerate(place.vertices):
         outward = corner - place.vertices.mean(axis=0)
         left.text(*(corner + 0.09 * outward / np.hypot(*outward)), f"p{k + 1}", ha="center", va="center", color=MUTED)
-    _draw_crossing(middle, place, start, 1, 0, "particle 2 touches p1 p2")
+    _draw_crossing(middle, place, start, 0, "particle 2 touches p1 p2")
     _draw_space(right, place, start, "union over all sides")
     sentence = "The steps are those of the corrected algorithm 2; that as printed shares at most two thirds with this set (errata)."
     return Outcome(figure, claims, sentence, (table,), NO_DATA)

@@ -13,13 +13,13 @@ from scipy.optimize import minimize_scalar
 from shoal.lab.storage.store import Store
 from shoal.lab.sweeps.sweep import Sweep
 from shoal.papers.claims import claim
-from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of
+from shoal.papers.recipe import NO_DATA, Outcome, Recipe, Settings, Table, function_sweep, measuring, trials_of, trials_table
 from shoal.steering import ContactWorld, ConvexWorkspace, SteeringProblem, open_workspace
 from shoal.steering.delta_space.two_moves import toucher_shares
 from shoal.steering.run import run
 from shoal.steering.workspaces.convex_geometry import Points
 from shoal.views.drawing.charts import BLUE, GREEN, INK, MUTED, ORANGE, bare_axes, padded_figure, plain_axes, set_title
-from shoal.views.steering.axes import PARTICLES, draw_trajectories, draw_workspace, legend_below
+from shoal.views.steering.axes import PARTICLES, arrow_between, draw_trajectories, draw_workspace, legend_below
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -114,8 +114,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     left, right = figure.subplots(1, 2)
     _draw_reflection(left, np.array([(0.48, 0.2), FIXED]))
     share = _draw_touchers(right, 61 if settings.quick else 161)
-    columns = ["trial", "off", "tilt", "reflected"]
-    table = Table("trials", columns, [[trial[name] for name in columns] for trial in trials], shown=False)
+    table = trials_table(trials, ["trial", "off", "tilt", "reflected"])
     sentence = f"Of the goals drawn {100 * share:.0f} % have no path of three moves; they are left white."
     return Outcome(figure, claims, sentence, (table,), NO_DATA)
 
@@ -129,8 +128,7 @@ def _draw_reflection(axes: Axes, goal: Points) -> None:
     draw_workspace(axes, SQUARE)
     for particle, colour in enumerate(PARTICLES[:2]):
         for here, there in pairwise(states[:, particle]):
-            arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.6, "shrinkA": 0, "shrinkB": 0}
-            axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=3, arrowprops=arrow)
+            arrow_between(axes, here, there, colour)
         axes.plot(*START[particle], "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*goal[particle], "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
     wall = int(np.argmin(SQUARE.wall_distances(contact)))
@@ -246,8 +244,7 @@ def _fig12(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     right.legend(frameon=False, fontsize=9)
     plain_axes(right)
     set_title(right, f"s = {s}, e = {e}, β = {beta}")
-    columns = ["s", "e", "beta", "theta", "angles", "equation"]
-    table = Table("trials", columns, [[trial[name] for name in columns] for trial in trials], shown=False)
+    table = trials_table(trials, ["s", "e", "beta", "theta", "angles", "equation"])
     return Outcome(
         figure, claims, "Angles are found by a search that knows neither the law of reflection nor the equation.", (table,), NO_DATA
     )
@@ -315,12 +312,7 @@ def _swap(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
     set_title(right, "towards the corners")
     rows = [[trial["planner"], trial["inset"], round(trial["length"], 5), trial["moves"]] for trial in swaps]
     table = Table("swaps", ["planner", "distance from the walls", "length", "moves"], rows)
-    data = Table(
-        "random problems by algorithm 1",
-        ["trial", "length", "moves"],
-        [[t["trial"], t["length"], t["moves"]] for t in others],
-        shown=False,
-    )
+    data = trials_table(others, ["trial", "length", "moves"], title="random problems by algorithm 1")
     return Outcome(
         figure,
         claims,

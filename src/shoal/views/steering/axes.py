@@ -53,12 +53,19 @@ def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayL
         way, colour = episode.states[:, particle], colour_of(particle)
         for here, there in pairwise(way):
             if np.linalg.norm(there - here) > 1e-4 * size:
-                arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.5, "shrinkA": 0, "shrinkB": 0}
-                axes.annotate("", xy=tuple(at(there)), xytext=tuple(at(here)), zorder=3, arrowprops=arrow)
+                arrow_between(axes, at(here), at(there), colour, width=1.5)
         axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
         _number_ends(axes, at(way), colour, size)
     legend_below(axes)
+
+
+def arrow_between(
+    axes: Axes, here: NDArray[np.float64], there: NDArray[np.float64], colour: str, *, width: float = 1.6, order: float = 3
+) -> None:
+    """Draw an arrow between two points of shape (2,)."""
+    style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
+    axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=order, arrowprops=style)
 
 
 def legend_below(axes: Axes, *, off: float = 0.06) -> None:

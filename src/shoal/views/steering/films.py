@@ -13,7 +13,7 @@ from shoal.views.drawing.canvas import Canvas
 from shoal.views.drawing.charts import INK, MUTED
 from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.steering.camera import Camera
-from shoal.views.steering.panels import Box, DeltaPanel, PlanePanel, SpacePanel
+from shoal.views.steering.panels import Box, DeltaPanel, Panel, PlanePanel, SpacePanel
 from shoal.views.steering.trajectories import FilmMoment, FilmSchedule, MoveTrajectory, has_delta, trajectories_of
 
 RATE = {".gif": 20, ".mp4": 30}  # frames per second
@@ -56,7 +56,7 @@ class SteeringFilm:
         else:
             boxes = [room]
         view = SpacePanel if space else PlanePanel
-        self._panels: list[PlanePanel | SpacePanel | DeltaPanel] = [view(episode, trajectories, self._canvas, boxes[0], unit)]
+        self._panels: list[Panel] = [view(episode, trajectories, self._canvas, boxes[0], unit)]
         if pair:
             self._panels.append(DeltaPanel(episode, trajectories, self._canvas, boxes[1], unit))
         self._draw_head([box.left + box.width / 2 for box in boxes])

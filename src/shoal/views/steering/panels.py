@@ -18,6 +18,7 @@ from shoal.views.steering.trajectories import FilmMoment, MoveTrajectory, delta_
 FLOOR, OBSTACLE, REACHED, FAINT = "#f4f6f8", "#d6d9de", "#cfe3f5", "#b9c0c9"
 _ARC = 0.2  # radians of a round wall on both sides of a contact that are drawn as holding
 _OLD = 0.3  # opacity of the paths of earlier moves
+_SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 
 
 @dataclass(frozen=True)
@@ -64,14 +65,31 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
     return np.concatenate([low, high[::-1]])
 
 
-class PlanePanel:
-    """The plane workspace seen from above."""
+class Panel:
+    """Base class of the panels. ``unit`` is the length in pixels of one unit of line widths and text sizes."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
-        outlines = outlines_of(episode.problem.place)
+        self._prepare(box)
+
+    def _prepare(self, box: Box) -> None:
+        """Compute what all frames need."""
+
+    def draw_background(self) -> None:
+        """Draw the parts that are the same in all frames."""
+
+    def draw(self, moment: FilmMoment, turn: float) -> None:
+        """Draw the parts that move at a moment of the film, with a camera whose azimuth is ``turn`` radians."""
+        raise NotImplementedError
+
+
+class PlanePanel(Panel):
+    """The plane workspace seen from above."""
+
+    def _prepare(self, box: Box) -> None:
+        outlines = outlines_of(self._episode.problem.place)
         self._view = PlaneView(outlines[0], box)
-        self._radius = max(episode.problem.particle_radius * self._view.scale, 9.5 * unit)
+        self._radius = max(self._episode.problem.particle_radius * self._view.scale, 9.5 * self._unit)
         self._outlines = [self._view.at(outline) for outline in outlines]
 
     def draw_background(self) -> None:
@@ -79,8 +97,7 @@ class PlanePanel:
         canvas, unit = self._canvas, self._unit
         for k, ring in enumerate(self._outlines):
             canvas.area([ring], OBSTACLE if k else FLOOR, edge=INK, width=2 * unit)
-        side = 0.8 * self._radius
-        square = np.array([(-side, -side), (side, -side), (side, side), (-side, side)])
+        square = 0.8 * self._radius * _SQUARE
         for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
             colour = colour_of(particle)
             canvas.area([self._view.at(start) + square], colour, alpha=0.25)
@@ -101,20 +118,16 @@ class PlanePanel:
             draw_particle(canvas, place, self._radius, particle, unit)
 
 
-class SpacePanel:
+class SpacePanel(Panel):
     """The 3-D workspace, seen by a camera that turns around it."""
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
-        self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
-        workspace = episode.problem.place
+    def _prepare(self, box: Box) -> None:
+        workspace = self._episode.problem.place
         assert isinstance(workspace, ConvexWorkspace)
         self._workspace, self._frame = workspace, Frame3D.of(workspace)
-        right, up, down = picture_extent(workspace, episode.states)
+        right, up, down = picture_extent(workspace, self._episode.states)
         self._scale = min(box.width / (2 * right), box.height / (up + down))
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
-
-    def draw_background(self) -> None:
-        """Draw nothing, because all parts of this panel turn."""
 
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw all parts of the panel from back to front. The azimuth of the camera is ``turn``."""
@@ -130,7 +143,7 @@ class SpacePanel:
                 canvas.area([shape], colour_of(particle), alpha=0.16)
                 canvas.line(shape, colour_of(particle), 1.6 * unit, closed=True, alpha=0.55)
         self._draw_shadows(here, moment)
-        self._draw_ends(moment)
+        self._draw_ends()
         draw_trails(canvas, self._trajectories, moment, self._at, unit)
         for particle in np.argsort(self._camera.project(here)[:, 2]):  # the nearest last
             x, y, larger = self._camera.project(here[particle])
@@ -145,39 +158,39 @@ class SpacePanel:
         """Draw the vertical projections of paths and particles on the floor, and a line down from each particle."""
         unit = self._unit
         draw_trails(self._canvas, self._trajectories, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
-        angles = 2 * np.pi * np.arange(24) / 24
         for particle, point in enumerate(here):
-            below = flattened(point)
-            ring = below + 10 * unit / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-            self._canvas.area([self._at(ring)], "#2b3038", alpha=0.22)
-            self._canvas.line(self._at([below, point]), colour_of(particle), 1.3 * unit, alpha=0.8, dashes=(3 * unit, 3 * unit))
+            self._canvas.area([self._floor_ring(point, 10 * unit)], "#2b3038", alpha=0.22)
+            self._canvas.line(
+                self._at([flattened(point), point]), colour_of(particle), 1.3 * unit, alpha=0.8, dashes=(3 * unit, 3 * unit)
+            )
 
-    def _draw_ends(self, _moment: FilmMoment) -> None:
+    def _floor_ring(self, point: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+        """Return the picture of a circle on the floor below a point. ``radius`` is in pixels."""
+        angles = 2 * np.pi * np.arange(24) / 24
+        return self._at(flattened(point) + radius / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
+
+    def _draw_ends(self) -> None:
         """Draw starts and goals, each with a line down to a cross or a ring on the floor."""
         canvas, unit = self._canvas, self._unit
-        angles = 2 * np.pi * np.arange(24) / 24
         for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
             colour = colour_of(particle)
-            ring = flattened(goal) + 7 * unit / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1)
-            canvas.line(self._at(ring), colour, 1.2 * unit, closed=True, alpha=0.6)
+            canvas.line(self._floor_ring(goal, 7 * unit), colour, 1.2 * unit, closed=True, alpha=0.6)
             canvas.line(self._at([flattened(goal), goal]), colour, 1.1 * unit, alpha=0.35)
             x, y, larger = self._camera.project(goal)
             canvas.disc(self._center + self._scale * np.array([x, -y]), 13 * unit * larger, None, edge=colour, width=2.4 * unit)
-            side = 7 * unit * float(self._camera.project(start)[2])
-            square = self._at(start) + side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+            square = self._at(start) + 7 * unit * float(self._camera.project(start)[2]) * _SQUARE
             canvas.area([square], colour, alpha=0.25)
             canvas.line(square, colour, 1.4 * unit, closed=True)
 
 
-class DeltaPanel:
+class DeltaPanel(Panel):
     """The Δ configuration space: the difference Δ with its path and its goal, and the set that two moves can reach."""
 
-    def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
-        self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
-        outline = outlines_of(delta_outline(episode))[0]
+    def _prepare(self, box: Box) -> None:
+        outline = outlines_of(delta_outline(self._episode))[0]
         self._view = PlaneView(outline, box)
         self._outline = self._view.at(outline)
-        self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(episode)]
+        self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(self._episode)]
 
     def draw_background(self) -> None:
         """Draw the outline. The other parts of the panel are drawn over it."""
@@ -192,8 +205,7 @@ class DeltaPanel:
         for across in (np.array([6, 0]), np.array([0, 6])):
             canvas.line([zero - across * unit, zero + across * unit], MUTED, 1.2 * unit)
         start, goal = (view.at(points[1] - points[0]) for points in (self._episode.states[0], self._episode.goal))
-        side = 7 * unit
-        canvas.line(start + side * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]), INK, 1.5 * unit, closed=True)
+        canvas.line(start + 7 * unit * _SQUARE, INK, 1.5 * unit, closed=True)
         canvas.disc(goal, 11.5 * unit, "#ffffff", edge=INK, width=2.4 * unit)
         for k, trajectory in enumerate(self._trajectories[: moment.move + 1]):
             points = trajectory.points if k < moment.move else trajectory.until(moment.share)

@@ -15,6 +15,7 @@ from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.steering.delta_space.two_moves import two_move_pieces
 from shoal.steering.simulation.apparatus import executed_moves
 from shoal.steering.workspaces.convex_geometry import Points
+from shoal.views.drawing.polygon_paths import rings_of
 
 FINE = 1e-4  # relative to the size: deviation of straight segments from the path
 _LEAST = 2.0**-30  # shortest fraction of a move that is evaluated
@@ -235,6 +236,5 @@ def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
             continue
         pieces = [Polygon(piece) for piece in two_move_pieces(room, state[1] - state[0]) if len(piece) > 2]
         whole = union_all([piece.buffer(0) for piece in pieces if piece.area > 0]).simplify(room.size / 1000)
-        parts = [part for part in getattr(whole, "geoms", [whole]) if part.geom_type == "Polygon" and not part.is_empty]
-        rings.append([np.asarray(ring.coords)[:-1] for part in parts for ring in (part.exterior, *part.interiors)])
+        rings.append([ring[:-1] for part in rings_of(whole) for ring in part])
     return rings
