@@ -33,7 +33,7 @@ from shoal.views.drawing.encoding import LONGEST
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
-WITH_COMMANDS = [page for page in PAGES if "```console" in page.read_text()]
+TO_RUN = [page for page in PAGES if re.search("^(```console|<!-- runs:)", page.read_text(), re.M)]
 LONGEST_PAGE = 1500  # words without a picture or a table
 MODULES = [
     "core.errors",
@@ -160,8 +160,8 @@ def run_in_short(line):
 
 
 @pytest.mark.usefixtures("in_short")
-@pytest.mark.parametrize("page", WITH_COMMANDS, ids=lambda page: str(page.relative_to(ROOT)))
-def test_commands_of_a_page_run_in_their_order(page, tmp_path, monkeypatch, capsys):
+@pytest.mark.parametrize("page", TO_RUN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_and_scripts_of_a_page_run(page, tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(tmp_path)
     for module in write_files_of(page.read_text()):
         monkeypatch.delitem(sys.modules, module, raising=False)
