@@ -20,7 +20,7 @@ def rings_of(area: Any) -> list[list[Ring]]:
     ]
 
 
-def compound_path(rings: Iterable[Ring]) -> Any:
+def path_of_rings(rings: Iterable[Ring]) -> Any:
     """Return closed rings as one matplotlib path."""
     from matplotlib.path import Path
 

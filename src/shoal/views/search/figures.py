@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.polygon_paths import compound_path, hole_in, rings_of
+from shoal.views.drawing.polygon_paths import hole_in, path_of_rings, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.history import SearchHistory, robot_colour
 from shoal.views.search.panels import count_text, sizes_text
@@ -107,7 +107,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
     """Return a path that contains the points surrounded by an odd number of rings: the outer frame without the parts."""
     frame, *rest = rings
-    return compound_path([frame, *(hole_in(frame, one) for one in rest)])
+    return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:

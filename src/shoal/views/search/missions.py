@@ -12,7 +12,7 @@ from shoal.search.missions.approach import MissionApproach
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
-from shoal.views.drawing.polygon_paths import compound_path, rings_of
+from shoal.views.drawing.polygon_paths import path_of_rings, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.panels import count_text
 from shoal.views.search.timeline import draw_heading
@@ -89,7 +89,7 @@ def _draw_region(axes: Axes, region: SearchRegion) -> None:
         (region.no_go, {"facecolor": "none", "edgecolor": _ZONE, "lw": 1.0, "hatch": "////", "zorder": 1.4}),
     ):
         for part in rings_of(shape):
-            axes.add_patch(PathPatch(compound_path(part), **look))
+            axes.add_patch(PathPatch(path_of_rings(part), **look))
 
 
 def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
