@@ -5,28 +5,22 @@ from __future__ import annotations
 from functools import cache
 from typing import Any
 
-import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
 from shoal.core.checks import check_integer
-from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import noise_rng, trial_rng
-from shoal.swarm.grid.trace import Trace
-from shoal.swarm.grid.world import GridWorld
-from shoal.swarm.noise.simulated import noisy_belief
 from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
-from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
+from shoal.swarm.simulation.deciders import make_decider
 from shoal.swarm.simulation.exact import ExactSwarm
-from shoal.swarm.simulation.loop import Controlled, OnMoves, OnTrace, closed_loop
+from shoal.swarm.simulation.loop import OnMoves, OnTrace, closed_loop
 from shoal.swarm.simulation.noisy import NoisySwarm
-from shoal.swarm.simulation.starts import draw_start
+from shoal.swarm.simulation.starts import draw_start, swarm_of
 
 
 def run(
@@ -71,12 +65,17 @@ def run(
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
     seed, trial = check_integer(seed, what="seed", least=0), check_integer(trial, what="trial", least=0)
     problem.check_at_place()
-    rng = trial_rng(seed, trial)
+    rng, luck = trial_rng(seed, trial), noise_rng(seed, trial)
     start, targets = draw_start(problem, rng)
-    if problem.noise is None:
-        trace, status, first, seconds = _without_noise(problem, start, targets, rng, stepwise, (on_moves, on_trace))
+    swarm = swarm_of(problem, start, targets, luck)
+    first, watch = len(swarm.belief.frontier), Stopwatch()
+    game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng, luck)
+    if game is None:
+        mapping, decider = getattr(problem.chosen_task, "mapping", True), make_decider(problem, swarm.belief, rng)
+        limit = problem.max_moves
+        trace, status = closed_loop(swarm, decider, max_moves=limit, mapping=mapping, on_moves=on_moves, on_trace=on_trace)
     else:
-        trace, status, first, seconds = _with_noise(problem, start, rng, noise_rng(seed, trial), stepwise, (on_moves, on_trace))
+        trace, status = compiled_loop(game, problem.max_moves, on_moves, on_trace)
     return SwarmEpisode(
         problem=problem,
         start=start,
@@ -87,66 +86,25 @@ def run(
         first_frontier=first,
         seed=seed,
         trial=trial,
-        seconds=seconds,
+        seconds=watch.seconds,
         versions=versions(),
     )
 
 
-_Played = tuple[Trace, Status, int, float]
-_Told = tuple[OnMoves | None, OnTrace | None]
-
-
-def _without_noise(
-    problem: SwarmProblem,
-    start: NDArray[np.int64],
-    targets: NDArray[np.bool_] | None,
-    rng: Generator,
-    stepwise: bool,
-    told: _Told,
-) -> _Played:
+def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator, luck: Generator) -> Game | None:
+    """Return the run of a built-in policy in compiled code, or None if kernels do not support the policy or the task."""
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
-    world = GridWorld(problem.place, problem.rule)
-    state = world.initial(start)
-    belief = task.begin(world, state, targets)
-    first, mapping = len(belief.frontier), getattr(task, "mapping", True)
-    if belief.complete:
-        return Trace.empty(0), Status.COMPLETE, first, 0.0
+    if isinstance(swarm, NoisySwarm):
+        return NoisyGame(policy, swarm.noisy, luck, every=scanning.step) if isinstance(policy, ClosestFrontier) else None
     # The commands of random-moves are drawn in advance, one per move. Runs of several equal commands are therefore not compiled.
-    compiled = isinstance(policy, Compiled) and is_compiled(task) and (scanning.every_move or not isinstance(policy, RandomMoves))
-    watch = Stopwatch()
-    if not compiled or stepwise:
-        decider = make_decider(scanning, policy, rule=world.rule, mapping=mapping, belief=belief, rng=rng)
-        return *_in_python(ExactSwarm(world, task, state, belief), decider, problem, mapping, told), first, watch.seconds
-    options: dict[str, Any] = {"rule": world.rule, "mapping": mapping, "rng": rng}
-    game: Game
+    one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move
+    if not isinstance(policy, Compiled) or not is_compiled(task) or one_by_one:
+        return None
+    options: dict[str, Any] = {"rule": problem.rule, "mapping": getattr(task, "mapping", True), "rng": rng}
     if isinstance(policy, PlannerPolicy):
-        game = PlannerGame(policy, world.free, state, belief, **options)
-    else:
-        game = SearchGame(policy, world.free, state, belief, **options, n_free=world.workspace.n_free, scanning=scanning)
-    return *compiled_loop(game, problem.max_moves, *told), first, watch.seconds
-
-
-def _with_noise(
-    problem: SwarmProblem,
-    start: NDArray[np.int64],
-    rng: Generator,
-    luck: Generator,
-    stepwise: bool,
-    told: _Told,
-) -> _Played:
-    assert problem.noise is not None
-    policy, every = problem.chosen_policy, problem.scanning.step
-    noisy = noisy_belief(problem.place, start, problem.noise, problem.confidence, luck)
-    first, watch = noisy.remaining, Stopwatch()
-    if isinstance(policy, ClosestFrontier) and not stepwise:
-        game = NoisyGame(policy, noisy, luck, every=every)
-        return *compiled_loop(game, problem.max_moves, *told), first, watch.seconds
-    decider = ReplannedRuns(policy, rng, every=every, max_moves=problem.max_moves)
-    return *_in_python(NoisySwarm(noisy, luck), decider, problem, True, told), first, watch.seconds
-
-
-def _in_python(swarm: Controlled, decider: Decider, problem: SwarmProblem, mapping: bool, told: _Told) -> tuple[Trace, Status]:
-    return closed_loop(swarm, decider, max_moves=problem.max_moves, mapping=mapping, on_moves=told[0], on_trace=told[1])
+        return PlannerGame(policy, swarm.world.free, swarm.state, swarm.belief, **options)
+    n_free = swarm.world.workspace.n_free
+    return SearchGame(policy, swarm.world.free, swarm.state, swarm.belief, **options, n_free=n_free, scanning=scanning)
 
 
 def load_kernels(problem: SwarmProblem) -> None:

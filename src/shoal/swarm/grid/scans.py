@@ -25,7 +25,8 @@ SCAN_COST, MOVE_COST = 10.0, 1.0
 LONGEST = 1_000_000_000
 DEAREST = 1e100
 _LAST_DOUBLING, _LAST_HYPER = 40, 12  # longer than any map is wide
-_AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
+AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
+"""Axis, counted from the last, and sign of each command."""
 
 
 @dataclass(frozen=True)
@@ -119,8 +120,6 @@ class ScanRule:
         kind, step = str(every), 1
         if kind.isascii() and kind.isdigit() and len(kind) <= len(str(LONGEST)):
             kind, step = "equal", int(kind)
-        elif kind not in {"doubling", "hyper", "adaptive"}:
-            raise _unknown(every)
         return cls(kind, step, scan_cost, move_cost)  # type: ignore[arg-type]  # checked by the class
 
 
@@ -165,7 +164,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     >>> [state.cells[:, 1].tolist() for state in states_of_run(before, after, "r", 3)]
     [[1, 3], [2, 4], [3, 4]]
     """
-    axis, sign = _AXES[command]
+    axis, sign = AXES[command]
     start, end = _by_line(before.cells, axis), _by_line(after.cells, axis)
     moved = sign * (end[:, axis] - start[:, axis]) if start.shape == end.shape else np.array([-1])
     across = np.arange(start.shape[1]) != start.shape[1] + axis

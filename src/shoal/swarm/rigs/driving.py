@@ -29,7 +29,7 @@ from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts
 from shoal.swarm.rigs.tracking import ExactRigSwarm, NoisyRigSwarm, RigSwarm
-from shoal.swarm.simulation.deciders import Decider, ReplannedRuns, make_decider
+from shoal.swarm.simulation.deciders import make_decider
 from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 
@@ -157,7 +157,7 @@ def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None 
             log.begin(rig, problem, policy=policy, seed=seed)
             log.scan(0, swarm.observations[0] if isinstance(swarm, NoisyRigSwarm) else swarm.start)
             swarm.log = log
-        decider = _decider(problem, swarm.belief, seed) if recorded is None else _RecordedRuns(recorded)
+        decider = make_decider(problem, swarm.belief, trial_rng(seed)) if recorded is None else _RecordedRuns(recorded)
         trace, status = closed_loop(swarm, decider, max_moves=most, on_moves=on_moves)
     finally:
         try:
@@ -181,13 +181,6 @@ def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None 
             **about,
         )
     return Drive(belief=swarm.belief, cells=swarm.state.cells, episode=episode, link=getattr(rig, "counts", None), **about)
-
-
-def _decider(problem: SwarmProblem, belief: Belief, seed: int) -> Decider:
-    policy, rng = problem.chosen_policy, trial_rng(seed)
-    if problem.noise is not None:
-        return ReplannedRuns(policy, rng, every=problem.scanning.step, max_moves=problem.max_moves)
-    return make_decider(problem.scanning, policy, rule=problem.rule, mapping=True, belief=belief, rng=rng)
 
 
 class _RecordedRuns:

@@ -19,6 +19,7 @@ from shoal.swarm.kernels.noise.noisy_episode import PATIENCE as NOISY_PATIENCE
 from shoal.swarm.kernels.noise.noisy_episode import TIMES
 from shoal.swarm.policies.manual import Manual
 from shoal.swarm.policies.protocol import Policy, View
+from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
@@ -47,12 +48,16 @@ class Decider(Protocol):
         """Record that the last run classified ``learnt`` cells. Return whether a scan had to follow the run."""
 
 
-def make_decider(scanning: ScanRule, policy: Policy, *, rule: str, mapping: bool, belief: Belief, rng: Generator) -> Decider:
-    """Return the decider for a policy under a scan rule, without noise."""
+def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decider:
+    """Return the decider for the policy and the scan rule of a problem. ``belief`` is the belief at the start."""
+    policy, scanning = problem.chosen_policy, problem.scanning
+    if problem.noise is not None:
+        return ReplannedRuns(policy, rng, every=scanning.step, max_moves=problem.max_moves)
     if scanning.kind != "adaptive":
         return PlannedRuns(scanning, policy, rng)
     options = {name: getattr(policy, name) for name in ("ties", "neighbours")}
-    return AdaptiveRuns(belief, rule=rule, mapping=mapping, scanning=scanning, **options)
+    mapping = getattr(problem.chosen_task, "mapping", True)
+    return AdaptiveRuns(belief, rule=problem.rule, mapping=mapping, scanning=scanning, **options)
 
 
 class PlannedRuns:

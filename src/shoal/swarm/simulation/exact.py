@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.scans import states_of_run
+from shoal.swarm.grid.scans import AXES, states_of_run
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Row
 from shoal.swarm.grid.world import GridWorld
@@ -75,8 +75,7 @@ def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int
 
     This number is the change of the sum of all particles' coordinates along the direction of the command.
     """
-    axis = {"l": -1, "r": -1, "u": -2, "d": -2, "i": -3, "o": -3}[command]
-    sign = 1 if command in "rdo" else -1
+    axis, sign = AXES[command]
     return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())
 
 
