@@ -112,7 +112,7 @@ def test_the_file_and_the_form_follow_each_other(page: Page, studio: Studio) -> 
     [
         (("maze:9x7", "../../etc/passwd"), "expected a name inside the folder"),
         (('"greedy-classify"', '"os:system"'), "runs the code of the Python module"),
-        (('kind = "swarm"', 'kind = "function"\nfunction = "os:system"'), "runs code of your own"),
+        (('kind = "swarm"', 'kind = "function"\nfunction = "os:system"'), "runs your own code"),
     ],
 )
 def test_a_sweep_from_a_page_names_no_code_and_no_file_elsewhere(page: Page, studio: Studio, change: Any, words: str) -> None:

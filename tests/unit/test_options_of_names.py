@@ -98,7 +98,7 @@ REFUSED = [
     ("Dither:steps=0.5", "steps: expected a whole number, got '0.5'"),
     ("Dither:loud=yes", "loud: expected true or false, got 'yes'"),
     ("Needy", "expected a class without arguments: missing a required argument: 'p'"),
-    ("Needy:p=2", "the policy 'own_things:Needy': cannot be made: ZeroDivisionError: float division by zero"),
+    ("Needy:p=2", "cannot create the policy 'own_things:Needy': ZeroDivisionError: float division by zero"),
     ("Nobody:p=2", "cannot import the policy 'own_things:Nobody'"),
 ]
 

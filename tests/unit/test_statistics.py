@@ -76,8 +76,8 @@ def test_pairs():
         (lambda: estimate([1, 2], level=1), "above 0 and below 1, got 1"),
         (lambda: estimate([1, 2], method="guess"), "one of auto, t, log, bootstrap, got 'guess'"),
         (lambda: estimate([-1, 2], method="log"), "values of 0 or more, got -1"),
-        (lambda: compare([1, 2], [1]), "equal length, 2 or more, got 2 and 1"),
-        (lambda: compare([1], [1]), "equal length, 2 or more, got 1 and 1"),
+        (lambda: compare([1, 2], [1]), "equal length with 2 values or more, got 2 and 1 values"),
+        (lambda: compare([1], [1]), "equal length with 2 values or more, got 1 and 1 values"),
     ],
 )
 def test_bad_input(call, words):
@@ -100,11 +100,11 @@ def test_sweeps_are_summarised_and_compared_along_paired_axes(tmp_path):
         pairs = compare_along(store, "s", "value", "factor")
         assert [(others, first, second) for others, first, second, _ in pairs] == [({"pause": p}, 1, 3) for p in (0.0, 1e-6)]
         assert all(found.ratio == pytest.approx(3) for *_, found in pairs)
-        with pytest.raises(InvalidInputError, match=r"expected a paired one \(factor\)"):
+        with pytest.raises(InvalidInputError, match=r"expected a paired axis \(factor\)"):
             compare_along(store, "s", "value", "pause")
         with pytest.raises(InvalidInputError, match="measure: expected one of value, half, word, got 'moves'"):
             summarise(store, "s", "moves")
-        with pytest.raises(InvalidInputError, match="expected one that is a number, got 'word'"):
+        with pytest.raises(InvalidInputError, match="expected a measure with numbers, got 'word'"):
             summarise(store, "s", "word")
         with pytest.raises(UnknownNameError, match="no sweep 't'"):
             summarise(store, "t", "value")

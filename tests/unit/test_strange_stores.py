@@ -120,9 +120,9 @@ def test_stores_are_merged(tmp_path, capsys):
     assert command(["sweep", "check", str(tmp_path / "both")]) == 0
     wrong = stored("wrong", fails=["UPDATE trials SET result = '[99]' WHERE trial = 2"])
     for others, words in (
-        ([first, wrong], "trial 2: expected what the stores before have, got another result"),
-        ([first, stored("other", seed=1)], "expected it as in the stores before, got changes: seed"),
-        ([first, str(tmp_path / "none")], "expected a store, got nothing there"),
+        ([first, wrong], "trial 2: expected the same result as in the stores before, got another result"),
+        ([first, stored("other", seed=1)], "expected the same sweep as in the stores before, got changes: seed"),
+        ([first, str(tmp_path / "none")], "expected a store, got no such file"),
     ):
         capsys.readouterr()
         assert command(["sweep", "merge", *others, "--out", str(tmp_path / "bad")]) == 2
@@ -155,7 +155,7 @@ def test_a_system_without_shared_memory(tmp_path, monkeypatch):
 
     monkeypatch.setattr("shoal.lab.worker_pools.ProcessPoolExecutor", refused)
     sweep = Sweep(name="s", problem={"kind": "swarm", "map": "line:9"}, axes={"particles": [2]}, trials=2)
-    with pytest.raises(InvalidInputError, match="processes that share memory, got Permission denied; 0 does without"):
+    with pytest.raises(InvalidInputError, match="processes that share memory, got the error: Permission denied"):
         run_sweep(sweep, tmp_path / "s", workers=2)
     assert run_sweep(sweep, tmp_path / "s", workers=0).complete
 

@@ -75,7 +75,7 @@ def test_seeds_depend_on_the_problem_and_not_on_its_place():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"name": "../x"}, "name: expected letters, digits"),
+        ({"name": "../x"}, "name: expected at most 80 letters, digits"),
         ({"trials": 0}, "trials: expected a whole number from 1"),
         ({"seed": -1}, "seed: expected a whole number from 0"),
         ({"axes": {"factor": []}}, "axes.factor: expected one value or more, got none"),
@@ -197,7 +197,7 @@ def test_several_sweeps_in_one_file_and_a_changed_one_is_refused(tmp_path):
     run_sweep(numbers(name="other", trials=2), store, workers=0)
     before = rows_of(store)
     with pytest.raises(
-        InvalidInputError, match=r"numbers as it was begun, got changes: axes.factor: \[1, 2, 3\] -> \[1\]; trials: 7 -> 9"
+        InvalidInputError, match=r"numbers as the store contains it, got changes: axes.factor: \[1, 2, 3\] -> \[1\]; trials: 7 -> 9"
     ):
         run_sweep(numbers(axes={"factor": [1]}, trials=9), store, workers=0)
     with pytest.raises(InvalidInputError, match="seed: 5 -> 6"):
@@ -211,7 +211,7 @@ def test_several_sweeps_in_one_file_and_a_changed_one_is_refused(tmp_path):
         assert opened.names == ["numbers", "other"]
         with pytest.raises(InvalidInputError, match="one of numbers, other"):
             opened.only(None)
-        with pytest.raises(UnknownNameError, match=r"no sweep 'third' \(there: numbers, other\)"):
+        with pytest.raises(UnknownNameError, match=r"no sweep 'third' \(sweeps of this store: numbers, other\)"):
             opened.only("third")
 
 
@@ -306,7 +306,9 @@ def test_killed_coordinators_lose_nothing(tmp_path):
             assert time.monotonic() < deadline
             time.sleep(0.01)
         if wanted == 20:
-            with pytest.raises(InvalidInputError, match=rf"to be free, got one that process {coordinator.pid} on .* is running"):
+            with pytest.raises(
+                InvalidInputError, match=rf"no process is running, got .*, which process {coordinator.pid} on .* is running"
+            ):
                 run_sweep(numbers(), store, workers=0)
             assert is_locked(store, "numbers")
         coordinator.send_signal(signal.SIGKILL)
@@ -408,9 +410,9 @@ def test_no_store(tmp_path):
         connection.execute("CREATE TABLE music (title)")
     connection.close()
     for name, words in (
-        ("nothing", "expected a store, got nothing there"),
+        ("nothing", "expected a store, got no such file"),
         ("", "expected a store, got a folder"),
-        ("empty", "expected a store or a new name, got an empty file"),
+        ("empty", "expected a store or the name of a new file, got an empty file"),
         ("text", "expected a store .an SQLite database., got another kind of file"),
         ("other", "expected a store of Shoal, got another SQLite database"),
     ):
@@ -430,9 +432,7 @@ def test_a_store_of_a_newer_version_is_refused_and_kept(tmp_path):
     connection.close()
     before = store.read_bytes()
     for write in (False, True):
-        with pytest.raises(
-            InvalidInputError, match=f"format {FORMAT} or below, got format {FORMAT + 1}: it was written by a newer Shoal"
-        ):
+        with pytest.raises(InvalidInputError, match=f"format {FORMAT} or below, got format {FORMAT + 1} of a Shoal that is newer"):
             Store(store, write=write)
     assert store.read_bytes() == before
 
@@ -570,7 +570,7 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert command(["sweep", "plot", "s.sqlite", "--out", "moves.txt"]) == 2
     assert "expected the suffix .png, .svg, .pdf, got '.txt'" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--compare", "particles"]) == 2
-    assert "expected a paired one (policy), whose points share their seeds" in capsys.readouterr().err
+    assert "expected a paired axis (policy), whose points share their seeds" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--measure", "status"]) == 2
     assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--trials", "5"]) == 2
     assert "trials: 4 -> 5" in capsys.readouterr().err

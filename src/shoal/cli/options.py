@@ -136,7 +136,8 @@ def _problem_of(
             for name in set(fixed) & set(data):
                 if data[name] != fixed[name]:
                     raise InvalidInputError(
-                        f"{source}: {name}: expected {shortened(fixed[name])}, as of this command, got {shortened(data[name])}"
+                        f"{source}: {name}: expected {shortened(fixed[name])}, which this command requires, got "
+                        f"{shortened(data[name])}"
                     )
             options = {name: value for name, value in given.items() if name != place}
             return kind.from_file(data, source, trust=trust).replaced(**fixed, **options)

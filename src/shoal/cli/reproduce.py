@@ -54,7 +54,7 @@ def reproduce(
     from shoal.papers import reproduce as reproduce_one
 
     if figure is not None and all_:
-        raise InvalidInputError(f"--all: expected it without a figure, got {figure!r}, too")
+        raise InvalidInputError(f"--all: expected no figure beside this option, got {figure!r}")
     if figure is None and not all_:
         _list(json_)
         return
@@ -76,7 +76,7 @@ def reproduce(
             print_table([("written", str(page))], title=f"all {len(found)} figures")
     failed = [result for result in found if result.outcome is None]
     if failed:
-        say(f"shoal: could not be made: {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}")
+        say(f"shoal: could not reproduce {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}")
         raise typer.Exit(1)
 
 

@@ -221,8 +221,8 @@ def parse_json(text: str, *, where: str) -> Any:
             f"{where}: expected JSON, got something else in line {error.lineno}, column {error.colno}: {error.msg.lower()}"
         ) from None
     except (RecursionError, ValueError) as error:
-        why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
-        raise InvalidInputError(f"{where}: expected JSON of modest depth and numbers, got one that {why}") from None
+        why = "lists and objects that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
+        raise InvalidInputError(f"{where}: expected JSON, got {why}") from None
     check_depth(found, where=where)
     return found
 
@@ -266,7 +266,7 @@ def check_depth(data: Any, *, where: str) -> None:
         ]
         if not level:
             return
-    raise InvalidInputError(f"{where}: expected at most {DEEPEST} lists and objects in one another, got more")
+    raise InvalidInputError(f"{where}: expected lists and objects that are nested at most {DEEPEST} deep, got deeper ones")
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:

@@ -258,7 +258,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
     except (Exception, SystemExit) as error:  # the class may be third-party code
         if isinstance(error, ShoalError):
             raise
-        raise InvalidInputError(f"{what}: cannot be made: {type(error).__name__}: {' '.join(str(error).split())}") from error
+        raise InvalidInputError(f"cannot create {what}: {type(error).__name__}: {' '.join(str(error).split())}") from error
 
 
 def _options(what: str, whole: str, text: str, parameters: Mapping[str, inspect.Parameter]) -> dict[str, Any]:

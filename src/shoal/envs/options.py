@@ -47,7 +47,7 @@ def _check_maps(given: Any) -> tuple[str, ...]:
 def _check_window(given: Any) -> int:
     side = check_integer(given, what="window", least=3)
     if side % 2 == 0:
-        raise InvalidInputError(f"window: expected an odd number of cells, so that one is in the middle, got {side}")
+        raise InvalidInputError(f"window: expected an odd number of cells, so that one cell is in the middle, got {side}")
     return side
 
 
@@ -126,7 +126,7 @@ def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) 
     offered = [name for name in problem.declarations() if name not in options.decided] + list(options.declarations())
     for name, value in fields.items():
         if name in options.decided:
-            raise OptionError(f"{name}: expected no such option, as whoever steps the environment decides, got {shortened(value)}")
+            raise OptionError(f"{name}: expected no such option, because the actions replace it, got {shortened(value)}")
         if name not in offered:
             raise OptionError(f"{name}: expected no such option, got {shortened(value)}{suggestion(name, offered)}")
     own = options.declarations()
@@ -148,7 +148,7 @@ def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] =
     """Refuse unknown options of an environment's ``reset``."""
     for name in options or {}:
         if name not in known:
-            offered = f"one of {', '.join(known)}" if known else "none"
+            offered = f"one of {', '.join(known)}" if known else "no option"
             raise OptionError(f"reset: options: expected {offered}, got {shortened(name)}")
 
 
@@ -162,4 +162,4 @@ def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
 def check_running(running: bool) -> None:
     """Refuse a step before a reset or after the end of the episode."""
     if not running:
-        raise gymnasium.error.ResetNeeded("step: expected a reset first, as no episode is going on, got an action")
+        raise gymnasium.error.ResetNeeded("step: expected a reset first, because no episode is running, got an action")

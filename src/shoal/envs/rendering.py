@@ -32,7 +32,7 @@ def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) 
         return text()
     if env.render_mode is None:
         raise gymnasium.error.UnsupportedMode(
-            f"render: expected a render_mode, one of {', '.join(MODES)}, got an environment without"
+            f"render: expected a render_mode, one of {', '.join(MODES)}, got an environment without a render_mode"
         )
     if getattr(env, "_live_window", None) is None:
         from shoal.views.drawing.live_window import LiveWindow

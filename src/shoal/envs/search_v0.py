@@ -179,7 +179,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         last = self._count - 1
         choice: Any = actions.get(agent) if isinstance(actions, dict) else actions
         if not isinstance(actions, dict) or not self.action_spaces[agent].contains(choice):
-            raise gymnasium.error.InvalidAction(f"{agent}: expected an action, a number from 0 to {last}, got {shortened(choice)}")
+            raise gymnasium.error.InvalidAction(f"{agent}: expected an action from 0 to {last}, got {shortened(choice)}")
         return int(choice)
 
     def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:

@@ -82,7 +82,8 @@ class SteeringEnv(WorldEnv):
         far = float(np.abs(episode.inputs).max(initial=0.0) / longest)
         if far > 1:
             raise OptionError(
-                f"longest_move: expected {far * self.options.longest_move:.3g} for the moves of {episode.planner}, "
+                f"longest_move: expected {far * self.options.longest_move:.3g} or more for the moves of the planner "
+                f"{episode.planner}, "
                 f"got {self.options.longest_move:g}"
             )
         return list(episode.inputs / longest)

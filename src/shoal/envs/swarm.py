@@ -90,7 +90,9 @@ class SwarmEnv(WorldEnv):
         check_running(self._running)
         with option_errors():
             if not self._worlds.scanning.every_move:
-                raise InvalidInputError(f"scan_every: expected 1 for the actions of a policy, got {self._worlds.scanning.every}")
+                raise InvalidInputError(
+                    f"scan_every: expected 1, because a policy chooses when to scan, got {self._worlds.scanning.every}"
+                )
             batch = self._worlds.batch
             problem = batch.problems[int(batch.maps[0])].replaced(policy=policy)
             return [LETTERS.index(letter) for letter in run(problem, seed=int(batch.seeds[0])).commands]

@@ -40,11 +40,13 @@ class SwarmWorlds:
         if "map" not in fields and fields.get("maps"):
             fields = {"map": fields["maps"][0], **fields}
         if "map" not in fields:
-            raise OptionError("map: expected a map, or maps, got none")
+            raise OptionError("map: expected the option map or the option maps, got neither")
         self.problem, self.options = split_fields(fields, SwarmProblem, SwarmEnvOptions)
         with option_errors():
             if self.problem.scan_every == "adaptive":
-                raise InvalidInputError("scan_every: expected a number, doubling or hyper, as actions are commands, got adaptive")
+                raise InvalidInputError(
+                    "scan_every: expected a number, doubling or hyper, because actions cannot choose when to scan, got adaptive"
+                )
             problems = [self.problem.replaced(map=name) for name in self.options.maps] or [self.problem]
             self.batch = WorldBatch(problems, count, seed=None)
         self.observation_space = observations.observation_space(self.batch.layout.window, self.options, rule=self.problem.rule)

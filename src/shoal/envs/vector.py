@@ -100,7 +100,9 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         if self._ended.any():
             if self.autoreset_mode == AutoresetMode.DISABLED:
                 over = int(np.argmax(self._ended))
-                raise gymnasium.error.ResetNeeded(f"step: expected a reset of environment {over} first, as its episode has ended")
+                raise gymnasium.error.ResetNeeded(
+                    f"step: expected a reset of environment {over} first, because its episode has ended, got an action"
+                )
             resetting = self._ended.copy()
         rewards, _ = self._worlds.step(actions, None if resetting is None else ~resetting)
         if resetting is not None:

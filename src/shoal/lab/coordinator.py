@@ -260,8 +260,8 @@ class _Run:
             self.sound |= {first.worker, answer.worker}
         elif answer.worker != first.worker:
             self.pool.set_aside(first.worker)
-            what = f"worker {first.worker} fails where another does not ({first.failures[0][3][:200]})"
-            tell_once(f"shoal: sweep {self.sweep.name}: {what}; it is set aside")
+            what = f"trials that failed on worker {first.worker} succeeded on another worker ({first.failures[0][3][:200]})"
+            tell_once(f"shoal: sweep {self.sweep.name}: {what}; the worker {first.worker} gets no more trials")
         return False
 
     def _take(self, answer: Answer) -> None:

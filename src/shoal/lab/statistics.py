@@ -176,7 +176,9 @@ def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method =
     """
     before, after = _checked(a, level), _checked(b, level)
     if len(before) != len(after) or len(before) < 2:
-        raise InvalidInputError(f"compare: expected two rows of equal length, 2 or more, got {len(before)} and {len(after)}")
+        raise InvalidInputError(
+            f"compare: expected two rows of equal length with 2 values or more, got {len(before)} and {len(after)} values"
+        )
     differences = after - before
     found = estimate(differences, level=level, method=method, seed=seed)
     effect = found.mean / found.std if found.std else (0.0 if found.mean == 0 else float(np.copysign(np.inf, found.mean)))

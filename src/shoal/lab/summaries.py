@@ -111,7 +111,7 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
         value, trial = row[at], row[len(axes)]
         if value is not None and not (isinstance(value, int | float) and is_storable(value)):
             raise InvalidInputError(
-                f"measure: expected one that is a number, got {measure!r}, which is {shortened(value)} in trial {trial}"
+                f"measure: expected a measure with numbers, got {measure!r}, which is {shortened(value)} in trial {trial}"
             )
         if value is not None:
             key = repr(row[: len(axes)])
@@ -176,7 +176,7 @@ def compare_along(
     paired = store.stored(name).form.paired
     if axis not in paired:
         raise InvalidInputError(
-            f"axis: expected a paired one ({', '.join(paired) or 'none'}), whose points share their seeds, got {axis!r}"
+            f"axis: expected a paired axis ({', '.join(paired) or 'none'}), whose points share their seeds, got {axis!r}"
         )
     groups: dict[str, list[Measured]] = {}
     for point in measured(store, name, measure):

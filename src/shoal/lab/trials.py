@@ -99,8 +99,8 @@ def _check_importable(policy: Any) -> None:
 def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
     name = policy if isinstance(policy, str) else policy.name
     return InvalidInputError(
-        f"policy {name}: expected one that other processes can import, got {' '.join(str(error).split())[:200]} "
-        "(put it into a module and start scripts under if __name__ == '__main__', or use workers=1)"
+        f"policy {name}: expected a policy that other processes can import, got the error: {' '.join(str(error).split())[:200]} "
+        "(put the policy into a module and start scripts under if __name__ == '__main__', or use workers=1)"
     )
 
 

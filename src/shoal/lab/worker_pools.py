@@ -108,7 +108,8 @@ class Processes(_OneMachine):
                 )
             except OSError as error:  # for example if /dev/shm is not writable
                 raise InvalidInputError(
-                    f"workers: expected processes that share memory, got {error.strerror or error}; 0 does without"
+                    f"workers: expected processes that share memory, got the error: {error.strerror or error} (0 workers "
+                    "need no processes)"
                 ) from None
         try:
             with _interruptions_kept():
@@ -200,7 +201,9 @@ class Cluster:
             raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
         for worker, theirs in self._client.run(worker_versions, on_error="return").items():
             if not isinstance(theirs, dict):
-                raise InvalidInputError(f"worker {worker}: expected one that has Shoal, got {' '.join(str(theirs).split())[:200]}")
+                raise InvalidInputError(
+                    f"worker {worker}: expected a worker that can import Shoal, got {' '.join(str(theirs).split())[:200]}"
+                )
             check_versions(theirs, worker=worker)
         for name, file in named_modules().items():
             self._share(name, file)
@@ -218,9 +221,10 @@ class Cluster:
                 return
             if attempt == 0 and "." not in name:
                 self._client.upload_file(file)
-        got = "another one" if theirs[wrong[0]] else "none"
+        got = "another version" if theirs[wrong[0]] else "none"
         raise InvalidInputError(
-            f"worker {wrong[0]}: expected the module {name} as it is here, got {got}; put it on the workers' PYTHONPATH"
+            f"worker {wrong[0]}: expected the same module {name} as in this process, got {got}; put the module on the "
+            "PYTHONPATH of the workers"
         )
 
     @property
@@ -277,7 +281,9 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
     """
     if dask is not None:
         if workers is not None:
-            raise InvalidInputError(f"workers: expected none with a Dask cluster, which has its own, got {workers}")
+            raise InvalidInputError(
+                f"workers: expected no number of workers for a Dask cluster, which has its own workers, got {workers}"
+            )
         return Cluster(dask)
     if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
         raise InvalidInputError(f"workers: expected a whole number, 0 or more, got {workers!r}")

@@ -119,7 +119,7 @@ class Studio:
         """Return one file for download or display. The browser must not run it as a page of the studio."""
         path = self.folder.path(request.path_params["name"])
         if not path.is_file():
-            raise InvalidInputError("file: expected one of the folder, got none")
+            raise InvalidInputError("file: expected a file of the folder, got no such file")
         return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
 
     async def take(self, request: Request) -> Response:

@@ -9,7 +9,7 @@ import shlex
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
-from shoal.core.checks import check_integer
+from shoal.core.checks import check_integer, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.parts import PARTS, problem_type
 from shoal.core.problem import Declaration, Problem
@@ -91,7 +91,7 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
     InvalidInputError, UnknownNameError
     """
     if not isinstance(data, Mapping) or data.get("kind") not in PARTS:
-        raise InvalidInputError(f"problem: expected a kind, one of {', '.join(PARTS)}")
+        raise InvalidInputError(f"problem: expected fields and a kind, one of {', '.join(PARTS)}, got {shortened(data)}")
     return checked_fields(problem_type(data["kind"]), data, folder)
 
 
@@ -105,7 +105,7 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     InvalidInputError, UnknownNameError
     """
     if not isinstance(data, Mapping):
-        raise InvalidInputError(f"{kind.part}: expected fields with values")
+        raise InvalidInputError(f"{kind.part}: expected fields with values, got {shortened(data)}")
     kind.refuse_code(data, where=kind.part)
     folder.check_fields(data)
     known = kind.declarations()

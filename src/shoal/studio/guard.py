@@ -115,7 +115,7 @@ class Guard:
         except CookieError:
             found = None
         if found is None or not hmac.compare_digest(found.value.encode(), self._secret.encode()):
-            raise _RefusedError(401, "expected the address that the command printed: open that one")
+            raise _RefusedError(401, "expected the address that the command shoal studio printed: open that address")
 
     def _has_token(self, scope: MutableMapping[str, Any]) -> bool:
         if scope["path"] != "/" or scope["method"] != "GET":
@@ -125,7 +125,7 @@ class Guard:
 
     async def _socket(self, scope: MutableMapping[str, Any], receive: Receive, send: Send) -> None:
         if self._sockets >= MOST_SOCKETS:
-            raise _RefusedError(503, "too many sockets")
+            raise _RefusedError(503, f"expected at most {MOST_SOCKETS} open pages of the studio")
         self._sockets += 1
         try:
             await self.application(scope, receive, send)

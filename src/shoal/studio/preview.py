@@ -47,10 +47,12 @@ class Preview:
                 return await asyncio.wait_for(asyncio.to_thread(self._exchange, self._worker, number, what, about), PATIENCE)
             except TimeoutError:
                 await self.close()
-                raise InvalidInputError(f"expected an answer within {PATIENCE:g} s: run it as a job instead") from None
+                raise InvalidInputError(f"expected an answer within {PATIENCE:g} s, got none: run it as a job instead") from None
             except (EOFError, OSError):
                 await self.close()
-                raise InvalidInputError("the preview ended: it crashed, or took more memory than there is") from None
+                raise InvalidInputError(
+                    "the process of the preview ended: it crashed, or needed more memory than the machine has"
+                ) from None
 
     def _exchange(self, worker: Worker, number: int, what: str, about: dict[str, Any]) -> Any:
         worker.connection.send((number, what, about))

@@ -69,7 +69,9 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
         folder.mkdir(exist_ok=True)
         os.chdir(folder)
     except OSError as error:
-        raise InvalidInputError(f"{root}: expected a folder, or a new name beside others, got {error.strerror}") from None
+        raise InvalidInputError(
+            f"{root}: expected a folder, or the name of a new folder in an existing one, got the error: {error.strerror}"
+        ) from None
     with listening(port) as opened, _alone(folder):
         where = opened.getsockname()[1]
         guard = Guard(application_of(Studio(folder)), where)
@@ -102,5 +104,5 @@ def _alone(folder: Path) -> Iterator[None]:
         try:
             held.enter_context(locked(folder / FILE, "studio"))
         except InvalidInputError:
-            raise InvalidInputError(f"{folder}: expected a folder that no other studio has open") from None
+            raise InvalidInputError(f"{folder}: expected a folder that no other studio serves, got one that is in use") from None
         yield

@@ -46,7 +46,8 @@ def _check(folder: Folder, data: Mapping[str, Any]) -> None:
     kind = problem.get("kind")
     if kind in KINDS and kind not in PLAYED:
         raise InvalidInputError(
-            f"problem: kind: expected one of {', '.join(PLAYED)}, got {kind!r}, which runs code of your own: the command runs it"
+            f"problem: kind: expected one of {', '.join(PLAYED)}, got {kind!r}, which runs your own code: use the command "
+            "shoal sweep run"
         )
     if kind in PLAYED:
         made = trial_problem_type(kind)

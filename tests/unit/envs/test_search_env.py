@@ -180,7 +180,7 @@ def test_wrong_steps():
     env.reset(seed=1)
     everyone = dict.fromkeys(env.agents, 0)
     for actions in (None, {}, everyone | {"robot_2": 6}, everyone | {"robot_2": "up"}, [0, 0, 0, 0]):
-        with pytest.raises(gymnasium.error.InvalidAction, match=r"robot_\d: expected an action, a number from 0 to 5"):
+        with pytest.raises(gymnasium.error.InvalidAction, match=r"robot_\d: expected an action from 0 to 5"):
             env.step(actions)
     assert all(env.step(everyone)[3].values()), "truncated by max_steps"
     with pytest.raises(gymnasium.error.ResetNeeded, match="expected a reset first"):

@@ -195,7 +195,7 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
     assert "1 of 2 failed, the first at at = 2, trial 0: ValueError: the second point" in bad["error"]
     assert worse["error"] == "RuntimeError: no such drawing"
     assert (bad["verdict"], fine["verdict"], fine["error"]) == (None, "agrees", None)
-    assert "could not be made: bad: " in captured.err
+    assert "could not reproduce bad: " in captured.err
     page = (tmp_path / "index.html").read_text()
     assert page.count("This figure could not be made: ") == 2
     assert "data:image/png;base64," in page

@@ -73,7 +73,7 @@ BAD = [
     ("d.toml", "altitude = nan", "d.toml: altitude: expected a number"),
     ("d.toml", "altitude = [3]", "d.toml: altitude: expected a number"),
     ("d.toml", "altitude = true", "d.toml: altitude: expected a number"),
-    ("d.toml", "x = " + "[" * 60 + "]" * 60, "d.toml: expected at most 50 lists and objects in one another, got more"),
+    ("d.toml", "x = " + "[" * 60 + "]" * 60, "d.toml: expected lists and objects that are nested at most 50 deep, got deeper ones"),
     ("d.toml", "#" * 100_001, "d.toml: expected a vehicle file of at most 100000 bytes"),
     ("d.toml", b"\xff", "d.toml"),
     ("d.json", "{", "d.json"),

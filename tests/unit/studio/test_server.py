@@ -21,7 +21,7 @@ def test_a_folder_has_one_studio(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     with locked(tmp_path / ".studio.sqlite", "studio"):
         assert run(["studio", ".", "--no-browser"]) == 2
-    assert "no other studio has open" in capsys.readouterr().err
+    assert "no other studio serves" in capsys.readouterr().err
 
 
 def test_a_port_that_is_taken(tmp_path):

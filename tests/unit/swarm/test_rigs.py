@@ -434,7 +434,7 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert shoal(["drive", "--size", "7x8", "--rig", spec]) == 2
     assert "size: expected a rig of 7x8 cells, got map, which sees 7x9" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "simulated"]) == 2
-    assert "expected a map to move in" in capsys.readouterr().err
+    assert "expected a map, such as vessels:500" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "exec:false", "--end-after", "0.1"]) == 2
     assert "no answer from the rig" in capsys.readouterr().err
 

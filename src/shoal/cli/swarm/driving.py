@@ -113,7 +113,7 @@ def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) ->
     from shoal.swarm.rigs.simulated import SimulatedRig
 
     if truth is None:
-        raise InvalidInputError("rig simulated: expected a map to move in, such as vessels:500, got none")
+        raise InvalidInputError("rig simulated: expected a map, such as vessels:500, got none")
     rng = trial_rng(seed)
     start = problem.start or place(truth, problem.particles, problem.placement, rng)
     if problem.noise is not None:
@@ -131,7 +131,7 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
     for expected, what in ((shape, "size"), (None if truth is None else truth.shape, "map")):
         if expected is not None and expected != rig.shape:
             sizes = ["x".join(map(str, size)) for size in (expected, rig.shape)]
-            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {rig.name}, which sees {sizes[1]}")
+            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {rig.name}, which sees {sizes[1]} cells")
 
 
 def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
@@ -175,7 +175,7 @@ def _report(
     if result.episode is not None:
         written += write_outputs([_with_truth(result.episode, truth)], about, out, film)
     elif out or film:
-        say("shoal: no free cell was found: nothing to draw or film")
+        say("shoal: the rig found no free cell, so there is nothing to draw or film")
     if json_:
         print_json(about if verified is None else about | {"verified": verified.ok, "message": verified.message})
         return

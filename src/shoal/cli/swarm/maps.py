@@ -43,7 +43,7 @@ def maps(
     if name is None:
         for option, value in (("--out", out), ("--seed", seed), ("--vessels", problem.vessels or None)):
             if value is not None:
-                raise InvalidInputError(f"{option}: expected the name of a map with it, such as maze:21x15, got none")
+                raise InvalidInputError(f"{option}: expected the name of a map beside this option, such as maze:21x15, got none")
         _list(json_)
     elif problem.vessels:
         _vessels(problem.replaced(map=name), out, json_)

@@ -171,7 +171,7 @@ def status(
     from shoal.lab import Store
 
     if watch and json_:
-        raise InvalidInputError("--watch: expected it without --json, which prints one object, got both")
+        raise InvalidInputError("--watch: expected no --json beside this option, because --json prints only one object, got both")
     if out is not None:
         check_folder(out.parent)
     with Store(store) as opened:

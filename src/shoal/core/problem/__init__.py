@@ -111,8 +111,8 @@ class Problem:
             module, colon, _ = value.partition(":") if isinstance(value, str) else ("", "", "")
             if built_in is not None and colon and module not in built_in:
                 raise InvalidInputError(
-                    f"{where}: {name}: expected a built-in one, got {shortened(value)}, which runs the code of the Python module "
-                    f"{shortened(module)}: allow it with --trust (in Python trust=True) if you know whose it is"
+                    f"{where}: {name}: expected a built-in {name}, got {shortened(value)}, which runs the code of the Python "
+                    f"module {shortened(module)}: allow it with --trust (in Python trust=True) if you trust the author"
                 )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:

@@ -48,7 +48,7 @@ class FunctionProblem(MeasuredProblem):
         """The function itself."""
         found = Registry[Callable[..., Any]]("function").get(self.function)
         if not callable(found):
-            raise InvalidInputError(f"function {self.function}: expected something to call, got {shortened(found)}")
+            raise InvalidInputError(f"function {self.function}: expected a function, got {shortened(found)}")
         return found
 
     def check_at_place(self) -> None:

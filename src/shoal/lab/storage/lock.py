@@ -50,7 +50,8 @@ def locked(store: Path, name: str) -> Iterator[None]:
                 time.sleep(0.02)
                 continue
             raise InvalidInputError(
-                f"{store}: expected the sweep {name} to be free, got one that {holder} is running; wait for it, or watch it with "
+                f"{store}: expected a sweep that no process is running, got {name}, which {holder} is running; wait for its "
+                "end, or watch it with "
                 f"'shoal sweep status {store} --watch'"
             ) from None
         if _is_still(descriptor, path):

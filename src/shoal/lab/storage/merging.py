@@ -34,7 +34,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
     """
     target = Path(out)
     if os.path.lexists(target):
-        raise InvalidInputError(f"{target}: expected a new name for the merged store, got one that is taken")
+        raise InvalidInputError(f"{target}: expected the name of a new file for the merged store, got an existing file")
     with unfinished_store(target) as temporary, Store(temporary, write=True) as merged:
         for source in sources:
             with Store(source) as opened:
@@ -50,14 +50,14 @@ def _take(merged: Store, opened: Store, name: str) -> None:
         there = merged.stored(name)
         changed = [*differences(there.spec, stored.spec), *differences(there.inputs, stored.inputs, path="content")]
         if changed:
-            raise InvalidInputError(f"{where}: expected it as in the stores before, got changes: {'; '.join(changed)}")
+            raise InvalidInputError(f"{where}: expected the same sweep as in the stores before, got changes: {'; '.join(changed)}")
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
             """Copy one row from a store to another, with new values for its first columns. Return its number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
-                raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which others refer to, got none")
+                raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which other rows refer to, got none")
             return _insert(write, table, "sweep, " * len(new) + columns, (*new, *rows[0]))
 
         copy("sweeps", "name, spec, inputs, measures, trials, points, created, version", stored.id)
@@ -72,7 +72,9 @@ def _take(merged: Store, opened: Store, name: str) -> None:
                     f"SELECT trial, seed, batch, {told} FROM {table} WHERE point = ?", point
                 ):
                     if table == "trials" and had.get(trial, (seed, value)) != (seed, value):
-                        raise InvalidInputError(f"{where}, trial {trial}: expected what the stores before have, got another result")
+                        raise InvalidInputError(
+                            f"{where}, trial {trial}: expected the same result as in the stores before, got another result"
+                        )
                     if trial in had:
                         continue
                     if batch not in batches:

@@ -57,7 +57,9 @@ class StoredSweep:
         """Return the axis values that the row of a point contains."""
         values = parse_json(text, where=f"{self.where}: point")
         if not isinstance(values, list) or len(values) != len(self.axes):
-            raise InvalidInputError(f"{self.where}: expected {len(self.axes)} values of axes at a point, got {shortened(values)}")
+            raise InvalidInputError(
+                f"{self.where}: expected {len(self.axes)} values at a point, one per axis, got {shortened(values)}"
+            )
         return dict(zip(self.axes, values, strict=True))
 
 
@@ -75,11 +77,13 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
         for column, text in zip(("spec", "inputs", "measures"), texts, strict=True)
     )
     if not isinstance(spec, dict) or not isinstance(inputs, dict):
-        raise InvalidInputError(f"{where}: expected a spec and inputs with fields, got {shortened(spec)} and {shortened(inputs)}")
+        raise InvalidInputError(f"{where}: expected JSON objects as spec and inputs, got {shortened(spec)} and {shortened(inputs)}")
     if not isinstance(measures, list) or not all(isinstance(name, str) for name in measures):
         raise InvalidInputError(f"{where}: measures: expected a list of names, got {shortened(measures)}")
     if not isinstance(trials, int) or not isinstance(points, int):
-        raise InvalidInputError(f"{where}: expected numbers of trials and points, got {shortened(trials)} and {shortened(points)}")
+        raise InvalidInputError(
+            f"{where}: expected whole numbers of trials and of points, got {shortened(trials)} and {shortened(points)}"
+        )
     return StoredSweep(number, where, spec, inputs, tuple(measures), trials, points)
 
 

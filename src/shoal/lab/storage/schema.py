@@ -72,13 +72,13 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
     try:
         existing = path.exists()
     except OSError as error:
-        raise InvalidInputError(f"{path}: expected a store that can be looked at, got {error.strerror}") from None
+        raise InvalidInputError(f"{path}: expected a store in a readable folder, got the error: {error.strerror}") from None
     if path.is_dir():
         raise InvalidInputError(f"{path}: expected a store, got a folder")
     if not existing and not write:
-        raise InvalidInputError(f"{path}: expected a store, got nothing there")
+        raise InvalidInputError(f"{path}: expected a store, got no such file")
     if existing and path.stat().st_size == 0:
-        raise InvalidInputError(f"{path}: expected a store or a new name, got an empty file (remove it to start anew)")
+        raise InvalidInputError(f"{path}: expected a store or the name of a new file, got an empty file (remove the empty file)")
     if write and existing and not os.access(path, os.W_OK):
         raise OutputError(f"cannot write {path}: it is read-only; nothing was changed")
     if not existing:
@@ -205,14 +205,16 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
         raise InvalidInputError(f"{path}: expected the tables of a store and nothing else, got the {kind} {shortened(name)}")
     if number > FORMAT:
         raise InvalidInputError(
-            f"{path}: expected a store of format {FORMAT} or below, got format {number}: it was written by a newer Shoal than "
-            f"{__version__}; upgrade, nothing was changed"
+            f"{path}: expected a store of format {FORMAT} or below, got format {number} of a Shoal that is newer than "
+            f"{__version__}; upgrade Shoal, nothing was changed"
         )
     for table, ranges in _RANGES.items():
         wrong = [f"({column} BETWEEN {least} AND {most}) IS NOT 1" for column, (least, most) in ranges.items()]
         wrong += [f"typeof({column}) != 'text'" for column in _TEXTS[table]]
         if connection.execute(f"SELECT 1 FROM {table} WHERE {' OR '.join(wrong)} LIMIT 1").fetchone():
-            raise InvalidInputError(f"{path}: table {table}: expected {' and '.join(ranges)} in range and texts, got a damaged row")
+            raise InvalidInputError(
+                f"{path}: table {table}: expected valid texts and values of {' and '.join(ranges)}, got a damaged row"
+            )
 
 
 def _make_durable(connection: sqlite3.Connection) -> None:
@@ -272,7 +274,7 @@ def _said(path: Path, error: Exception) -> Exception:
         return InvalidInputError(f"{path}: expected a store (an SQLite database), got another kind of file")
     if code == sqlite3.SQLITE_CORRUPT:
         return InvalidInputError(
-            f"{path}: expected a whole store, got a damaged or truncated one ({what}); it was not changed: restore a "
-            "copy, or keep it and start a new one"
+            f"{path}: expected a whole store, got a damaged or truncated one ({what}); nothing was changed: restore a "
+            "copy, or start a new store"
         )
     return InvalidInputError(f"{path}: expected a store, got a damaged one: {what}")

@@ -100,7 +100,7 @@ class Store:
         """
         found = self.ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
         if not found:
-            raise UnknownNameError(f"{self.path}: no sweep {name!r} (there: {', '.join(self.names) or 'none'})")
+            raise UnknownNameError(f"{self.path}: no sweep {name!r} (sweeps of this store: {', '.join(self.names) or 'none'})")
         return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
@@ -173,9 +173,11 @@ class Store:
                 )
                 self._enter_points(sweep)
             return
-        hint = "give the new one another name" + ("" if extend else ", or --extend it if it only adds trials or points")
+        hint = "give the new sweep another name" + (
+            "" if extend else ", or use --extend if the new sweep only adds trials or points"
+        )
         raise InvalidInputError(
-            f"{self.path}: expected the sweep {sweep.name} as it was begun, got changes: {'; '.join(changed)} ({hint})"
+            f"{self.path}: expected the sweep {sweep.name} as the store contains it, got changes: {'; '.join(changed)} ({hint})"
         )
 
     def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:

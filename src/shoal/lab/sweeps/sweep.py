@@ -70,7 +70,7 @@ def check_sweep_name(name: Any, *, what: str) -> str:
     """Return a sweep's name after checking that it can be part of file names."""
     usable = isinstance(name, str) and 0 < len(name) <= 80 and name[0] not in ".-"
     if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in name):
-        raise InvalidInputError(f"{what}: expected letters, digits and ._- (at most 80), got {name!r:.100}")
+        raise InvalidInputError(f"{what}: expected at most 80 letters, digits and ._-, neither . nor - first, got {name!r:.100}")
     return str(name)
 
 
@@ -237,8 +237,8 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         raise InvalidInputError(f"{where}: expected TOML in UTF-8, got something else: {error}") from None
     except (RecursionError, ValueError) as error:
-        why = "is nested too deeply" if isinstance(error, RecursionError) else "has a number of too many digits"
-        raise InvalidInputError(f"{where}: expected TOML of modest depth and numbers, got one that {why}") from None
+        why = "values that are nested too deeply" if isinstance(error, RecursionError) else "a number of too many digits"
+        raise InvalidInputError(f"{where}: expected TOML, got {why}") from None
     check_depth(data, where=where)
     return data
 

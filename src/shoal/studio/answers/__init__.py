@@ -33,7 +33,7 @@ def answer_all(connection: Connection, root: str) -> None:
         except ShoalError as error:
             connection.send((number, "error", str(error)))
         except MemoryError:
-            connection.send((number, "error", "it takes more memory than the studio has for a preview"))
+            connection.send((number, "error", "the preview needs more memory than the studio allows"))
         except OSError as error:
             connection.send((number, "error", f"cannot read {error.filename or 'a file'}: {error.strerror or error}"))
         except Exception as error:  # as a last resort, the browser gets any exception as text

@@ -163,7 +163,7 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
     problem = placed_problem(folder, about)
     if problem.live is not None:
-        raise InvalidInputError("live: expected a simulation while somebody plays with it, got processes: run it as a job")
+        raise InvalidInputError("live: expected a simulated search in a preview, got a live search: run it as a job")
     episode = run(problem, seed=checked_seed(about))
     return {
         "data": page_data(episode), "sentence": episode.sentence, "seen": episode.coverage.covered_fraction,

@@ -41,7 +41,7 @@ def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, An
         plan = plan_search(problem, seed=seed)
         say("progress", (0.4, "writing missions"))
         made.write(plan)
-        say("progress", (0.7, "checking them"))
+        say("progress", (0.7, "checking missions"))
         seen = tuple(plan.footprints.tolist())
         result = check_missions(
             inside, problem.place, seen if len({*seen}) > 1 else seen[0], angle=plan.grid.angle, cap=options.cap,

@@ -85,7 +85,7 @@ class JobQueue:
         """
         kind = check_choice(kind, what="kind", choices=KINDS)
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
-            raise OutputError(f"jobs: expected at most {MOST_QUEUED} that wait")
+            raise OutputError(f"jobs: expected at most {MOST_QUEUED} waiting jobs, got one more")
         number = self.store.add(kind, spec, urgent=urgent)
         self.tell({"job": self.told(number)})
         self.go_on()
@@ -120,7 +120,7 @@ class JobQueue:
     async def _follow(self, running: _Running) -> None:
         """Process the messages of a job until it ends. A process that ends without a final message has crashed."""
         job, number, state = running.job, running.job["id"], "failed"
-        result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or took more memory than there is"}
+        result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or needed more memory than the machine has"}
         # The process for forking may still be loading, so its answer is awaited in a thread.
         worker = running.worker = await asyncio.to_thread(
             Worker, f"{_JOBS}.work:work", str(self.folder.root), KINDS[job["kind"]], job["spec"], running.processors

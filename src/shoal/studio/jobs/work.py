@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import shoal
-from shoal.core.checks import check_choice, check_integer, check_text
+from shoal.core.checks import check_choice, check_integer, check_text, shortened
 from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.core.files import write_json
 from shoal.studio.folder import PAPERS, Folder
@@ -39,7 +39,7 @@ def work(connection: Connection, root: str, function: str, spec: dict[str, Any],
     except ShoalError as error:
         say("failed", {"error": str(error)})
     except MemoryError:
-        say("failed", {"error": "it takes more memory than a job of the studio may have; the command has no such limit"})
+        say("failed", {"error": "the job needs more memory than the studio allows; the command has no such limit"})
     except OSError as error:
         say("failed", {"error": f"cannot read or write {error.filename or 'a file'}: {error.strerror or error}"})
     except Exception as error:  # as a last resort, the browser gets any exception as text
@@ -107,7 +107,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
     policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
     seed = checked_seed(spec)
     if not isinstance(policies, list) or not 2 <= len(policies) <= MOST_COMPARED:
-        raise InvalidInputError(f"policies: expected 2 to {MOST_COMPARED}")
+        raise InvalidInputError(f"policies: expected 2 to {MOST_COMPARED} policies, got {shortened(policies)}")
     problems = [checked_problem(spec["problem"] | {"policy": policy}, folder) for policy in policies]
     place = problems[0].place
     problems = [problem.at_place(place) for problem in problems]
