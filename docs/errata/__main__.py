@@ -14,8 +14,9 @@ PAGE = Path(__file__).parent / "index.md"
 HEAD = """# Errata of the papers
 
 This page is for people who compare their own numbers with the four papers. The page lists the statements in the papers that are
-wrong or need a remark. For each statement, a program checks the correction and computes the numbers under "Result". These programs
-are in `docs/errata` of the repository, and `shoal reproduce --all` runs them. `python -m docs.errata` writes this page.
+wrong or need a remark. For each statement, a program checks the correction and computes the numbers under "Result". The
+folder `docs/errata` of the repository contains the programs, and `shoal reproduce --all` runs them. `python -m docs.errata`
+writes this page.
 
 | letter | paper | errata |
 |---|---|---|

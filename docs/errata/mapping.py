@@ -34,8 +34,8 @@ def _probes() -> tuple[str, bool]:
         walls = [len(episode.final()[1].obstacles) for episode in played]
         fits &= all(tree < episode.moves <= tree + found for episode, found in zip(played, walls, strict=True))
         words.append(
-            f"on {name}, the episodes take up to {max(e.moves for e in played)} moves; 2 (m - 1) = {tree}, with walls "
-            f"{tree + max(walls)}"
+            f"on {name}, the episodes take up to {max(e.moves for e in played)} moves; 2 (m - 1) = {tree}, and with the walls "
+            f"the bound is {tree + max(walls)}"
         )
     return "; ".join(words), fits
 
@@ -50,8 +50,8 @@ def _probes() -> tuple[str, bool]:
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
     kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
-    words = ", ".join(f"the ratio {text} {'can' if found else 'cannot'} be achieved" for text, found in kept.items())
-    return f"for all {len(regions)} pairs of a region and a start together, {words}", kept == {"7/6": False, "5/4": True}
+    words = " and ".join(f"{'achieves' if found else 'cannot achieve'} the ratio {text}" for text, found in kept.items())
+    return f"over all {len(regions)} pairs of a region and a start, one strategy {words}", kept == {"7/6": False, "5/4": True}
 
 
 @erratum(
@@ -137,8 +137,8 @@ def _full() -> tuple[str, bool]:
     "in subset coverage, particles visit 10 % of the free cells",
     "the published numbers fit a share of 20 %. On the authors' map, which Shoal does not contain, a share of 20 % takes 874, 100 "
     "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The published numbers are 836, 99 "
-    "and 9.3. On generated vessels, 20 % fits at n = 4000 too. One observation remains unexplained: divided by the published "
-    "moves of coverage, the published moves of subset coverage fit a share of 10 %",
+    "and 9.3. On generated vessels, 20 % fits at n = 4000 too. One observation remains unexplained: the published moves "
+    "of subset coverage, divided by the published moves of coverage, fit a share of 10 %",
     "a program runs episodes of closest-frontier with coverage and with both shares. The program runs 120 episodes for each"
     " case on three maps of vessels, and 40 on a maze and on a rectangle",
 )

@@ -70,7 +70,7 @@ def _boundary() -> tuple[str, bool]:
     "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
     "of the first and the last particle, and g is the largest gap",
     "full coverage takes p + max(R, need) moves. After the p moves to the left, R moves lead to the other end, and `need` "
-    "moves close all gaps. If a gap takes longest, the printed formula counts too many moves",
+    "moves close all gaps. If `need` is larger than R, the printed formula counts too many moves",
     "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
@@ -103,12 +103,12 @@ def _published_coverage() -> tuple[str, bool]:
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
     found = (
-        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and with gaps as differences it would be "
+        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and the mean with gaps as differences is "
         f"{float(line.published_coverage):.2f}. "
     )
     found += (
-        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, with gaps as differences {theirs:.2f}, and the published mean is "
-        f"{mean} ± {error:.2f}"
+        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, the mean with gaps as differences is {theirs:.2f}, "
+        f"and the published mean is {mean} ± {error:.2f}"
     )
     return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
 

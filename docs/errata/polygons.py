@@ -102,7 +102,7 @@ def _triangles() -> tuple[str, bool]:
         most = max(most, *(filling.moves or 8 for filling in fillings))
     found = (
         f"four moves reach all differences from {', '.join(map(str, four))} of 8 starts, and from the other starts "
-        f"they miss up to {100 * missed:.1f} % of the differences"
+        f"the four moves miss up to {100 * missed:.1f} % of the differences"
     )
     return f"{found}; at most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
 
@@ -180,8 +180,8 @@ def _discarded() -> tuple[str, bool]:
     solved = np.isfinite(best).sum(axis=1)
     shorter = int(np.sum((best[0] < best[1] - 1e-12) & np.isfinite(best[1])))
     found = (
-        f"three moves solve {solved[0]} problems, {solved[1]} of them as printed; {shorter} of these plans are "
-        "shorter with a nearest contact; "
+        f"three moves solve {solved[0]} problems, and as printed {solved[1]} problems; "
+        f"the nearest contact gives {shorter} shorter plans; "
     )
     return f"{found}{reached} of {played} discarded plans reach their goals", solved[0] > solved[
         1

@@ -14,7 +14,7 @@ erratum = into(CHECKS)
     "paper H, section Efficiency",
     "the expected time T_E is proportional to the reciprocal of the number of robots",
     "T_E is proportional to H_m/m, which is about ln m / m. The printed value below 20 % for 20 robots is correct",
-    "a program computes the mean over 10,000 random starts of 10, 20 and 50 robots in 1024 cells",
+    "a program computes the expected time T_E for 1024 cells over 10,000 random starts of 10, 20 and 50 robots",
 )
 def _reciprocal() -> tuple[str, bool]:
     from shoal.search.allocation.expected_time import expected_time, stay_share
@@ -23,8 +23,9 @@ def _reciprocal() -> tuple[str, bool]:
     found = {m: one.mean for m, one in drawn.items()}
     fits = all(abs(mean / stay_share(m) - 1) < 0.02 for m, mean in found.items())
     words = ", ".join(
-        f"{m} robots: {100 * mean:.1f} ± {100 * drawn[m].error:.1f} % (m T_E = {m * mean:.2f})" for m, mean in found.items()
+        f"{100 * mean:.1f} ± {100 * drawn[m].error:.1f} % for {m} robots (m T_E = {m * mean:.2f})" for m, mean in found.items()
     )
+    words = f"as a share of the time of one robot, T_E is {words}"
     return words, fits and found[20] < 0.2 and 50 * found[50] > 1.3 * 10 * found[10]
 
 
