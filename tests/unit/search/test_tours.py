@@ -162,8 +162,8 @@ def test_encode_and_decode_keep_shapes():
         (lambda: hilbert_decode(8, order=1, dimensions=3), "expected 0 to 7 on"),
         (lambda: hilbert_decode(0, order=1, dimensions=4), "dimensions: expected 2 or 3, got 4"),
         (lambda: hilbert_decode(0.5, order=1), "expected whole numbers that fit 64 bits, got dtype float64"),
-        (lambda: hilbert_decode(0, order=32), "order: expected a whole number from 0 to 31 in 2 dimensions, got 32"),
-        (lambda: hilbert_decode(0, order=21, dimensions=3), "from 0 to 20 in 3 dimensions"),
+        (lambda: hilbert_decode(0, order=32), "order: expected a whole number from 0 to 31, got 32"),
+        (lambda: hilbert_decode(0, order=21, dimensions=3), "from 0 to 20, got"),
         (lambda: hilbert_decode(0, order=2.0), "got 2.0"),
         (lambda: hilbert_decode(0, order=True), "got True"),
         (

@@ -1,4 +1,4 @@
-"""Tours by name, with one module per tour. The package also encodes and decodes the Hilbert curve."""
+"""Tours by name, with one module for each tour, and conversion between cells and indices of the Hilbert curve."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = [
 
 
 def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
-    """Return a tour of all cells to be searched.
+    """Return a tour through all cells of a mask.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return the tour maker of a name or of a text ``module:attribute``. A tour maker object is returned unchanged.
+    """Return the tour maker that a name or a text ``module:attribute`` stands for. A tour maker object is returned unchanged.
 
     Raises
     ------

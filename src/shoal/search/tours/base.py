@@ -19,8 +19,9 @@ class TourMaker(Protocol):
     Attributes
     ----------
     name : str
+        Name of the tour in reports and error messages.
     dimensions : tuple of int
-        Supported numbers of dimensions: (2,) or (2, 3).
+        Numbers of dimensions of the masks that `make` accepts: (2,) or (2, 3).
     """
 
     name: str
@@ -38,7 +39,7 @@ TOURS: Registry[type[TourMaker]] = Registry("tour")
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
-    """Return the tour after checking that it visits exactly the True cells of the mask.
+    """Return a tour if it visits all True cells of a mask and no other cells.
 
     Raises
     ------

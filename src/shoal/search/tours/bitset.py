@@ -1,4 +1,4 @@
-"""Sets of cells along a tour as integers: bit i is cell number i. Unions and differences of such sets are very fast."""
+"""Bitsets: sets of cells along a tour as integers, whose bit i stands for cell number i. Unions and differences are very fast."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def arc_bits(first: int, count: int, n: int) -> int:
-    """Return the set of ``count`` consecutive cells of a tour of n cells that begin with number ``first``.
+    """Return the set of ``count`` consecutive cells from number ``first`` on, along a tour of n cells.
 
     Examples
     --------
@@ -21,7 +21,7 @@ def arc_bits(first: int, count: int, n: int) -> int:
 
 
 def turned(bits: int, first: int, n: int) -> int:
-    """Return the set after renumbering the cells around the tour, so that ``first`` becomes 0.
+    """Return a set with new cell numbers, which count from the cell ``first`` around a tour of n cells.
 
     Examples
     --------
@@ -33,7 +33,7 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a set that follows around the tour from number ``first`` on, or None if the set is empty.
+    """Return the first cell of a set at or after number ``first`` around a tour of n cells, or None if the set is empty.
 
     Examples
     --------
@@ -45,7 +45,7 @@ def next_in(bits: int, first: int, n: int) -> int | None:
 
 
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
-    """Yield the runs of consecutive cells of a set as (first cell, length), around the tour from number ``first`` on.
+    """Yield the runs of consecutive cells of a set as (first cell, length), from number ``first`` around a tour of n cells.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def members(bits: int) -> Iterator[int]:
 
 
 def bitset_of(cells: Iterable[int]) -> int:
-    """Return the bitset of some cells.
+    """Return the bitset of given cell numbers.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def bitset_of(cells: Iterable[int]) -> int:
 
 
 def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
-    """Return a set of numbers below n as a bool array of shape (n,).
+    """Return a set as a bool array of shape (n,), which is true at the numbers in the set.
 
     Examples
     --------
@@ -153,7 +153,7 @@ def intervals(bits: int) -> list[tuple[int, int]]:
 
 
 def bits_of_intervals(found: list[tuple[int, int]]) -> int:
-    """Return the bitset of all numbers in given runs.
+    """Return the bitset of all numbers in runs given as (first number, length).
 
     Examples
     --------

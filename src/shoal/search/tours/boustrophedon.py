@@ -6,21 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.masks import component_after_component, smallest_part
 from shoal.search.tours.tour import Tour
 
 MOST_RUNS = 1500
-"""Maximum number of runs for optimization. With more runs, the order of the boustrophedon decomposition is kept."""
+"""Maximum number of runs whose order is improved. More runs keep the order of the boustrophedon decomposition."""
 
 
 @TOURS.register("boustrophedon")
 class BoustrophedonTour:
     """A tour that traverses each run (consecutive cells of a row) without interruption, with about two turns per run.
 
-    The first version of the tour follows the boustrophedon decomposition, by Choset, "Coverage of known spaces: the boustrophedon
-    cellular decomposition", Autonomous Robots 9, 2000. Then exchanges shorten the connections between runs. One exchange replaces
-    two connections (2-opt). Another one moves up to three runs to another position, in either direction (Or-opt). The closing edge
-    counts as one of these connections.
+    At first, the runs have the order of the boustrophedon decomposition of Choset, "Coverage of known spaces: the boustrophedon
+    cellular decomposition", Autonomous Robots 9, 2000. Then two kinds of exchanges shorten the connections between runs. One kind
+    replaces two connections (2-opt). The other kind moves up to three runs to another place on the tour (Or-opt). The closing edge
+    counts as a connection.
     """
 
     name = "boustrophedon"
@@ -28,8 +28,8 @@ class BoustrophedonTour:
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""
-        low, size = bounds(mask)
-        region = np.ascontiguousarray(mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]])
+        low, region = smallest_part(mask)
+        region = np.ascontiguousarray(region)
         cells = component_after_component(_cells_in_order(region), region)
         return Tour(cells + low, mask.shape, closed=True, name=self.name)
 

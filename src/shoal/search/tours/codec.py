@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import operator
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 
 MAX_ORDER = {2: 31, 3: 20}
-"""The largest order for each number of dimensions. Indices of larger curves do not fit into int64."""
+"""The largest order of a curve for each number of dimensions. Indices of larger curves do not fit into int64."""
 
 
 def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -29,8 +29,8 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1 (8^order - 1). Index 0 is the lower left cell (of layer 0), and the last index is the lower
-        right cell.
+        Indices from 0 to 4^order - 1, or in 3 dimensions to 8^order - 1. Index 0 is the lower left cell of the first layer, and the
+        last index is the lower right cell of the first layer.
 
     Raises
     ------
@@ -48,11 +48,7 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    array = _whole_numbers(cells, "cells")
-    if array.ndim == 0 or array.shape[-1] not in MAX_ORDER:
-        raise InvalidInputError(f"cells: expected (row, col) or (layer, row, col) along the last axis, got shape {array.shape}")
-    dimensions = array.shape[-1]
-    return _encoded(hilbert.encode_2 if dimensions == 2 else hilbert.encode_3, array, check_order(order, dimensions), "Hilbert")
+    return _encoded({2: hilbert.encode_2, 3: hilbert.encode_3}, cells, order, "Hilbert")
 
 
 def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
@@ -91,7 +87,7 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
     if dimensions not in MAX_ORDER:
         raise InvalidInputError(f"dimensions: expected 2 or 3, got {dimensions!r}")
     kernel = hilbert.decode_2 if dimensions == 2 else hilbert.decode_3
-    return _decoded(kernel, indices, check_order(order, dimensions), dimensions, "Hilbert")
+    return _decoded(kernel, indices, order, dimensions, "Hilbert")
 
 
 def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -104,13 +100,13 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     cells : array_like of int, shape (..., 2)
         (row, col) with row 0 on top, each from 0 to 2^order - 1.
     order : int
-        0 to 31.
+        Order of the curve, which has 2^order cells per side: 0 to 31.
 
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1. Index 0 is the cell in the lowest row just left of the centre. The last index is the cell to
-        the right of it.
+        Indices from 0 to 4^order - 1. Index 0 is the cell in the lowest row just left of the centre. The last index is the cell in
+        the lowest row just right of the centre.
 
     Raises
     ------
@@ -128,10 +124,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    array = _whole_numbers(cells, "cells")
-    if array.ndim == 0 or array.shape[-1] != 2:
-        raise InvalidInputError(f"cells: expected (row, col) along the last axis, got shape {array.shape}")
-    return _encoded(hilbert.encode_moore, array, check_order(order, 2), "Moore")
+    return _encoded({2: hilbert.encode_moore}, cells, order, "Moore")
 
 
 def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
@@ -140,14 +133,14 @@ def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Parameters
     ----------
     indices : array_like of int, shape (...)
-        0 to 4^order - 1.
+        Indices from 0 to 4^order - 1.
     order : int
-        0 to 31.
+        Order of the curve, which has 2^order cells per side: 0 to 31.
 
     Returns
     -------
     ndarray of int64, shape (..., 2)
-        (row, col), row 0 on top.
+        (row, col) with row 0 on top.
 
     Raises
     ------
@@ -161,26 +154,7 @@ def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
     """
     from shoal.search.kernels import hilbert
 
-    return _decoded(hilbert.decode_moore, indices, check_order(order, 2), 2, "Moore")
-
-
-def check_order(order: Any, dimensions: int) -> int:
-    """Return the order of a curve as an int.
-
-    Raises
-    ------
-    InvalidInputError
-        If the order is not a whole number from 0 to the largest order.
-    """
-    try:
-        number = operator.index(order)
-    except TypeError:
-        number = -1
-    if isinstance(order, bool) or not 0 <= number <= MAX_ORDER[dimensions]:
-        raise InvalidInputError(
-            f"order: expected a whole number from 0 to {MAX_ORDER[dimensions]} in {dimensions} dimensions, got {order!r}"
-        )
-    return number
+    return _decoded(hilbert.decode_moore, indices, order, 2, "Moore")
 
 
 def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
@@ -193,10 +167,17 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
     return array
 
 
-def _encoded(kernel: Callable[..., int], array: NDArray[Any], order: int, curve: str) -> NDArray[np.int64]:
-    flat = np.ascontiguousarray(array.reshape(-1, array.shape[-1]), dtype=np.int64)
+def _encoded(kernels: dict[int, Callable[..., int]], cells: ArrayLike, order: int, curve: str) -> NDArray[np.int64]:
+    """Return the index of each cell. ``kernels`` maps the number of dimensions to the compiled function."""
+    array = _whole_numbers(cells, "cells")
+    if array.ndim == 0 or array.shape[-1] not in kernels:
+        forms = " or ".join(("(row, col)", "(layer, row, col)")[: len(kernels)])
+        raise InvalidInputError(f"cells: expected {forms} along the last axis, got shape {array.shape}")
+    dimensions = array.shape[-1]
+    order = check_integer(order, what="order", least=0, most=MAX_ORDER[dimensions])
+    flat = np.ascontiguousarray(array.reshape(-1, dimensions), dtype=np.int64)
     indices = np.empty(len(flat), dtype=np.int64)
-    bad = kernel(flat, order, indices)
+    bad = kernels[dimensions](flat, order, indices)
     if bad >= 0:
         cell = tuple(array.reshape(flat.shape)[bad].tolist())
         raise InvalidInputError(
@@ -207,6 +188,7 @@ def _encoded(kernel: Callable[..., int], array: NDArray[Any], order: int, curve:
 
 def _decoded(kernel: Callable[..., int], indices: ArrayLike, order: int, dimensions: int, curve: str) -> NDArray[np.int64]:
     array = _whole_numbers(indices, "indices")
+    order = check_integer(order, what="order", least=0, most=MAX_ORDER[dimensions])
     flat = np.ascontiguousarray(array, dtype=np.int64).ravel()
     cells = np.empty((len(flat), dimensions), dtype=np.int64)
     bad = kernel(flat, order, cells)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.masks import component_after_component, smallest_part
 from shoal.search.tours.tour import Tour
 
 
@@ -17,10 +17,10 @@ from shoal.search.tours.tour import Tour
 class CombTour:
     """Lanes back and forth over all columns except the first. The first column leads back to the start.
 
-    In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
-    unavoidable, and the tour zigzags through the last two lanes. In a single row of cells, the closing edge leads from the last
-    cell to the first cell. On other shapes, the tour is the shortest of three tours. One restricts the comb of the bounding
-    rectangle to the shape. The two others are boustrophedon decompositions, along rows and along columns.
+    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. In this
+    case, the tour zigzags through the last two lanes. In a single row of cells, the closing edge is as long as the row. On other
+    shapes, the tour is the shortest of three tours: the comb of the bounding rectangle without its surplus cells, and the
+    boustrophedon decompositions along rows and along columns.
     """
 
     name = "comb"
@@ -28,14 +28,11 @@ class CombTour:
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""
-        low, size = bounds(mask)
-        region = mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]]
+        low, region = smallest_part(mask)
         cells = closed_lanes(*region.shape)
         if not region.all():
-            cells = min(
-                (component_after_component(way, region) for way in (cells[region[tuple(cells.T)]], *_arcs_to_search(region))),
-                key=_length,
-            )
+            ways = (cells[region[tuple(cells.T)]], *_sweeps(region))
+            cells = min((component_after_component(way, region) for way in ways), key=_length)
         return Tour(cells + low, mask.shape, closed=True, name=self.name)
 
 
@@ -57,7 +54,7 @@ def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
     return np.stack(np.divmod(order, cols), axis=1)
 
 
-def _arcs_to_search(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
     """Return the cells in the order of two boustrophedon sweeps: from the bottom up, and from left to right."""
     from shoal.search.kernels.lanes import sweep_all
 

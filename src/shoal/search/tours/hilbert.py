@@ -1,7 +1,4 @@
-"""Hilbert curve tours: closed by a long edge, or left open.
-
-For other shapes, the tour takes the curve of a covering square and skips positions without a cell.
-"""
+"""Tours along the Hilbert curve and along the Moore curve."""
 
 from __future__ import annotations
 
@@ -11,7 +8,7 @@ from numpy.typing import NDArray
 from shoal.core.errors import InvalidInputError
 from shoal.search.tours.base import TOURS
 from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
-from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.masks import component_after_component, smallest_part
 from shoal.search.tours.tour import Tour
 
 
@@ -19,9 +16,9 @@ from shoal.search.tours.tour import Tour
 class HilbertTour:
     """The Hilbert curve through the smallest square of 2^k cells per side that covers the cells from their lower left corner.
 
-    As in paper H, the tour is closed: the index continues modulo the number of cells. In cell sides, the closing edge is as long as
-    the square's side minus one. On other shapes, the cells keep the order of the curve, and some steps lead across positions
-    without a cell. In 3 dimensions the square is a cube.
+    As in paper H, the tour is closed: it continues from its last cell to its first cell. This closing edge is one cell side shorter
+    than a side of the square. If the cells do not fill the square, they keep the order of the curve, and some steps lead across
+    positions without a cell. In 3 dimensions, the square is a cube.
     """
 
     name = "hilbert"
@@ -36,7 +33,7 @@ class HilbertTour:
 
 @TOURS.register("open-hilbert")
 class OpenHilbertTour(HilbertTour):
-    """The Hilbert curve as an open path that does not return from its end. It is for comparison only."""
+    """The Hilbert curve as an open path that does not return from its end. This tour is only for comparisons."""
 
     name = "open-hilbert"
     closed = False
@@ -56,20 +53,20 @@ class MooreTour:
 
 
 def in_covering_square(mask: NDArray[np.bool_], name: str) -> tuple[NDArray[np.int64], int]:
-    """Return the True cells with indices in the smallest covering square or cube of 2^order cells per side. Return also the order.
+    """Return the True cells as positions in the smallest covering square or cube of 2^order cells per side, and the order.
 
     Raises
     ------
     InvalidInputError
         If no curve with 64-bit indices covers the cells.
     """
-    low, size = bounds(mask)
-    order = int(size.max() - 1).bit_length()
+    low, region = smallest_part(mask)
+    order = (max(region.shape) - 1).bit_length()
     if order > MAX_ORDER[mask.ndim]:
         longest = 2 ** MAX_ORDER[mask.ndim]
         raise InvalidInputError(f"tour {name}: expected at most {longest} cells along each side, got shape {mask.shape}")
     cells = np.argwhere(mask) - low
-    cells[:, -2] += 2**order - size[-2]  # rows count from the top, but the curve begins at the bottom
+    cells[:, -2] += 2**order - region.shape[-2]  # rows count from the top, but the curve begins at the bottom
     return cells, order
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import bounds, component_after_component
+from shoal.search.tours.masks import component_after_component, smallest_part
 from shoal.search.tours.tour import Tour
 
 
@@ -14,9 +14,8 @@ from shoal.search.tours.tour import Tour
 class HilbertRectangleTour:
     """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
-    In a rectangle with both sides at least 2, all steps lead to neighbours. If both sides are odd, one diagonal step is
-    unavoidable. In a box with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge leads
-    from the last cell to the first cell.
+    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. In a box
+    with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge is as long as the row.
     """
 
     name = "hilbert-rectangle"
@@ -24,8 +23,8 @@ class HilbertRectangleTour:
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour of all True cells."""
-        low, size = bounds(mask)
-        cells = closed_path(tuple(int(side) for side in size)) + low
+        low, region = smallest_part(mask)
+        cells = closed_path(region.shape) + low
         if len(cells) > np.count_nonzero(mask):
             cells = cells[mask[tuple(cells.T)]]
         return Tour(component_after_component(cells, mask), mask.shape, closed=True, name=self.name)
@@ -34,8 +33,8 @@ class HilbertRectangleTour:
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the cells of a full box in the order of its closed generalized Hilbert curve; int64, shape (N, dimensions).
 
-    The curve runs along the longest side of even length, and back. The longest other side is divided into a half for each
-    direction.
+    The curve runs forth and back along the longest side of even length. The longer of the other sides is divided into two halves:
+    one for the way forth, and one for the way back.
     """
     from shoal.search.kernels.rectangle import walk_box
 

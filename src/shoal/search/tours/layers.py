@@ -20,13 +20,10 @@ TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 def joined(
     tours: Sequence[Tour], points: Sequence[Floats] | None = None, *, floors: Sequence[int] | None = None, turn: float = TIE
 ) -> Tour:
-    """Return one tour through the cells of all layers. The tour climbs from each layer to the next layer.
+    """Return one tour through the cells of all layers, which climbs from layer to layer and descends beside each climb.
 
-    It returns beside this climb.
-
-    One step of a layer's tour and one step of the next layer's tour are replaced by two climbs. The chosen steps lengthen the tour
-    as little as possible. Therefore the tour passes no cell twice. If all layers are equal, each further layer adds the length of
-    two climbs and saves two steps.
+    One step of a layer's tour and one step of the next layer's tour are replaced by a climb and a descent. The two steps are chosen
+    so that the tour gets as short as possible. If all layers are equal, each further layer adds two climbs and saves two steps.
 
     Parameters
     ----------
@@ -35,9 +32,10 @@ def joined(
     points : sequence of ndarray of float64, each of shape (N, 3), optional
         Viewpoint of each cell of each tour. The default is (row, col, layer).
     floors : sequence of int, optional
-        Layer of each tour. The default is 0, 1, 2, ...
+        Number of each tour's layer. The default is 0, 1, 2, ...
     turn : float
-        Cost of a turn in the unit of the points. If it is above 0, tours are cut at turns where possible, not on straight sections.
+        Cost of a turn in the unit of the points. If the cost is above 0, tours are cut at turns where possible, not on straight
+        sections.
 
     Returns
     -------
@@ -46,8 +44,8 @@ def joined(
 
     Notes
     -----
-    For layers that spanning-tree coverage fills, the result is a Hamiltonian cycle of the 3-D grid. The plane case is similar: see
-    Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
+    For equal layers whose tours step only to neighbours, the result is a Hamiltonian cycle of the cells in three dimensions.
+    Gabriely and Rimon describe the plane case: "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
 
     Examples
     --------

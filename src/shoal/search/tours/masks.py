@@ -14,7 +14,7 @@ MAX_CELLS = 2**28
 
 
 def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
-    """Return the mask of the cells to search. The argument is a mask, or the shape of a full rectangle or box.
+    """Return the mask of the cells to search, from a mask or from the shape of a full rectangle or box.
 
     Parameters
     ----------
@@ -88,18 +88,17 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
     return connected_parts(check_mask(mask))[0]
 
 
-def bounds(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first cell and the shape of the smallest box around all True cells; int64, shape (dimensions,)."""
-    low, size = [], []
+def smallest_part(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the smallest part of a mask with all True cells: its first cell (int64, shape (dimensions,)), and the part itself."""
+    ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
-        low.append(found[0])
-        size.append(found[-1] + 1 - found[0])
-    return np.array(low, dtype=np.int64), np.array(size, dtype=np.int64)
+        ends.append((int(found[0]), int(found[-1]) + 1))
+    return np.array(ends, dtype=np.int64)[:, 0], mask[tuple(slice(*pair) for pair in ends)]
 
 
 def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return cells as a contiguous array of (layer, row, col). Plane cells lie in layer 0."""
+    """Return cells as a contiguous array of (layer, row, col). Cells (row, col) get layer 0."""
     if cells.shape[1] == 3:
         return np.ascontiguousarray(cells)
     filled = np.zeros((len(cells), 3), dtype=np.int64)
@@ -108,11 +107,9 @@ def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the cells reordered so that the cells of each connected component follow one another.
+    """Return the cells in another order, in which the cells of each connected component follow one another.
 
-    Inside a component, the cells keep their order.
-
-    The components are ordered by their first cells in the given order.
+    The cells of a component keep their order. The components are sorted by their first cells in the given order.
     """
     labels = components(mask)
     if labels.max() == 1:

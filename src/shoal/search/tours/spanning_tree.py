@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from shoal.search.tours.base import TOURS
 from shoal.search.tours.codec import hilbert_encode
-from shoal.search.tours.masks import bounds, components
+from shoal.search.tours.masks import components, smallest_part
 from shoal.search.tours.tour import Tour
 
 
@@ -16,13 +16,13 @@ class SpanningTreeTour:
     """A tour around a spanning tree of the full 2 x 2 blocks, extended by the cells of partial blocks.
 
     The method is that of Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
-    Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, the tour is closed and all its steps lead to
-    neighbours. Cells of partial blocks are then added in two stages. First, the algorithm adds pairs of cells beside an edge of the
-    tour, and unaligned blocks. These additions cost nothing. Second, it connects cycles by the cheapest exchange of two edges of
-    different cycles. An exchange replaces the two edges by two steps between the cycles. One of these steps leads to a neighbour.
-    The other step may be longer: a diagonal for a single cell, or the return path of a dead end one cell wide. No cell is visited
-    twice. Of the possible alignments of blocks, the tour uses the one with the most full blocks. The spanning tree consists of
-    straight corridors and a spine. This shape gives few turns.
+    Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, all steps of the tour lead to neighbours. Cells of
+    partial blocks are added in two stages. In the first stage, the tour takes in pairs of cells beside one of its edges, and full
+    blocks that are not aligned with the others. These additions cost nothing. In the second stage, the remaining cycles are
+    connected. Each connection replaces one edge of each of two cycles by two steps between these cycles. One of the two steps leads
+    to a neighbour. The other step may be longer: a diagonal to a single cell, or the way back from a dead end one cell wide. Of the
+    four alignments of blocks, the tour uses the alignment with the most full blocks. The spanning tree consists of straight
+    corridors and a spine, because this shape gives few turns.
     """
 
     name = "spanning-tree"
@@ -32,9 +32,9 @@ class SpanningTreeTour:
         """Return the tour of all True cells."""
         from shoal.search.kernels import attaching, cycles
 
-        low, size = bounds(mask)
+        low, region = smallest_part(mask)
         # From the bottom up, like the curves: rows are reversed here and reversed again below.
-        region = np.ascontiguousarray(mask[low[0] : low[0] + size[0], low[1] : low[1] + size[1]][::-1])
+        region = np.ascontiguousarray(region[::-1])
         links = np.repeat(np.arange(region.size), 2).reshape(-1, 2)
         parent = np.arange(region.size)
         full, origin = _full_blocks(region)
@@ -46,7 +46,7 @@ class SpanningTreeTour:
         order = np.empty(len(members), dtype=np.int64)
         cycles.chains(links, region.shape[1], members, starts, order)
         rows, cols = np.divmod(order, region.shape[1])
-        cells = np.stack([size[0] - 1 - rows, cols], axis=1) + low
+        cells = np.stack([len(region) - 1 - rows, cols], axis=1) + low
         return Tour(cells, mask.shape, closed=True, name=self.name)
 
 

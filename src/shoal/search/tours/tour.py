@@ -16,31 +16,34 @@ from shoal.search.tours.masks import deep
 
 @dataclass(frozen=True)
 class TourMetrics:
-    """The metrics of a tour.
+    """Metrics of a tour: its length, its turns, and how far apart neighbouring cells lie along the tour.
 
     Attributes
     ----------
     cells : int
+        Number of cells.
     length : float
-        Sum of all Euclidean steps in cell sides. For a closed tour, it includes the closing edge.
+        Sum of the lengths of all steps in cell sides, including the closing edge of a closed tour.
     closing_edge : float
-        Length of the step from the last cell back to the first, or 0 for an open tour.
+        Length in cell sides of the step from the last cell back to the first cell, or 0 for an open tour.
     turns : int
-        Number of cells at which the direction changes. For a closed tour, it includes the first and the last cell.
+        Number of cells at which the direction changes. In a closed tour, it may also change at the first and the last cell.
     turns_per_cell : float
+        Number of turns divided by the number of cells.
     longest_step : float
-        Length of the longest step, except the closing edge.
+        Length of the longest step in cell sides, apart from the closing edge.
     neighbour_steps : float
-        Fraction of steps between cells that share a side (in 3 dimensions a face), including the closing edge.
+        Fraction of the steps, including the closing edge, that connect two cells with a common side (in 3 dimensions, a common
+        face).
     neighbour_stretch : float
-        Mean distance along the tour between two cells that share a side. On a closed tour, the shorter direction counts. This is
-        the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity preservation by space filling
-        curves", IPDPS 2012.
+        Mean distance along the tour between two cells with a common side. On a closed tour, the shorter direction counts. The
+        metric is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity preservation by space
+        filling curves", IPDPS 2012.
     dilation : float
-        Largest ratio of two cells' squared distance to their distance along the tour. The closing edge counts as one step. The
-        ratio is evaluated only at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, .... Therefore it is a lower bound on the worst-case
-        locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional space-filling
-        curves", Computational Geometry 43, 2010. WL2 tends to 6 for the Hilbert curve.
+        Largest ratio of two cells' squared distance to their distance along the tour. The closing edge counts as one step. Only
+        pairs of cells at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, ... are compared. Therefore the metric is a lower bound on
+        the worst-case locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional
+        space-filling curves", Computational Geometry 43, 2010. For the Hilbert curve, WL2 tends to 6.
     """
 
     cells: int
@@ -65,11 +68,13 @@ class Tour:
     Parameters
     ----------
     cells : ndarray of int64, shape (N, 2) or (N, 3)
-        (row, col) with row 0 on top, or (layer, row, col); each cell at most once. Read-only afterwards.
+        (row, col) with row 0 on top, or (layer, row, col); each cell at most once. The tour keeps a read-only copy.
     shape : tuple of int
         Shape of the grid, (H, W) or (L, H, W).
     closed : bool
+        Whether the tour is closed.
     name : str
+        Name of the tour in reports and error messages.
 
     Raises
     ------
@@ -140,7 +145,7 @@ class Tour:
         return lengths
 
     def metrics(self) -> TourMetrics:
-        """Measure the tour. For N cells, time grows as N log N, and memory grows as N."""
+        """Return the metrics of the tour. For N cells, the time grows as N log N, and the memory grows as N."""
         from shoal.search.kernels import measures
 
         n, steps, cells = len(self.cells), self.steps, deep(self.cells)
