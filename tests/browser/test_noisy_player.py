@@ -8,8 +8,8 @@ from tests.browser.waiting import until
 from tests.swarm_runs import run
 
 from shoal import GridWorkspace, open_map
-from shoal.swarm.noise import Noise, NoisyRig, moments
-from shoal.swarm.rigs import drive
+from shoal.swarm.noise import Noise, moments
+from shoal.swarm.rigs import NoisyRig, drive
 from shoal.views.swarm.page import page_data
 
 pytestmark = pytest.mark.browser

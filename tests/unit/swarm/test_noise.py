@@ -13,8 +13,8 @@ from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
 from shoal.swarm import SwarmEpisode
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.noise import Noise, NoisyBelief, NoisyRig
-from shoal.swarm.rigs import DriveLog, drive, replay_log
+from shoal.swarm.noise import Noise, NoisyBelief
+from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 
 SOME = Noise(slip=0.05, misplace=0.01, miss=0.02)
 

@@ -12,8 +12,8 @@ from tests.swarm_runs import run
 
 from shoal import GridWorkspace, InvalidInputError, open_map
 from shoal.cli import run as shoal
-from shoal.swarm.noise import Noise, NoisyRig, moments
-from shoal.swarm.rigs import DriveLog, drive, replay_log
+from shoal.swarm.noise import Noise, moments
+from shoal.swarm.rigs import DriveLog, NoisyRig, drive, replay_log
 from shoal.views import film
 from shoal.views.swarm import recording
 from shoal.views.swarm.cell_colours import NOISY, PLAIN, codes_after, codes_by_move

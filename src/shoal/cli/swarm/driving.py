@@ -109,8 +109,7 @@ def drive(
 def _simulated(truth: GridWorkspace | None, problem: SwarmProblem, seed: int) -> Rig:
     from shoal.swarm.grid.placements import place
     from shoal.swarm.grid.randomness import noise_rng, trial_rng
-    from shoal.swarm.noise.simulated import NoisyRig
-    from shoal.swarm.rigs.simulated import SimulatedRig
+    from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 
     if truth is None:
         raise InvalidInputError("rig simulated: expected a map, such as vessels:500, got none")

@@ -6,6 +6,5 @@ from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.map_errors import MapErrors
 from shoal.swarm.noise.model import CONFIDENCE, Noise
 from shoal.swarm.noise.moments import Moment
-from shoal.swarm.noise.simulated import NoisyRig
 
-__all__ = ["CONFIDENCE", "MapErrors", "Moment", "Noise", "NoisyBelief", "NoisyRig"]
+__all__ = ["CONFIDENCE", "MapErrors", "Moment", "Noise", "NoisyBelief"]

@@ -1,82 +1,16 @@
-"""Simulation of particles with noise: a rig with noise, and the belief at the start of an episode."""
+"""Simulated particles with noise: the true state, and the belief after the first scan."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from shoal.core.errors import RigError
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import encode
-from shoal.swarm.grid.world import check_start
 from shoal.swarm.kernels.noise import noisy_state
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.belief import NoisyBelief, inner_of, noisy_state_of
-from shoal.swarm.noise.model import CONFIDENCE, Noise
-
-
-class NoisyRig:
-    """A simulated rig with noise under the move rule block. Particles may slip, be missed, or appear in a neighbouring cell.
-
-    Each scan draws new errors.
-
-    Parameters
-    ----------
-    workspace : GridWorkspace
-    start : array_like of int, shape (n, ndim)
-    noise : Noise
-    rng : Generator
-
-    Raises
-    ------
-    InvalidInputError
-
-    Examples
-    --------
-    >>> rig = NoisyRig(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
-    >>> rig.send("r")
-    >>> [len(rig.observe()) for _ in range(6)]
-    [1, 0, 1, 0, 0, 1]
-    """
-
-    def __init__(self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator) -> None:
-        self.workspace, self.noise, self.rng = workspace, noise, rng
-        self.state = truth_of(workspace, check_start(workspace, start), noise, CONFIDENCE)
-        self._stopped = False
-
-    @property
-    def name(self) -> str:
-        """Name of the workspace."""
-        return self.workspace.name
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the workspace."""
-        return self.workspace.shape
-
-    @property
-    def rule(self) -> str:
-        """The move rule, always block."""
-        return "block"
-
-    def send(self, command: str) -> None:
-        """Carry out one command."""
-        if self._stopped:
-            raise RigError("the simulated rig has been stopped")
-        noisy_state.move_noisy(self.state, encode(command, ndim=self.workspace.ndim)[0], self.rng)
-
-    def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which particles are observed; int64, shape (k, ndim).
-
-        Cells of the rim have the row -1 or H, or the column -1 or W.
-        """
-        noisy_state.look(self.state, self.rng)
-        return np.argwhere(inner_of(self.state.seen, self.shape, rim=1)) - 1
-
-    def stop(self) -> None:
-        """Refuse all further commands."""
-        self._stopped = True
+from shoal.swarm.noise.model import Noise
 
 
 def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.NoisyState:

@@ -10,7 +10,7 @@ from shoal.swarm.rigs.log import DriveLog, RecordedRig, read_log
 from shoal.swarm.rigs.messages import PROTOCOL, decode_message, encode_message
 from shoal.swarm.rigs.protocol import Rig
 from shoal.swarm.rigs.remote import LinkCounts, RemoteRig, open_rig
-from shoal.swarm.rigs.simulated import SimulatedRig
+from shoal.swarm.rigs.simulated import NoisyRig, SimulatedRig
 from shoal.swarm.rigs.transports import (
     ConnectionCutError,
     ProcessTransport,
@@ -26,6 +26,7 @@ __all__ = [
     "Drive",
     "DriveLog",
     "LinkCounts",
+    "NoisyRig",
     "ProcessTransport",
     "RecordedRig",
     "RemoteRig",

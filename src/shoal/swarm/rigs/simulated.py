@@ -1,13 +1,19 @@
-"""A simulated rig, without noise."""
+"""Simulated rigs, without and with noise."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.errors import RigError
+from shoal.swarm.grid.commands import encode
 from shoal.swarm.grid.world import GridWorld
+from shoal.swarm.kernels.noise import noisy_state
 from shoal.swarm.maps.workspace import GridWorkspace
+from shoal.swarm.noise.belief import inner_of
+from shoal.swarm.noise.model import CONFIDENCE, Noise
+from shoal.swarm.noise.simulated import truth_of
 
 
 class SimulatedRig:
@@ -55,6 +61,9 @@ class SimulatedRig:
         """Carry out one command."""
         if self._stopped:
             raise RigError("the simulated rig has been stopped")
+        self._move(command)
+
+    def _move(self, command: str) -> None:
         self._state = self._world.step(self._state, command)
 
     def observe(self) -> NDArray[np.int64]:
@@ -64,3 +73,43 @@ class SimulatedRig:
     def stop(self) -> None:
         """Refuse all further commands."""
         self._stopped = True
+
+
+class NoisyRig(SimulatedRig):
+    """A simulated rig with noise under the move rule block. Particles may slip, be missed, or appear in a neighbouring cell.
+
+    Each scan draws new errors.
+
+    Parameters
+    ----------
+    workspace : GridWorkspace
+    start : array_like of int, shape (n, ndim)
+    noise : Noise
+    rng : Generator
+
+    Raises
+    ------
+    InvalidInputError
+
+    Examples
+    --------
+    >>> rig = NoisyRig(GridWorkspace([[1, 1, 1]]), [(0, 0)], Noise(miss=0.5), np.random.default_rng(1))
+    >>> rig.send("r")
+    >>> [len(rig.observe()) for _ in range(6)]
+    [1, 0, 1, 0, 0, 1]
+    """
+
+    def __init__(self, workspace: GridWorkspace, start: ArrayLike, noise: Noise, rng: Generator) -> None:
+        super().__init__(workspace, start)
+        self._noisy, self._rng = truth_of(workspace, self._state.cells, noise, CONFIDENCE), rng
+
+    def _move(self, command: str) -> None:
+        noisy_state.move_noisy(self._noisy, encode(command, ndim=len(self.shape))[0], self._rng)
+
+    def observe(self) -> NDArray[np.int64]:
+        """Return the cells in which particles are observed; int64, shape (k, ndim).
+
+        Cells of the rim have the row -1 or H, or the column -1 or W.
+        """
+        noisy_state.look(self._noisy, self._rng)
+        return np.argwhere(inner_of(self._noisy.seen, self.shape, rim=1)) - 1
