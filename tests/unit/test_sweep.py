@@ -568,7 +568,7 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert json.loads(capsys.readouterr().out) == {"sweep": "corridors", "measure": "moves", "points": 4, "out": "moves.svg"}
     assert "elect-particle" in Path("moves.svg").read_text()
     assert command(["sweep", "plot", "s.sqlite", "--out", "moves.txt"]) == 2
-    assert "expected the suffix .png, .svg, .pdf, got '.txt'" in capsys.readouterr().err
+    assert "expected the suffix .png, .svg or .pdf, got '.txt'" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--compare", "particles"]) == 2
     assert "expected a paired axis (policy), whose points share their seeds" in capsys.readouterr().err
     assert command(["sweep", "summary", "s.sqlite", "--measure", "status"]) == 2

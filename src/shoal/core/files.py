@@ -11,8 +11,22 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from shoal.core.errors import OutputError
+from shoal.core.errors import InvalidInputError, OutputError
 from shoal.core.interruption import half_written
+
+
+def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
+    """Return the path of an output file, if its suffix is one of the given suffixes.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    target = Path(path)
+    if target.suffix not in suffixes:
+        known = ", ".join(suffixes[:-1]) + " or " * (len(suffixes) > 1) + suffixes[-1]
+        raise InvalidInputError(f"{target}: expected the suffix {known}, got {target.suffix!r}")
+    return target
 
 
 @contextmanager

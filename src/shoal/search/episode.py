@@ -1,4 +1,4 @@
-"""SearchEpisode: a search problem with its plan, its scenario and the trace of the robots."""
+"""SearchEpisode: a search problem with its plan, its scenario, and the trace of what the robots did."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.core.checks import check_bool, check_integer, check_number, parse_jso
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import write_json
+from shoal.core.files import check_suffix, write_json
 from shoal.search.allocation.layers import layers_of
 from shoal.search.allocation.plan import SearchPlan, plan_search
 from shoal.search.cells.routing import Route
@@ -35,7 +35,7 @@ FORMAT: Literal[2] = 2
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SearchEpisode(Episode):
-    """A search. ``bool(episode)`` is true if all reachable cells were searched and every working robot knows this.
+    """The result of a search. ``bool(episode)`` is true if its `status` is ``complete``.
 
     Parameters
     ----------
@@ -43,13 +43,13 @@ class SearchEpisode(Episode):
         The problem as the user declared it.
     plan : SearchPlan
     scenario : Scenario
-        The scenario. Lengths are in cell sides. Times are in units of the time that a robot of speed 1 needs for one cell.
+        The simulated scenario, with lengths in cell sides and times in units of `cell_time`.
     trace : SearchTrace
     simulated : bool
-        Whether robots and messages were simulated. If false, the search followed its plan, or was a live search.
+        Whether robots and messages were simulated. If false, the robots followed the plan, or the search was live.
     seed : int
     seconds : float
-        Computing time for planning and simulation in seconds.
+        Computing time of the planning and the simulation, in seconds.
     versions : mapping of str to str
     """
 
@@ -66,7 +66,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
-        """The status is ``complete`` if all reachable cells were searched and every live robot knows this."""
+        """``complete`` if robots searched all reachable cells, and every robot that still works knows this."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
     @property
@@ -91,7 +91,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def _unaware(self) -> list[int]:
-        """The live robots that have not declared the search complete."""
+        """The robots that still work but have not declared the search complete."""
         if self._as_planned:
             return []
         living = [number for number, log in enumerate(self.trace.robots, start=1) if log.status not in ("dead", "paused")]
@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by one robot's time, T/T_UB."""
+        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by the least time of one robot alone."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -137,7 +137,7 @@ class SearchEpisode(Episode):
 
     @property
     def coverage(self) -> AreaCoverage:
-        """The part of the region that the robots saw in all layers together, computed as an area, independently of the cells."""
+        """The area of the region that the robots saw in every layer, computed from their paths, independently of the cells."""
         return together(self.coverages)
 
     @cached_property
@@ -148,12 +148,12 @@ class SearchEpisode(Episode):
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
-        """For each robot and each of its stops, the cells that the robot saw from there, as tour indices."""
+        """For each robot and each of its stops, the tour indices of the cells that the robot saw from this stop."""
         return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """The findings of the robots that have declared the search complete, or of all robots if none has declared this."""
+        """The findings that were known to the robots that declared the search complete, or to any robot if none declared it."""
         reports: dict[int, set[int]] = {}
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
@@ -165,7 +165,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """For each blocked cell, in tour order, the time of its discovery in units of `cell_time`."""
+        """The cells in which robots discovered obstacles, in tour order, each with the discovery time in units of `cell_time`."""
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
@@ -173,7 +173,7 @@ class SearchEpisode(Episode):
 
     @property
     def unreachable(self) -> int:
-        """Number of cells without an obstacle that no robot could reach."""
+        """Number of free cells that no robot could reach."""
         return len(self.plan.tour_cost) - (self.scenario.blocked | self.scenario.goal).bit_count()
 
     def report(self) -> dict[str, Any]:
@@ -251,9 +251,9 @@ class SearchEpisode(Episode):
         }
 
     def verify(self) -> Verification:
-        """Plan and simulate the search again, and compare all values.
+        """Repeat the search from its plan, and compare the new trace with the stored trace.
 
-        A live search cannot be repeated. For a live search, only the consistency of the stored cells and times is checked.
+        A live search cannot be repeated. Its stored makespan is compared with the stored times of its cells instead.
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
@@ -271,9 +271,7 @@ class SearchEpisode(Episode):
             If the suffix is not ``.json``.
         OutputError
         """
-        target = Path(path)
-        if target.suffix != ".json":
-            raise InvalidInputError(f"{target}: expected the suffix .json, got {target.suffix!r}")
+        target = check_suffix(path, ".json")
         told = {
             "format": FORMAT,
             "kind": "search",
@@ -337,7 +335,7 @@ class SearchEpisode(Episode):
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as text: h:mm:ss for durations of a minute or more.
+    """Return a duration as text: in seconds below a minute, and as h:mm:ss from a minute on.
 
     Examples
     --------

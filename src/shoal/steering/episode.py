@@ -15,7 +15,7 @@ from shoal.core.checks import FARTHEST, check_choice, check_integer, check_numbe
 from shoal.core.dataclass import dataclass
 from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError, ShoalError
-from shoal.core.files import write_json
+from shoal.core.files import check_suffix, write_json
 from shoal.steering.problem import SteeringProblem
 from shoal.steering.simulation.apparatus import condition, replay
 from shoal.steering.workspaces.base import TOUCH
@@ -169,9 +169,7 @@ class SteeringEpisode(Episode):
             If the suffix is not ``.json``.
         OutputError
         """
-        target = Path(path)
-        if target.suffix != ".json":
-            raise InvalidInputError(f"{target}: expected the suffix .json, got {target.suffix!r}")
+        target = check_suffix(path, ".json")
         problem = self.problem
         if problem.place_is_file():
             problem = problem.replaced(workspace=problem.place)

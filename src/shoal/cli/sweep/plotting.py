@@ -11,6 +11,7 @@ from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
 from shoal.cli.sweep.results import StoreFile, SweepName
 from shoal.core.errors import InvalidInputError
+from shoal.core.files import check_suffix
 
 PLOT_EXAMPLE = "Example: shoal sweep plot results.sqlite --measure moves --out moves.png"
 FIGURES = (".png", ".svg", ".pdf")
@@ -25,9 +26,7 @@ def plot(
     json_: options.Json = False,
 ) -> None:
     """Plot means with 95 % intervals against the first numeric axis, with one line for each combination of the other axes."""
-    if out.suffix not in FIGURES:
-        raise InvalidInputError(f"{out}: expected the suffix {', '.join(FIGURES)}, got {out.suffix!r}")
-    check_folder(out.parent)
+    check_folder(check_suffix(out, *FIGURES).parent)
     from shoal.lab import Store
     from shoal.lab.summaries import first_measure, summarise
     from shoal.views import save_figure

@@ -12,8 +12,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_columns, print_json, print_table, say
-from shoal.core.errors import InvalidInputError
-from shoal.core.files import write_json
+from shoal.core.files import check_suffix, write_json
 
 if TYPE_CHECKING:
     from shoal.lab import Store
@@ -36,9 +35,7 @@ def check_table(out: Path) -> None:
     """Refuse a table file that cannot be written."""
     from shoal.lab.storage.export import SUFFIXES
 
-    if out.suffix not in SUFFIXES:
-        raise InvalidInputError(f"{out}: expected the suffix {' or '.join(SUFFIXES)}, got {out.suffix!r}")
-    check_folder(out.parent)
+    check_folder(check_suffix(out, *SUFFIXES).parent)
 
 
 Method = Annotated[

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from shoal.core.errors import InvalidInputError, MissingExtraError
-from shoal.core.files import atomic
+from shoal.core.errors import MissingExtraError
+from shoal.core.files import atomic, check_suffix
 from shoal.lab.storage.store import Store
 
 SUFFIXES = (".csv", ".parquet")
@@ -42,9 +42,7 @@ def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
     MissingExtraError
         If the file is Parquet and ``shoal[lab]`` is not installed.
     """
-    target = Path(path)
-    if target.suffix not in SUFFIXES:
-        raise InvalidInputError(f"{target}: expected the suffix {' or '.join(SUFFIXES)}, got {target.suffix!r}")
+    target = check_suffix(path, *SUFFIXES)
     columns = store.columns(name)
     write = _write_csv if target.suffix == ".csv" else _write_parquet
     with atomic(target) as temporary:

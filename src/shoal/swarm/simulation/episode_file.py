@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from shoal.core.checks import check_choice, check_integer, check_number, check_text, parse_json, shortened
 from shoal.core.episode import Status
 from shoal.core.errors import InvalidInputError, UnknownNameError
-from shoal.core.files import atomic
+from shoal.core.files import atomic, check_suffix
 from shoal.core.interruption import interruption_held
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.trace import Trace
@@ -57,9 +57,7 @@ def write(
 
     See `shoal.swarm.episode.SwarmEpisode.save`.
     """
-    target = Path(path)
-    if target.suffix != ".npz":
-        raise InvalidInputError(f"{target}: expected the suffix .npz, got {target.suffix!r}")
+    target = check_suffix(path, ".npz")
     workspace, fields = problem.place, problem.to_dict()
     if not isinstance(fields["map"], str):  # it is in the file
         fields["map"] = {}

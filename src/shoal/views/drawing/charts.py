@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import os
 import warnings
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from shoal.core.errors import InvalidInputError
-from shoal.core.files import atomic
+from shoal.core.files import atomic, check_suffix
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -73,9 +71,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     OutputError
         If the file cannot be written.
     """
-    target = Path(path)
-    if target.suffix not in {".png", ".svg", ".pdf"}:
-        raise InvalidInputError(f"{target}: expected the suffix .png, .svg or .pdf, got {target.suffix!r}")
+    target = check_suffix(path, ".png", ".svg", ".pdf")
     with atomic(target) as temporary, warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Glyph")  # characters that the font lacks are drawn as boxes
         figure.savefig(temporary)
