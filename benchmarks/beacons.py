@@ -117,7 +117,7 @@ def floods(runs: int, seed: int) -> None:
                     begun.append(1)
                     process.start()
 
-            outcome = run_live(brief, starts, speed=20.0, port=port, seed=run, on_event=begin)
+            outcome = run_live(Scenario(brief, tuple(starts), seed=run), speed=20.0, port=port, on_event=begin)
             if begun:
                 process.join()
             times.setdefault(kind, []).append(max(outcome.declared.values()))

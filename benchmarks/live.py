@@ -15,8 +15,10 @@ import numpy as np
 
 from shoal.search import TourCost, allocate, make_tour
 from shoal.search.problem.faults import Crash
+from shoal.search.problem.network import network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.live import run_live
+from shoal.search.simulation.scenario import Scenario
 
 ROBOTS, KILLED, LOSS = 12, 8, 0.3
 MARK = f"SHOAL_BENCHMARK={os.getpid()}"
@@ -42,13 +44,15 @@ def main() -> int:
         kill = [Crash(int(robot), float(time)) for robot, time in zip(rng.permutation(ROBOTS)[:KILLED] + 1, times, strict=True)]
         descriptors = len(os.listdir("/proc/self/fd"))
         seen = run_live(
-            Brief(tour_cost, hello=HELLO * options.speed),
-            starts.tolist(),
-            loss=LOSS,
-            kill=kill,
+            Scenario(
+                Brief(tour_cost, hello=HELLO * options.speed),
+                tuple(starts.tolist()),
+                network=network_of(loss=LOSS),
+                faults=tuple(kill),
+                seed=run,
+            ),
             speed=options.speed,
             channel=options.channel,
-            seed=run,
         )
         stray = strays() + sockets(seen.port) + len(os.listdir("/proc/self/fd")) - descriptors
         whole = seen.complete and len(seen.killed) == KILLED and not seen.failed

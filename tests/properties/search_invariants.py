@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import inf
 
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
-from shoal.search.simulation.world import Scenario, SearchWorld, SimulationOutcome
+from shoal.search.simulation.world import Scenario, SearchWorld
 from shoal.search.tours.bitset import at_least
 
 
@@ -71,7 +71,7 @@ class Checker:
         raise InvariantError(f"at {world.time:.6g} robot {number} {what} (seed {self.scenario.seed}): {self.scenario.faults}")
 
 
-def check_outcome(scenario: Scenario, outcome: SimulationOutcome) -> None:
+def check_outcome(scenario: Scenario, outcome: SearchWorld) -> None:
     """Check what must hold when a search has ended.
 
     Raises
@@ -102,7 +102,7 @@ def check_outcome(scenario: Scenario, outcome: SimulationOutcome) -> None:
         raise InvariantError(f"all was searched at {outcome.covered_at:.6g}, alone per robot needs {min(bounds):.6g} {seed}")
 
 
-def searched_by(outcome: SimulationOutcome, count: int) -> int:
+def searched_by(outcome: SearchWorld, count: int) -> int:
     """Return the cells that so many robots have visited, as bits."""
     sets = []
     for vehicle in outcome.vehicles.values():

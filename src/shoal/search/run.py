@@ -15,8 +15,9 @@ from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 
 SIMULATED = 1_000_000
-"""Maximum size of a search that is simulated by default: the number of cells times robots, or half the cube of the number of
-robots.
+"""Searches up to this size are simulated by default.
+
+The size is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number of robots.
 """
 
 
@@ -29,12 +30,13 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     seed : int
         Seed for random starts, targets, obstacles and crashes, and for the simulation.
     plan : SearchPlan, optional
-        The plan for this problem and seed, if it already exists.
+        A plan that was made earlier for the same problem and seed. By default, the search is planned first.
 
     Raises
     ------
     InvalidInputError
-        If the robots cannot do the task in this region, or faults, message loss or a network are given without a simulation.
+        If the robots cannot do the task in this region. Also if faults, message loss or a network are given but nothing is
+        simulated.
     UnknownNameError
 
     Examples
@@ -52,7 +54,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
         robots * max(cells, robots**2 // 2) <= SIMULATED if problem.simulate is None else problem.simulate
     )
     if problem.live is not None:
-        scenario, trace = live_trace(scenario, live=problem.live, loss=problem.loss, key=key)
+        scenario, trace = live_trace(scenario, live=problem.live, key=key)
     elif simulated:
         trace = simulated_trace(plan, scenario)
     elif needs := _simulated_only(scenario):

@@ -22,6 +22,7 @@ from shoal.search import TourCost, make_tour
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Pause, Slow
+from shoal.search.problem.network import network_of
 from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.events import Begin, Declare, Heard, Wake
 from shoal.search.protocol.messages import Beacon, Heartbeat
@@ -31,11 +32,22 @@ from shoal.search.simulation.live import LiveEvent, LiveOutcome, cell_locks, pro
 from shoal.search.simulation.live.moving_point import MovingPoint
 from shoal.search.simulation.live.outcome import covered_share, searched_by
 from shoal.search.simulation.live.task import LiveTask
+from shoal.search.simulation.scenario import Scenario
 
 
 def brief_of(rows: int, columns: int, **options: object) -> Brief:
     """Return a brief that needs nothing compiled: the processes are ready sooner."""
     return Brief(TourCost(make_tour("hilbert-rectangle", (rows, columns))), **{"allocator": "stay", **options})
+
+
+def scenario_in(brief: Brief, starts, *, network: str = "", loss: float = 0.0, **more) -> Scenario:
+    return Scenario(brief, tuple(starts), network=network_of(network, loss=loss), **more)
+
+
+def live(brief: Brief, starts, **options) -> LiveOutcome:
+    """Run a live search; the options are those of a scenario and of `run_live`."""
+    own = {name: options.pop(name) for name in ("speed", "channel", "port", "key", "timeout", "on_event") if name in options}
+    return run_live(scenario_in(brief, starts, **options), **own)
 
 
 def radio_of(channel, number=1, *, key=b"", **options):
@@ -109,7 +121,7 @@ def nobody_shared_a_cell(outcome: LiveOutcome) -> bool:
 @pytest.mark.parametrize("channel", ["multicast", "unicast"])
 def test_two_of_four_killed_and_a_third_of_the_messages_lost(channel):
     before = descriptors()
-    outcome = run_live(brief_of(6, 6), [0, 9, 18, 27], loss=0.3, kill=[Crash(2, 2.0), Crash(4, 4.5)], speed=40.0, channel=channel)
+    outcome = live(brief_of(6, 6), [0, 9, 18, 27], loss=0.3, faults=[Crash(2, 2.0), Crash(4, 4.5)], speed=40.0, channel=channel)
     assert outcome.complete
     assert outcome.covered == 1.0
     assert sorted(outcome.killed) == [2, 4]
@@ -166,7 +178,7 @@ def test_strangers_on_the_port_are_dropped_and_counted(monkeypatch):
                     stranger.send(beacon)
                 stranger.close()
 
-    outcome = run_live(brief_of(4, 4), [0, 8], speed=20.0, channel="multicast", on_event=lie)
+    outcome = live(brief_of(4, 4), [0, 8], speed=20.0, channel="multicast", on_event=lie)
     assert outcome.complete
     assert outcome.covered == 1.0
     assert outcome.dropped >= 2 * len(invented)
@@ -188,7 +200,7 @@ IMPOSSIBLE = {
 
 @pytest.mark.parametrize("name", IMPOSSIBLE)
 def test_what_no_robot_of_the_search_can_say(name):
-    task = LiveTask(brief_of(4, 4), (0, 8), (1.0, 1.0), 10.0, "unicast", 0, 0.0, 0, frozenset())
+    task = LiveTask(scenario_in(brief_of(4, 4), (0, 8)), 10.0, "unicast", 0)
     task.check(Beacon(1, (Heartbeat(1, 1, 0, 1.0, "searching"), Heartbeat(2, 7, 8, 1.0, "waiting")), ((2, 3),), ((3, 6),)))
     with pytest.raises(InvalidInputError, match="beacon: expected"):
         task.check(IMPOSSIBLE[name])
@@ -196,7 +208,7 @@ def test_what_no_robot_of_the_search_can_say(name):
 
 def test_they_help_one_another():
     """Robots that hear nothing each search everything; these hear."""
-    outcome = run_live(brief_of(4, 8, hello=8.0), [0, 0, 16, 16], speed=40.0)
+    outcome = live(brief_of(4, 8, hello=8.0), [0, 0, 16, 16], speed=40.0)
     assert outcome.complete
     assert outcome.heard > 0
     assert outcome.lost == 0
@@ -207,7 +219,7 @@ def test_they_help_one_another():
 
 def test_a_slow_robot_is_helped_and_messages_are_short_and_signed():
     starts = [0, 24, 48, 72]
-    outcome = run_live(brief_of(8, 12, hello=6.0), starts, slow=[Slow(2, 8.0)], key=b"of the robots", packet=64, speed=30.0)
+    outcome = live(brief_of(8, 12, hello=6.0), starts, faults=[Slow(2, 8.0)], key=b"of the robots", packet=64, speed=30.0)
     assert outcome.complete
     assert outcome.covered == 1.0
     searched = searched_by(outcome.events)
@@ -217,7 +229,7 @@ def test_a_slow_robot_is_helped_and_messages_are_short_and_signed():
 
 
 def test_without_any_message_each_searches_everything():
-    outcome = run_live(brief_of(3, 4), [0, 5], loss=1.0, speed=100.0)
+    outcome = live(brief_of(3, 4), [0, 5], loss=1.0, speed=100.0)
     assert outcome.complete
     assert [bits.bit_count() for bits in searched_by(outcome.events).values()] == [12, 12]
     assert outcome.lost == outcome.heard
@@ -227,7 +239,7 @@ def test_without_any_message_each_searches_everything():
 def test_a_robot_finds_things_and_goes_home_in_between():
     seen: list[LiveEvent] = []
     brief = brief_of(4, 4, energy=10.0, recharge=1.0)
-    outcome = run_live(brief, [0], targets=[5], rates=[2.0], speed=100.0, on_event=seen.append)
+    outcome = live(brief, [0], targets=(5,), rates=(2.0,), speed=100.0, on_event=seen.append)
     assert outcome.complete
     assert [event.cell for event in outcome.events if event.found] == [5]
     assert sorted(seen, key=lambda event: event.time) == list(outcome.events)
@@ -242,7 +254,7 @@ def test_obstacles_are_met_and_told_of():
     wall = [int(tour.position[row, col]) for row, col in ((0, 1), (1, 1), (1, 0), (3, 3))]
     brief = Brief(TourCost(tour, distances=CellDistances(tour)), "stay", hello=8.0)
     starts = [int(tour.position[4, 0]), int(tour.position[4, 5])]
-    outcome = run_live(brief, starts, obstacles=wall, widths=[1, 3], loss=0.2, speed=100.0)
+    outcome = live(brief, starts, obstacles=tuple(wall), widths=(1, 3), loss=0.2, speed=100.0)
     assert outcome.complete
     assert outcome.covered == 1.0
     met = {event.cell for event in outcome.events if event.kind == "obstructed"}
@@ -254,11 +266,11 @@ def test_obstacles_are_met_and_told_of():
     assert any(len(event.around) > 2 for event in outcome.events if event.robot == 2)
     assert nobody_shared_a_cell(outcome)
     with pytest.raises(InvalidInputError, match="expected a tour with ways from cell to cell"):
-        run_live(brief_of(3, 4), [0], obstacles=[2])
+        live(brief_of(3, 4), [0], obstacles=(2,))
 
 
 def test_all_killed():
-    outcome = run_live(brief_of(6, 6), [0, 18], kill=[Crash(1, 0.0), Crash(2, 3.0)], speed=20.0)
+    outcome = live(brief_of(6, 6), [0, 18], faults=[Crash(1, 0.0), Crash(2, 3.0)], speed=20.0)
     assert not outcome.complete
     assert outcome.covered < 1.0
     assert sorted(outcome.killed) == [1, 2]
@@ -266,7 +278,7 @@ def test_all_killed():
 
 
 def test_time_limit():
-    outcome = run_live(brief_of(6, 6), [0, 18], speed=0.01, timeout=0.2)
+    outcome = live(brief_of(6, 6), [0, 18], speed=0.01, timeout=0.2)
     assert outcome.timed_out
     assert not outcome.complete
     assert [event.kind for event in outcome.events].count("stopped") == 2
@@ -277,11 +289,11 @@ def test_time_limit():
 def test_where_multicast_cannot_be_had_it_is_unicast(monkeypatch):
     assert radio.reserve("127.0.0.1") is None  # no multicast group: the system refuses
     monkeypatch.setattr(supervisor, "reserve", lambda port: radio.reserve("127.0.0.1", port))
-    outcome = run_live(brief_of(3, 4), [0, 6], speed=100.0)
+    outcome = live(brief_of(3, 4), [0, 6], speed=100.0)
     assert outcome.channel == "unicast"
     assert outcome.complete
     with pytest.raises(InvalidInputError, match="multicast on the loopback interface"):
-        run_live(brief_of(3, 4), [0, 6], channel="multicast")
+        live(brief_of(3, 4), [0, 6], channel="multicast")
 
 
 def test_an_exception_of_the_caller_leaves_nothing_behind():
@@ -292,7 +304,7 @@ def test_an_exception_of_the_caller_leaves_nothing_behind():
             raise RuntimeError("enough")
 
     with pytest.raises(RuntimeError, match="enough"):
-        run_live(brief_of(6, 6), [0, 18], speed=40.0, on_event=fail)
+        live(brief_of(6, 6), [0, 18], speed=40.0, on_event=fail)
     assert children() == set()
     assert descriptors() == before
 
@@ -303,13 +315,14 @@ SCRIPT = """
     from shoal.search import TourCost, make_tour
     from shoal.search.simulation.live import run_live
     from shoal.search.protocol.robot import Brief
+    from shoal.search.simulation.scenario import Scenario
 
     def show(event):
         if event.kind == "searched":
             print("searched", flush=True)
 
     if __name__ == "__main__":
-        run_live(Brief(TourCost(make_tour("moore", (16, 16))), "stay"), [0, 64, 128], speed=4.0, on_event=show)
+        run_live(Scenario(Brief(TourCost(make_tour("moore", (16, 16))), "stay"), (0, 64, 128)), speed=4.0, on_event=show)
 """
 
 
@@ -333,13 +346,13 @@ def test_a_process_that_cannot_start_is_named(monkeypatch):
     monkeypatch.setattr(process_pool.sys, "executable", "/bin/false")
     before = descriptors()
     with pytest.raises(ShoalError, match=r"robot 1: its process ended before it was ready: no reason given"):
-        run_live(brief_of(3, 4), [0])
+        live(brief_of(3, 4), [0])
     assert descriptors() == before
 
 
 def test_a_robot_whose_radio_fails_is_named():
     """The port is none."""
-    task = supervisor.LiveTask(brief_of(3, 4), (0,), (1.0,), 10.0, "multicast", -1, 0.0, 0, frozenset())
+    task = LiveTask(scenario_in(brief_of(3, 4), (0,)), 10.0, "multicast", -1)
     with process_pool.ProcessPool(task) as robots, pytest.raises(ShoalError, match=r"robot 1: .*OverflowError"):
         robots.wait_ready(60.0)
     assert children() == set()
@@ -347,10 +360,12 @@ def test_a_robot_whose_radio_fails_is_named():
 
 def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
     """The speed of the second one is none: it fails when it wants to tell of it."""
-    task = supervisor.LiveTask(brief_of(3, 4), (0, 6), (1.0, "fast"), 100.0, "unicast", 0, 0.0, 0, frozenset())
+    scenario = scenario_in(brief_of(3, 4), (0, 6))
+    object.__setattr__(scenario, "rates", (1.0, "fast"))
+    task = LiveTask(scenario, 100.0, "unicast", 0)
     with process_pool.ProcessPool(task) as robots:
         robots.wait_ready(60.0)
-        outcome = supervisor._Watch(robots, task, None, 0.0).run([], 60.0)
+        outcome = supervisor._Watch(robots, task, None, 0.0).run(60.0)
     assert list(outcome.failed) == [2]
     assert outcome.failed[2] == "struct.error: required argument is not a float"
     assert outcome.complete
@@ -362,21 +377,22 @@ def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
     [
         ({"starts": []}, "starts: expected one or more cells"),
         ({"starts": [12]}, "starts: expected one or more cells from 0 to 11"),
-        ({"rates": [0.0]}, "rates: expected 1 speeds above 0"),
+        ({"rates": (0.0,)}, "rates: expected 1 speeds above 0"),
         ({"loss": 1.5}, "loss: expected a probability"),
         ({"speed": 0.0}, "speed: expected cells a second"),
-        ({"kill": [Crash(2, 1.0)]}, "fault: expected a robot from 1 to 1"),
-        ({"kill": [Crash(1, -1.0)]}, "kill: expected crashes at times from 0 on"),
-        ({"kill": [Pause(1, 1.0, 2.0)]}, "kill: expected crashes at times from 0 on"),
-        ({"targets": [12]}, "targets: expected cells from 0 to 11"),
+        ({"faults": (Crash(2, 1.0),)}, "fault: expected a robot from 1 to 1"),
+        ({"faults": (Crash(1, -1.0),)}, "live: expected no faults but crashes and slow robots, at times from 0 on"),
+        ({"faults": (Pause(1, 1.0, 2.0),)}, "live: expected no faults but crashes and slow robots"),
+        ({"targets": (12,)}, "targets: expected cells from 0 to 11"),
         ({"packet": 63}, "packet: expected a whole number from 64 to 65507"),
         ({"port": 65536}, "port: expected a number from 1 to 65535"),
+        ({"network": "range:3"}, "live: expected no network but a share of lost messages"),
         ({"channel": "smoke"}, "channel: expected auto, multicast or unicast, got 'smoke'"),
     ],
 )
 def test_bad_input(options, message):
     with pytest.raises(InvalidInputError, match=message):
-        run_live(brief_of(3, 4), **{"starts": [0], **options})
+        live(brief_of(3, 4), **{"starts": [0], **options})
 
 
 # The rooms of a robot's process.

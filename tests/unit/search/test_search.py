@@ -322,7 +322,7 @@ def test_a_plan_without_a_simulation():
 def test_nothing_is_lost_on_a_perfect_network():
     tour_cost = TourCost(make_tour("moore", (8, 8)))
     outcome = SearchWorld(Scenario(Brief(tour_cost), (0, 20, 40), network=RadioNetwork())).run()
-    assert outcome.lost == 0
+    assert outcome.air.lost == 0
     assert outcome.takeovers == 0
     assert outcome.covered_at < inf
 

@@ -49,7 +49,7 @@ class Air:
         return list(found)
 
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
-        """Yield the copies of a message that arrive at one receiver, with their delays."""
+        """Yield the copies of a message that arrive at one receiver, with their delays. ``reaches`` is false if it is dead."""
         self.sent += 1
         copies = self._scenario.network.send(link, self._rng) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)
@@ -72,7 +72,7 @@ class Air:
         return Sender(link.sender, _OTHER_KEY).messages(lie, _clock(link.time) + 1)[0]
 
     def open(self, receiver: int, message: Message, time: float) -> Beacon | None:
-        """Return the content that a robot reads in a received message, or None."""
+        """Return the beacon that a robot reads in a message, or None if the robot refuses the message."""
         if isinstance(message, Beacon):
             return message
         try:

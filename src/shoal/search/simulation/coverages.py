@@ -1,4 +1,4 @@
-"""Coverage of each layer, computed from the robots' positions, independently of cells."""
+"""Coverage of each layer, computed from the robots' paths, independently of cells."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 
 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
-    """For each cell in which a robot stopped, return the route points where it begins and ends to observe; int64, shape (k, 2).
+    """Return the indices of the route points between which a robot observes each cell of its log; int64, shape (k, 2).
 
     If robots move from cell to cell, the observation begins with the cells on the way to the stop.
     """

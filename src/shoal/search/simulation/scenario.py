@@ -16,7 +16,6 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.layers import LayeredGrid, layers_of
 from shoal.search.allocation.plan import SearchPlan
-from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.cells.footprint import check_widths
 from shoal.search.flight.pace import climbing_seconds, working_seconds
@@ -27,16 +26,8 @@ from shoal.search.protocol.robot import Brief
 from shoal.search.regions.places import read_points
 from shoal.search.tours.bitset import bitset_of
 
-
-def first_obstacle(tour_cost: TourCost, blocked: int, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-    """Return the first blocked cell on a path, or None, and the number of path cells before it."""
-    distances = tour_cost.distances
-    if blocked and isinstance(distances, CellDistances):
-        for index, (one, other) in enumerate(pairwise((here, *through))):
-            for cell in (other, *distances.beside(one, other)):
-                if blocked >> cell & 1:
-                    return cell, index
-    return None, len(through)
+TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
+RETRY = 0.25  # cell times between two attempts
 
 
 @dataclass(frozen=True)
@@ -59,13 +50,13 @@ class Scenario:
     false_alarm : float
         Probability that a robot reports a target in an empty cell.
     obstacles : tuple of int
-        Blocked cells, which robots discover when they reach them. They need a tour with paths from cell to cell.
+        Blocked cells, which robots discover when they reach them. Obstacles require a tour with paths from cell to cell.
     widths : tuple of int
         Width of each robot's footprint in cells, odd.
     signed : bool
         Whether robots sign their messages with a secret key.
     packet : int
-        Maximum length of a message in bytes. 0: beacons are sent in one piece.
+        Maximum length of a message in bytes. With 0, every beacon is sent in one piece.
     seed : int
     """
 
@@ -101,13 +92,14 @@ class Scenario:
             raise InvalidInputError(
                 "network: expected a key where messages are forged, got none, with which forged ones are believed"
             )
-        self._check_obstacles(n)
+        for name, cells in (("targets", self.targets), ("obstacles", self.obstacles)):
+            if any(not 0 <= cell < n for cell in cells):
+                raise InvalidInputError(f"{name}: expected cells from 0 to {n - 1}, got {list(cells)!r:.200}")
+        self._check_obstacles()
 
-    def _check_obstacles(self, n: int) -> None:
+    def _check_obstacles(self) -> None:
         if self.obstacles and not self.brief.tour_cost.stepwise:
             raise InvalidInputError("obstacles: expected a tour with ways from cell to cell, got one with straight ways")
-        if any(not 0 <= cell < n for cell in self.obstacles):
-            raise InvalidInputError(f"obstacles: expected cells from 0 to {n - 1}, got {list(self.obstacles)!r:.200}")
         for number, start in enumerate(self.starts, start=1):
             if start in self.obstacles:
                 raise InvalidInputError(f"obstacles: expected none where a robot starts, got cell {start}, of robot {number}")
@@ -117,11 +109,21 @@ class Scenario:
     @cached_property
     def blocked(self) -> int:
         """The obstacles as a bitset."""
-        return sum(1 << cell for cell in set(self.obstacles))
+        return bitset_of(self.obstacles)
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first obstacle on a robot's path, and the number of path cells before it."""
-        return first_obstacle(self.brief.tour_cost, self.blocked, here, through)
+        """Return the first obstacle on a path from a cell, or None, and the number of path cells before it."""
+        distances = self.brief.tour_cost.distances
+        if self.blocked and isinstance(distances, CellDistances):
+            for index, (one, other) in enumerate(pairwise((here, *through))):
+                for cell in (other, *distances.beside(one, other)):
+                    if self.blocked >> cell & 1:
+                        return cell, index
+        return None, len(through)
+
+    def path_length(self, here: int, through: tuple[int, ...]) -> float:
+        """Return the length in cells of a path from a cell through given cells."""
+        return sum(self.brief.tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
     @cached_property
     def goal(self) -> int:

@@ -20,7 +20,7 @@ from shoal.search.protocol.inference import step_cost
 from shoal.search.protocol.state import Brief
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
-from shoal.search.tours.bitset import bits_to_array
+from shoal.search.tours.bitset import bits_to_array, members
 
 _HORIZON = 60.0  # times the path of one robot alone
 
@@ -32,16 +32,17 @@ class RobotLog:
     Parameters
     ----------
     cells : ndarray of int64, shape (k,)
-        Tour indices of the cells in which the robot stopped to search. With a footprint wider than one cell, the cells around are
-        included.
+        Tour indices of the cells in which the robot stopped to search. A robot with a footprint wider than one cell also searches
+        the cells around each stop.
     times : ndarray of float64, shape (k,)
         Time at which each cell was searched, in units of the time that a robot of speed 1 needs for one cell.
     states : tuple of (float, str)
-        Start times of the statuses "listening", "searching", "waiting", "complete", "paused" and "dead".
+        The statuses of the robot, each with the time at which it began: "listening", "searching", "waiting", "complete", "paused"
+        or "dead".
     found : tuple of (int, tuple of int)
         Findings known to the robot at the end: cells, and the robots that found something there.
     detours : tuple of tuple of int
-        The cells that the robot passed on the way to each searched cell, if robots move from cell to cell. Otherwise it is empty.
+        For each stop, the cells that the robot passed on the way there. It is empty if robots do not move from cell to cell.
     obstructed : tuple of (float, int)
         Time and cell of each discovered obstacle.
     """
@@ -158,12 +159,12 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 
 def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
-    """Return the actions of the robots as planned, without faults, with the ways home to recharge. Nothing is simulated.
+    """Return the trace of robots that follow the plan without faults and go home to recharge. Nothing is simulated.
 
     Raises
     ------
     InvalidInputError
-        If a robot's energy does not suffice for a cell.
+        If a robot's energy does not suffice to search a cell and return home.
     """
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
@@ -205,29 +206,28 @@ def _with_recharging(
 
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
-    """Return the trace of a simulated scenario."""
-    outcome = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
+    """Simulate a scenario, and return the trace of the robots."""
+    world = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
             cells=np.array([cell for _, cell in vehicle.visits], dtype=np.int64),
             times=np.array([moment for moment, _ in vehicle.visits]),
             states=tuple(vehicle.states),
-            found=tuple(sorted((cell, tuple(_witnesses(bits))) for cell, bits in vehicle.robot.found.items())),
+            found=tuple(sorted((cell, tuple(members(bits))) for cell, bits in vehicle.robot.found.items())),
             detours=tuple(vehicle.detours) if any(vehicle.detours) else (),
             obstructed=tuple(vehicle.obstructed),
         )
-        for vehicle in outcome.vehicles.values()
+        for vehicle in world.vehicles.values()
     )
     covered_at = float(searched_at(scenario, logs).max())
-    return SearchTrace(logs, covered_at, outcome.declared, outcome.sent, outcome.lost, outcome.takeovers)
+    return SearchTrace(logs, covered_at, world.declared, world.air.sent, world.air.lost, world.takeovers)
 
 
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
-    """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (cells,).
+    """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (n,).
 
-    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. One of these robots
-    may be a liar; with a multiplicity of 2 or more, another robot searches the cell too. The time is infinite for a cell that too
-    few robots searched.
+    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. At least one of
+    these robots must not be a liar. The time is infinite for a cell that too few robots searched.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}
@@ -249,7 +249,3 @@ def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.floa
     last = np.minimum(able, count) - 1
     found = np.maximum(best[last, np.arange(len(last))], truly)
     return np.asarray(found[bits_to_array(scenario.goal, len(last))])
-
-
-def _witnesses(bits: int) -> list[int]:
-    return [number for number in range(bits.bit_length()) if bits >> number & 1]

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import heapq
-import json
 from collections.abc import Callable
-from itertools import pairwise
+from dataclasses import field
 from math import inf
 from typing import Any
 
 import numpy as np
 
+from shoal.core.dataclass import dataclass
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, WrongPosition, true_rate
 from shoal.search.problem.network import Link
 from shoal.search.protocol.events import (
@@ -33,12 +33,33 @@ from shoal.search.protocol.inference import is_live, step_cost
 from shoal.search.protocol.messages import Beacon
 from shoal.search.protocol.robot import LOOK, Decision, Robot, advance
 from shoal.search.simulation.air import Air
-from shoal.search.simulation.outcome import SimulatedRobot, SimulationOutcome
-from shoal.search.simulation.scenario import Scenario
+from shoal.search.simulation.scenario import RETRY, TRIES, Scenario
 from shoal.search.tours.bitset import members
 
-_TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
-_RETRY = 0.25  # cell times between two attempts
+
+@dataclass
+class SimulatedRobot:
+    """The body of a simulated robot: its position, and whether it works."""
+
+    robot: Robot
+    place: int  # tour index of its cell
+    true_rate: float
+    energy: float = inf  # its true remaining energy
+    alive: bool = True
+    paused_until: float = 0.0
+    liar: bool = False
+    searching: int | None = None  # the cell that it occupies for its search
+    going: int | None = None
+    aimed: int | None = None  # the aim of its last movement: `Robot.aim`
+    tries: int = 0
+    wake: float = inf
+    travelled: float = 0.0
+    waited: float = 0.0  # waits for other robots to leave a cell
+    visits: list[tuple[float, int]] = field(default_factory=list)  # time at which each cell was searched
+    passing: tuple[int, ...] = ()  # the cells passed since then
+    detours: list[tuple[int, ...]] = field(default_factory=list)  # the passed cells before each visit
+    obstructed: list[tuple[float, int]] = field(default_factory=list)  # time at which each obstacle was discovered
+    states: list[tuple[float, str]] = field(default_factory=list)
 
 
 class SearchWorld:
@@ -49,34 +70,44 @@ class SearchWorld:
     scenario : Scenario
     check : callable, optional
         Function that is called with the world and the robot's number after every event, for example to test invariants.
-    trace : bool
-        Whether to record every event.
     decide : callable, optional
         Function that chooses the destination of idle robots instead of the protocol; see `advance`. If it is given, robots start
         without listening, and no tour is divided among them.
+
+    Attributes
+    ----------
+    covered : int
+        The cells that were searched by robots that do not lie, as a bitset.
+    covered_at : float
+        Time at which robots that do not lie had searched all reachable cells, or infinity if they never had.
+    declared : dict of int to float
+        Time at which each robot declared completion.
+    vehicles : dict of int to SimulatedRobot
+        The bodies of the robots, by number.
+    takeovers : int
+        Number of times that a robot began to search the part of a robot that it presumed dead.
     """
 
     def __init__(
-        self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None, trace: bool = False,
+        self, scenario: Scenario, *, check: Callable[[SearchWorld, int], None] | None = None,
         decide: Callable[[Robot, float], Decision] | None = None,
     ) -> None:  # fmt: skip
-        self.scenario, self.check, self.tracing, self.decide = scenario, check, trace, decide
+        self.scenario, self.check, self.decide = scenario, check, decide
         self.rng = np.random.default_rng(scenario.seed)
         self.time = 0.0
-        self.covered = 0  # by robots that do not lie, as a bitset
+        self.covered = 0
         self.goal = scenario.goal
         self.searched: dict[int, int] = {}  # for each robot, the cells that it really searched
         self.covered_at = inf
         self.declared: dict[int, float] = {}
         self.takeovers = 0
         self.air = Air(scenario, self.rng)
-        self.lines: list[bytes] = []
         self._queue: list[tuple[float, int, int, str, Any]] = []
         self._number = 0
         self.vehicles = {number: self._vehicle(number) for number in range(1, len(scenario.starts) + 1)}
         for fault in scenario.faults:
             if isinstance(fault, Crash | Pause):
-                self._post(fault.time, fault.robot, "crash" if isinstance(fault, Crash) else "pause", fault)
+                self._post(fault.time, fault.robot, "fault", fault)
         for number in self.vehicles:
             self._post(0.0, number, "event", Begin(0.0))
 
@@ -108,15 +139,15 @@ class SearchWorld:
         self._number += 1
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
-    def run(self, *, until: float = inf) -> SimulationOutcome:
-        """Simulate all events up to a given time. Return the outcome."""
+    def run(self, *, until: float = inf) -> SearchWorld:
+        """Simulate all events up to a given time. Return this world."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]
             if not vehicle.alive:
                 continue
-            if kind in ("crash", "pause"):
-                self._fail(vehicle, kind, what)
+            if kind == "fault":
+                self._fail(vehicle, what)
                 continue
             if self.time < vehicle.paused_until:
                 if kind != "heard":  # messages that it would have received are lost; all other events wait
@@ -125,20 +156,9 @@ class SearchWorld:
             getattr(self, f"_do_{kind}")(vehicle, what)
             if self.check is not None:
                 self.check(self, number)
-        return SimulationOutcome(
-            self.covered,
-            self.covered_at,
-            self.declared,
-            self.vehicles,
-            self.air.sent,
-            self.air.lost,
-            self.takeovers,
-            self.time,
-            b"".join(self.lines),
-        )
+        return self
 
-    def _fail(self, vehicle: SimulatedRobot, kind: str, what: Crash | Pause) -> None:
-        self._write(vehicle, kind)
+    def _fail(self, vehicle: SimulatedRobot, what: Crash | Pause) -> None:
         vehicle.searching = None  # other robots can avoid a robot that does not move
         if isinstance(what, Crash):
             self._die(vehicle)
@@ -150,11 +170,6 @@ class SearchWorld:
         vehicle.alive, vehicle.searching = False, None
         vehicle.states.append((self.time, "dead"))
 
-    def _write(self, vehicle: SimulatedRobot, kind: str, **more: Any) -> None:
-        if self.tracing:
-            line = {"time": round(self.time, 9), "robot": vehicle.robot.number, "event": kind, **more}
-            self.lines.append(json.dumps(line).encode() + b"\n")
-
     # The handlers of the events in the queue, by kind.
 
     def _do_event(self, vehicle: SimulatedRobot, event: Event) -> None:
@@ -162,7 +177,6 @@ class SearchWorld:
         state = vehicle.robot.status
         if not vehicle.states or vehicle.states[-1][1] != state:
             vehicle.states.append((self.time, state))
-            self._write(vehicle, state)
         if state in ("waiting", "complete"):
             vehicle.searching = None  # the robot stands aside
         for action in actions:
@@ -184,14 +198,13 @@ class SearchWorld:
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):
             vehicle.searching = None
-            if vehicle.tries < _TRIES:
+            if vehicle.tries < TRIES:
                 vehicle.tries += 1
-                vehicle.waited += _RETRY / rate
-                self._post(self.time + _RETRY / rate, vehicle.robot.number, "enter", cell)
+                vehicle.waited += RETRY / rate
+                self._post(self.time + RETRY / rate, vehicle.robot.number, "enter", cell)
             else:
                 vehicle.place, vehicle.going = cell, None
                 vehicle.passing += vehicle.robot.through
-                self._write(vehicle, "blocked", cell=cell)
                 self._do_event(vehicle, Blocked(self.time, cell))
             return
         vehicle.searching = vehicle.place = cell
@@ -215,7 +228,6 @@ class SearchWorld:
         vehicle.detours.append(vehicle.passing + vehicle.robot.through[:-1])
         vehicle.passing = ()
         vehicle.going, vehicle.aimed = None, vehicle.robot.aim
-        self._write(vehicle, "searched", cell=cell, found=found, **({"beside": beside} if beside else {}))
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
@@ -227,12 +239,10 @@ class SearchWorld:
         cell, vehicle.place = found
         vehicle.going = None
         vehicle.obstructed.append((self.time, cell))
-        self._write(vehicle, "obstructed", cell=cell)
         self._do_event(vehicle, Obstructed(self.time, cell, vehicle.place))
 
     def _do_home(self, vehicle: SimulatedRobot, _: None) -> None:
         vehicle.place, vehicle.energy = vehicle.robot.start, self._full(vehicle.robot.number)
-        self._write(vehicle, "recharged")
         self._do_event(vehicle, Recharged(self.time))
 
     # The handlers of the robots' actions.
@@ -243,12 +253,11 @@ class SearchWorld:
             case Go(cell, through):
                 self._go(vehicle, cell, through)
             case GoHome(through):
-                away = self._length(vehicle.place, through or (vehicle.robot.start,))
+                away = self.scenario.path_length(vehicle.place, through or (vehicle.robot.start,))
                 away += self.scenario.brief.from_launch(number, vehicle.robot.start, vehicle.place)
                 vehicle.searching = None
                 vehicle.passing += through
                 if self._spend(vehicle, away):
-                    self._write(vehicle, "home")
                     self._post(self.time + away / self._rate(vehicle) + self.scenario.brief.recharge, number, "home", None)
             case Send(beacon):
                 self._broadcast(vehicle, beacon)
@@ -258,18 +267,11 @@ class SearchWorld:
                 vehicle.wake = time
             case Declare():
                 self.declared[number] = self.time
-                self._write(vehicle, "declared")
-
-    def _length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length of a path through given cells."""
-        tour_cost = self.scenario.brief.tour_cost
-        return sum(tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
     def _go(self, vehicle: SimulatedRobot, cell: int, through: tuple[int, ...]) -> None:
         robot, tour_cost = vehicle.robot, self.scenario.brief.tour_cost
         if self._takes_over(vehicle):
             self.takeovers += 1
-            self._write(vehicle, "takes over", cell=cell)
         vehicle.going, vehicle.tries = cell, 0
         obstacle, free = self.scenario.obstacle_on(vehicle.place, through)
         if obstacle is not None:
@@ -283,7 +285,7 @@ class SearchWorld:
         self._post(self.time + (cost - 1.0) / self._rate(vehicle), robot.number, "enter", cell)
 
     def _stop_before(self, vehicle: SimulatedRobot, obstacle: int, way: tuple[int, ...]) -> None:
-        cost = self._length(vehicle.place, way) + LOOK + self._way_out(vehicle, vehicle.place)
+        cost = self.scenario.path_length(vehicle.place, way) + LOOK + self._way_out(vehicle, vehicle.place)
         vehicle.searching = None
         if self._spend(vehicle, cost):
             at = way[-1] if way else vehicle.place
@@ -310,7 +312,6 @@ class SearchWorld:
         vehicle.travelled += cost
         if vehicle.energy >= -1e-9:
             return True
-        self._write(vehicle, "battery out")
         self._die(vehicle)
         return False
 

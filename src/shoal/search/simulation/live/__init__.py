@@ -1,7 +1,8 @@
 """Live search: each robot is a process with its own radio, without a coordinator.
 
-The `supervisor` starts the processes (`pool`), kills some of them, and records their reports (`outcome`). In each `process`, an
-`agent` connects the state machine of a robot (`shoal.search.protocol.robot`) to a `radio`, a `vehicle` and its `cell_locks`.
+The `supervisor` starts the processes in a `process_pool`, kills some of them, and records their reports as an `outcome`. In each
+`process`, an `agent` connects the state machine of a robot (`shoal.search.protocol.robot`) to a `radio`, to a simulated vehicle
+(`moving_point`) and to the `cell_locks`.
 """
 
 from __future__ import annotations

@@ -6,7 +6,6 @@ import selectors
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from math import dist, inf
 from typing import Any
 
@@ -35,16 +34,15 @@ from shoal.search.simulation.live import cell_locks
 from shoal.search.simulation.live.moving_point import MovingPoint
 from shoal.search.simulation.live.radio import Radio
 from shoal.search.simulation.live.task import LiveTask
-from shoal.search.simulation.scenario import first_obstacle
+from shoal.search.simulation.scenario import RETRY, TRIES
+from shoal.search.tours.bitset import members
 
-_TRIES = 8  # number of attempts to enter an occupied cell before the robot goes elsewhere
-_RETRY = 0.25  # cell times between two attempts
 _LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a path, if an unknown obstacle blocks the path. The vehicle stops in ``at``, the last cell before the obstacle."""
+    """The end of a path that an unknown obstacle blocks. The vehicle stops in ``at``, the last cell before the obstacle."""
 
     obstacle: int
     at: int
@@ -65,7 +63,7 @@ class Agent:
     epoch : float
         Time 0 on the system's monotonic clock.
     tell : callable
-        Function that receives a report. The function is called before the report has any effect.
+        Function that receives a report about an event, before the event has any effect.
     """
 
     def __init__(
@@ -80,6 +78,7 @@ class Agent:
         tell: Callable[[dict[str, Any]], None],
     ) -> None:
         self.task, self.robot, self.radio = task, robot, radio
+        self._scenario, self._tour_cost = task.scenario, robot.brief.tour_cost
         self._ground, self._epoch, self._tell = ground, epoch, tell
         self._stops = self._stops_of(robot.start)
         self.vehicle = MovingPoint(0.0, self._stops, self._stops)
@@ -122,7 +121,7 @@ class Agent:
         return True
 
     def report(self, kind: str, cell: int | None = None, **more: Any) -> None:
-        """Report an event."""
+        """Report an event to the supervisor."""
         counts = (self.radio.sent, self.radio.heard, self.radio.lost, self.radio.dropped)
         place = [round(x, 3) for x in self.vehicle.place]
         self._tell({"time": round(self.now, 6), "kind": kind, "cell": cell, "place": place, "counts": counts, **more})
@@ -142,7 +141,7 @@ class Agent:
     def _act(self, action: Action) -> None:
         match action:
             case Go(cell, through):
-                obstacle, free = first_obstacle(self.task.brief.tour_cost, self.task.blocked, self.robot.cell, through)
+                obstacle, free = self._scenario.obstacle_on(self.robot.cell, through)
                 if obstacle is None:
                     self._set_out(action, cell)
                 else:
@@ -169,23 +168,22 @@ class Agent:
 
     @property
     def _rate(self) -> float:
-        return true_rate(self.robot.rate, self.task.slow, self.robot.number, self.now)
+        return true_rate(self.robot.rate, self._scenario.faults, self.robot.number, self.now)
 
     def _stops_of(self, cell: int) -> tuple[float, ...]:
-        return tuple(float(x) for x in self.task.brief.tour_cost.points[cell])
+        return tuple(float(x) for x in self._tour_cost.points[cell])
 
     def _set_out(self, aim: Go, cell: int) -> None:
         """Start a leg.
 
         The cost of the leg is the robot's estimate, unless the robot stands in front of a cell instead of in a cell.
         """
-        tour_cost = self.task.brief.tour_cost
         if aim.through:
             length = self.robot.cost
         elif self._cell is None:
-            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + tour_cost.turn_cost
+            length = max(dist(self.vehicle.place, self._stops_of(cell)), 1.0) + self._tour_cost.turn_cost
         else:
-            length = step_cost(tour_cost, self._cell, cell, self.robot.fresh) + self.robot.way_out(cell)
+            length = step_cost(self._tour_cost, self._cell, cell, self.robot.fresh) + self.robot.way_out(cell)
         way = length - 1.0 if self.robot.fresh and self._cell is not None else length
         self._drive_to(aim, cell, way, length)
         if length > 1.0 + 1e-12:
@@ -195,22 +193,20 @@ class Agent:
         """Start a leg to the cell before an obstacle. The leg includes the approach to the obstacle and the return."""
         at = way[-1] if way else self.robot.cell
         self._passed += way
-        cost = self._length_of(way) + LOOK + self.robot.way_out(at)
+        cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
         self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # the leg ends one cell before its end
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:
         home = self.robot.start
-        away = self._length_of(aim.through) if aim.through else dist(self.vehicle.place, self._stops_of(home))
-        away += self.task.brief.from_launch(self.robot.number, home, self.robot.cell)
+        away = dist(self.vehicle.place, self._stops_of(home))
+        if aim.through:
+            away = self._scenario.path_length(self.robot.cell, aim.through)
+        away += self.robot.brief.from_launch(self.robot.number, home, self.robot.cell)
         self._passed += aim.through
         self.report("home")
         self._drive_to(aim, home, away, away + 1.0)
         self._leave()
-
-    def _length_of(self, through: tuple[int, ...]) -> float:
-        tour_cost = self.task.brief.tour_cost
-        return sum(tour_cost.length(one, other) for one, other in pairwise((self.robot.cell, *through)))
 
     def _drive_to(self, aim: Go | GoHome | Halt, cell: int, way: float, length: float) -> None:
         self.vehicle = replace(self.vehicle, time=self.now).sent(self._stops_of(cell), way=way, length=length)
@@ -243,9 +239,10 @@ class Agent:
 
     def _search(self, going: Go) -> None:
         cell = self._cell = going.cell
-        around = self.task.seen(self.robot.width, cell)
-        beside = tuple(one for one in around if one in self.task.targets)
-        found = cell in self.task.targets
+        targets = self._scenario.targets
+        around = tuple(one for one in members(self._scenario.seen(self.robot.number, cell)) if one != cell)
+        beside = tuple(one for one in around if one in targets)
+        found = cell in targets
         through, self._passed, self._going = self._passed + going.through[:-1], (), None
         more = {name: cells for name, cells in (("through", through), ("around", around), ("beside", beside)) if cells}
         self.report("searched", cell, found=found, **more)
@@ -260,9 +257,9 @@ class Agent:
             self.vehicle = replace(self.vehicle, limit=self.vehicle.length)
             return
         self._stand_aside()
-        if self._tries < _TRIES:
+        if self._tries < TRIES:
             self._tries += 1
-            self._rest = now + _RETRY / self._rate
+            self._rest = now + RETRY / self._rate
             return
         if isinstance(self._going, Go):
             self._passed += self._going.through
@@ -273,7 +270,7 @@ class Agent:
     def _come_home(self, now: float) -> None:
         if self._rest == -inf:
             self.vehicle = self.vehicle.stopped()
-            self._rest = now + self.task.brief.recharge
+            self._rest = now + self.robot.brief.recharge
             if self._rest > now:
                 return
         self._going, self._cell = None, self.robot.start

@@ -27,5 +27,5 @@ def enter(file: int, cell: int) -> bool:
 
 
 def leave(file: int, cell: int) -> None:
-    """Release a cell."""
+    """Release the lock of a cell."""
     fcntl.lockf(file, fcntl.LOCK_UN, 1, cell)

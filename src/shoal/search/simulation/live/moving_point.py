@@ -31,7 +31,7 @@ class MovingPoint:
     done : float
         Completed length of the leg.
     limit : float
-        Position on the leg at which the vehicle must stop for now.
+        Length of the leg after which the vehicle must stop until it is sent on.
     speed : float
 
     Examples
@@ -85,6 +85,6 @@ class MovingPoint:
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg from its position. The vehicle must stop one cell before the end of the leg.
 
-        The vehicle may have to stop immediately.
+        On a leg shorter than one cell, the vehicle must stop immediately.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -55,7 +55,8 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 
 def _warm(task: LiveTask) -> None:
     """Run slow initial work once before the fork."""
-    partition(task.brief.tour_cost, task.brief.allocator, ((1, task.starts[0], 1.0, 1),))
+    brief = task.scenario.brief
+    partition(brief.tour_cost, brief.allocator, ((1, task.scenario.starts[0], 1.0, 1),))
     decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
 
 

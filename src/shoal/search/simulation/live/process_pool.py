@@ -89,7 +89,7 @@ class ProcessPool:
         ground.flush()
         theirs, words = [ground.fileno()], [str(ground.fileno()), str(len(data))]
         with ExitStack() as passed:
-            for number in range(1, len(self._task.starts) + 1):
+            for number in range(1, len(self._task.scenario.starts) + 1):
                 (their_orders, orders), (reports, their_reports) = os.pipe(), os.pipe()
                 stack.callback(os.close, orders)
                 stack.callback(os.close, reports)
@@ -157,7 +157,7 @@ class ProcessPool:
         Raises
         ------
         ShoalError
-            If a robot does not become ready.
+            If a robot's process ends too early, or is not ready in time.
         """
         reasons: dict[int, str] = {}
 

@@ -16,7 +16,7 @@ from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Crash, Slow
-from shoal.search.problem.network import network_of
+from shoal.search.problem.network import Loss
 from shoal.search.protocol.messages import LONGEST, SHORTEST
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.live.outcome import LiveEvent, LiveOutcome, covered_share
@@ -32,22 +32,12 @@ _SLACK = (60.0, 10.0)  # time limit: seconds, and multiple of the time that one 
 
 
 def run_live(
-    brief: Brief,
-    starts: Sequence[int],
+    scenario: Scenario,
     *,
-    rates: Sequence[float] | None = None,
-    loss: float = 0.0,
-    kill: Sequence[Crash] = (),
-    slow: Sequence[Slow] = (),
-    targets: Sequence[int] = (),
-    obstacles: Sequence[int] = (),
-    widths: Sequence[int] = (),
     speed: float = 10.0,
     channel: Literal["auto", "multicast", "unicast"] = "auto",
     port: int = 0,
     key: bytes = b"",
-    packet: int = LONGEST,
-    seed: int = 0,
     timeout: float | None = None,
     on_event: Callable[[LiveEvent], None] | None = None,
 ) -> LiveOutcome:
@@ -55,25 +45,10 @@ def run_live(
 
     Parameters
     ----------
-    brief : Brief
-        The robots' initial information. If ``hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in
-        time, even on a busy machine. With a shorter time, the search takes longer but is still complete.
-    starts : sequence of int
-        Tour index of each robot's start cell. Robots are numbered from 1.
-    rates : sequence of float, optional
-        Speeds of the robots. The default is 1 for all robots.
-    loss : float
-        Probability that a received message is discarded, at each receiver.
-    kill : sequence of Crash
-        Robots whose processes are killed (SIGKILL), with the times in units of the time that a robot of speed 1 needs for one cell.
-    slow : sequence of Slow
-        Robots whose vehicles become slower than declared, with the times from which they are slower.
-    targets : sequence of int
-        Cells that contain a target.
-    obstacles : sequence of int
-        Blocked cells, which robots discover when they reach them. They need a tour with paths from cell to cell.
-    widths : sequence of int
-        Width of each robot's footprint in cells, odd. The default is 1 for all robots.
+    scenario : Scenario
+        The search. The processes of crashed robots are killed (SIGKILL). A received message is discarded with the probability of
+        the network's `Loss`. If ``brief.hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in time,
+        even on a busy machine. With a shorter time, the search takes longer but is still complete.
     speed : float
         Speed in cells per second of a robot of speed 1, in real time.
     channel : str
@@ -84,10 +59,6 @@ def run_live(
     key : bytes
         Secret. The key that signs messages is computed from this secret, the tour and the starts. The default is a new random
         secret.
-    packet : int
-        Maximum length of a message in bytes. Longer beacons are divided into several messages.
-    seed : int
-        Seed of the message losses. The order of messages depends on the operating system. Therefore two runs always differ.
     timeout : float, optional
         Seconds after the start of the search at which running processes are killed.
     on_event : callable, optional
@@ -96,72 +67,51 @@ def run_live(
     Raises
     ------
     InvalidInputError
+        If an option is out of range, or the scenario has other faults than crashes and slow robots, or a network beyond losses.
     ShoalError
         If a process cannot be started.
 
     Notes
     -----
     No process, socket or file remains when the search ends, even after an exception or Ctrl-C. If the calling process itself is
-    killed, the robots notice and end.
+    killed, the robots notice and end. The order of messages depends on the operating system. Therefore two runs always differ.
 
     Examples
     --------
     >>> from shoal.search import TourCost, make_tour
     >>> from shoal.search.protocol.robot import Brief
-    >>> outcome = run_live(Brief(TourCost(make_tour("moore", (4, 4)))), [0, 8], speed=50.0)
+    >>> scenario = Scenario(Brief(TourCost(make_tour("moore", (4, 4)))), (0, 8))
+    >>> outcome = run_live(scenario, speed=50.0)
     >>> outcome.complete, outcome.covered, sorted(outcome.declared)
     (True, 1.0, [1, 2])
     """
-    speeds = () if rates is None else tuple(float(rate) for rate in rates)
-    scenario = Scenario(
-        brief,
-        tuple(int(start) for start in starts),
-        speeds,
-        network_of(loss=loss),
-        (*kill, *slow),
-        obstacles=tuple(obstacles),
-        widths=tuple(widths),
-    )
-    _check(brief, speed=speed, kill=kill, targets=targets, port=port)
-    check_integer(packet, what="packet", least=SHORTEST, most=LARGEST)
-    partition(brief.tour_cost, brief.allocator, ((1, starts[0], 1.0, 1),))  # compiled once, not in each process
+    _check(scenario, speed=speed, port=port)
+    brief = scenario.brief
+    partition(brief.tour_cost, brief.allocator, ((1, scenario.starts[0], 1.0, 1),))  # compiled once, not in each process
     if timeout is None:
-        slowest = min(scenario.rates) / max([1.0, *(fault.factor for fault in slow)])
+        slowest = min(scenario.rates) / max([1.0, *(fault.factor for fault in scenario.faults if isinstance(fault, Slow))])
         timeout = _SLACK[0] + _SLACK[1] * brief.tour_cost.whole / slowest / speed
     with ExitStack() as stack:
         used, port = _reserved(channel, port, stack)
-        task = LiveTask(
-            brief,
-            scenario.starts,
-            scenario.rates,
-            speed,
-            used,
-            port,
-            loss,
-            seed,
-            frozenset(targets),
-            scenario.blocked,
-            scenario.widths,
-            _key_of(brief, scenario.starts, key),
-            packet,
-            tuple(slow),
-        )
+        task = LiveTask(scenario, speed, used, port, _key_of(brief, scenario.starts, key))
         began = time.monotonic()
         with ProcessPool(task) as pool:
             pool.wait_ready(_STARTUP)
-            return _Watch(pool, task, on_event, time.monotonic() - began).run(kill, timeout)
+            return _Watch(pool, task, on_event, time.monotonic() - began).run(timeout)
 
 
-def _check(brief: Brief, *, speed: float, kill: Sequence[Crash], targets: Sequence[int], port: int) -> None:
+def _check(scenario: Scenario, *, speed: float, port: int) -> None:
     if os.name != "posix":
         raise InvalidInputError(f"live search: expected a POSIX system (Linux, macOS), got {os.name}")
     if not 0 < speed < inf:
         raise InvalidInputError(f"speed: expected cells a second, above 0, got {speed!r}")
-    for crash in kill:
-        if not isinstance(crash, Crash) or not 0 <= crash.time < inf:
-            raise InvalidInputError(f"kill: expected crashes at times from 0 on, got {crash}")
-    if any(not 0 <= cell < len(brief.tour_cost) for cell in targets):
-        raise InvalidInputError(f"targets: expected cells from 0 to {len(brief.tour_cost) - 1}, got {list(targets)!r:.200}")
+    for fault in scenario.faults:
+        if not isinstance(fault, Crash | Slow) or not 0 <= fault.time < inf:
+            raise InvalidInputError(f"live: expected no faults but crashes and slow robots, at times from 0 on, got {fault}")
+    for medium in scenario.network.media:
+        if not isinstance(medium, Loss):
+            raise InvalidInputError(f"live: expected no network but a share of lost messages, got {medium}")
+    check_integer(scenario.packet or LONGEST, what="packet", least=SHORTEST, most=LARGEST)
     if not 0 <= port <= 65_535:
         raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")
 
@@ -199,11 +149,12 @@ class _Watch:
     def _now(self) -> float:
         return (time.monotonic() - self._epoch) * self._task.speed
 
-    def run(self, kill: Sequence[Crash], timeout: float) -> LiveOutcome:
+    def run(self, timeout: float) -> LiveOutcome:
         """Watch until all processes have ended, or the time limit is reached."""
         pool, speed = self._pool, self._task.speed
         pool.begin(self._epoch)
-        due = sorted(kill, key=lambda crash: crash.time)
+        crashes = [fault for fault in self._task.scenario.faults if isinstance(fault, Crash)]
+        due = sorted(crashes, key=lambda crash: crash.time)
         last = timeout * speed
         while pool.running and self._now < last:
             pool.collect((min([last, *(crash.time for crash in due[:1])]) - self._now) / speed, self._take)
@@ -246,7 +197,7 @@ class _Watch:
             elif event.kind == "failed":
                 failed[event.robot] = event.reason
         events = tuple(sorted(self._events, key=lambda event: event.time))
-        covered = covered_share(events, self._task.goal)
+        covered = covered_share(events, self._task.scenario.goal)
         left = members.keys() - times["killed"].keys() - failed.keys()
         sent, heard, lost, dropped = (sum(member.counts[k] for member in members.values()) for k in range(4))
         return LiveOutcome(

@@ -8,10 +8,7 @@ from math import inf
 
 import numpy as np
 
-from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
-from shoal.search.problem.faults import Crash, Slow
-from shoal.search.protocol.messages import LONGEST
 from shoal.search.simulation.live.outcome import LiveEvent
 from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
@@ -25,7 +22,7 @@ _STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complet
 }
 
 
-def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
+def live_trace(scenario: Scenario, *, live: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
     """Run a live search at ``live`` cells per second. Return the scenario with the times of the live search, and the trace.
 
     Raises
@@ -33,27 +30,9 @@ def live_trace(scenario: Scenario, *, live: float, loss: float, key: bytes = b""
     InvalidInputError
         If there are faults other than crashes and slow robots.
     """
-    kill = [fault for fault in scenario.faults if isinstance(fault, Crash)]
-    slow = [fault for fault in scenario.faults if isinstance(fault, Slow)]
-    if len(kill) + len(slow) < len(scenario.faults):
-        raise InvalidInputError("live: expected no faults but crashes and slow robots")
     brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
     scenario = replace(scenario, brief=brief)
-    outcome = run_live(
-        brief,
-        scenario.starts,
-        rates=scenario.rates,
-        loss=loss,
-        kill=kill,
-        slow=slow,
-        targets=scenario.targets,
-        obstacles=scenario.obstacles,
-        widths=scenario.widths,
-        speed=live,
-        key=key,
-        packet=scenario.packet or LONGEST,
-        seed=scenario.seed,
-    )
+    outcome = run_live(scenario, speed=live, key=key)
     logs = [_log_of(number, outcome.events) for number in range(1, len(scenario.starts) + 1)]
     covered_at = float(searched_at(scenario, logs).max())
     return scenario, SearchTrace(
