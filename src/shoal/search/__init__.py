@@ -1,6 +1,7 @@
 """Exhaustive search of a region by robots without a coordinator, along one closed tour.
 
-Names are imported on first use because kernels need Numba. `shoal.search.run.run` runs a `SearchProblem`.
+A name of this package is imported when it is first used, because Numba takes long to import. `shoal.search.run.run` runs a
+`SearchProblem`.
 """
 
 from __future__ import annotations

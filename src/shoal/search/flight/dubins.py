@@ -32,7 +32,7 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     Returns
     -------
     ndarray of float64, shape (..., 6, 3)
-        For each word of `WORDS`, the lengths of the three parts in radii, or infinity if the curve does not exist.
+        For each type in `WORDS`, the lengths of its three parts divided by the radius, or infinity if the curve does not exist.
 
     Notes
     -----
@@ -75,10 +75,10 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
 
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Return a path of straight legs whose legs touch a curve from outside; float64, shape (k, 2).
+    """Return a path of straight legs that touch a Dubins curve from outside; float64, shape (k, 2).
 
-    The legs are tangents of the curve's circles and bend by at most `SHARPEST`. A vehicle that begins each turn in the middle of a
-    leg flies exactly the curve, with the curve's radius. The first and the last leg have the headings of the curve's ends.
+    The legs are tangents of the curve's circles. The direction changes by at most `SHARPEST` from leg to leg. A vehicle that begins
+    each turn in the middle of a leg flies exactly the curve. The first and the last leg have the headings of the curve's ends.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]
@@ -101,5 +101,5 @@ def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> 
 
 
 def shortest_length(start: ArrayLike, end: ArrayLike, radius: float) -> float:
-    """Return the length of the shortest curve in metres."""
+    """Return the length in metres of the shortest Dubins curve between two poses."""
     return float(dubins_parts(start, end, radius).sum(axis=-1).min() * radius)

@@ -45,9 +45,9 @@ class Flight:
     home : ndarray of float64, shape (2,)
         Start point of the vehicle in metres.
     frame : LocalFrame or None
-        Position of the local frame on Earth.
+        Local frame of the metres, or None if the metres have no position on Earth.
     altitude_frame : "home", "sea" or "ground"
-        Reference of the vehicle's altitude.
+        Reference surface of the vehicle's altitude.
     terrain : Terrain or None
         Terrain heights, required for altitudes above the ground.
     terrain_error : float
@@ -55,7 +55,7 @@ class Flight:
     rate : float
         Speed of this robot relative to the vehicle's speed.
     link : float
-        Length in metres. A fixed wing may leave straight legs up to this length.
+        Length in metres up to which a fixed wing may replace a straight leg by a curve.
     blocked : Shapely geometry, optional
         Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
@@ -63,7 +63,7 @@ class Flight:
     area : Shapely geometry, optional
         Area that turns must not leave if they connect two points inside this area.
     ending : "return", "land" or "loiter"
-        A fixed wing lands by a straight approach with constant descent.
+        Ending of the flight. A fixed wing that lands descends steadily on a straight approach.
 
     Raises
     ------
@@ -124,13 +124,13 @@ class Flight:
     def waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a path; float64, shape (m, 3): metres east, north, and above home.
 
-        Home itself is not a waypoint. Over terrain, the point above home is the first and the last waypoint. For a fixed wing, the
-        end of its straight climb after take-off is the first waypoint.
+        Home itself is not a waypoint. If the waypoints follow the terrain, they include the points above home and above the landing
+        point. For a fixed wing, the end of its straight climb after take-off is the first waypoint.
 
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Path in metres, without home. The third column holds altitudes. The default is the vehicle's altitude.
+            Path in metres, without home. Without a third column for altitudes, the whole path has the vehicle's altitude.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Flight:
 
     @property
     def _follows(self) -> bool:
-        """Whether waypoints follow the ground. If they do, the points above home and above the end are waypoints too."""
+        """Whether waypoints follow the terrain. If they do, the points above home and above the end are waypoints too."""
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:

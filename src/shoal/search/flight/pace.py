@@ -1,4 +1,4 @@
-"""The costs of a vehicle's motion, measured in cells as planners do."""
+"""Cost of a vehicle's turns in cells, and its endurance at the search altitude in seconds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,9 @@ from shoal.search.flight.vehicle import Vehicle
 
 
 def turn_cells(vehicle: Vehicle, size: float) -> float:
-    """Return the cost of a turn in cells: its duration or, for a fixed wing, half the extra length of the curve between rows.
+    """Return the cost of a turn: the number of cells of side ``size`` that a vehicle passes in the time of the turn.
+
+    For a fixed wing, the cost is half the extra length of the curve between two rows.
 
     At the end of a row, the vehicle turns twice: towards the next row, and into the next row.
 
@@ -27,7 +29,7 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 
 def working_seconds(vehicle: Vehicle) -> float:
-    """Return the usable endurance in seconds at the search altitude: without climb, descent and reserve."""
+    """Return the time in seconds that the battery allows at the search altitude, besides climb, descent and reserve."""
     return vehicle.usable_seconds - climbing_seconds(vehicle)
 
 

@@ -1,4 +1,4 @@
-"""Separation of vehicles in flight: the exact nearest approach of vehicles for any delays, and the delays that keep them apart."""
+"""Separation of vehicles in flight: the nearest approach of two vehicles, and the start delays that keep two vehicles apart."""
 
 from __future__ import annotations
 
@@ -84,9 +84,9 @@ def nearest_approach(
     vertical : float
         Vertical separation in metres. Moments with a larger difference in height do not count.
     later : float
-        Time in seconds by which the second vehicle starts later.
+        Time in seconds by which the second vehicle starts later than the first.
     tolerance : float
-        Maximum additional delay of each vehicle in seconds, independent of the other.
+        Maximum additional delay of each vehicle in seconds. The delays of the two vehicles are independent.
 
     Examples
     --------
@@ -226,10 +226,11 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 
 
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
-    """Return the intervals of start time differences for which two vehicles come too close; merged and increasing, shape (k, 2).
+    """Return the intervals of start time differences for which two vehicles come too close; float64, shape (k, 2).
 
-    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. For time
-    differences outside all intervals, the vehicles always keep the horizontal or the vertical separation.
+    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals
+    increase and do not overlap. For time differences outside all intervals, the vehicles always keep the horizontal or the vertical
+    separation.
 
     Parameters
     ----------

@@ -24,14 +24,16 @@ Started = tuple[Sequence[Trajectory], float]
 
 @dataclass(frozen=True)
 class Separation:
-    """The required horizontal and vertical distance of vehicles in flight. Two vehicles must keep at least one of them.
+    """The required horizontal and vertical distance of vehicles in flight.
+
+    Two vehicles must keep at least one of the two distances.
 
     Parameters
     ----------
     horizontal, vertical : float
         Required separations in metres.
     delay : float
-        Maximum unplanned delay of each vehicle in seconds, independent of the others.
+        Maximum unplanned delay of each vehicle in seconds. The delays of different vehicles are independent.
     """
 
     horizontal: float = HORIZONTAL
@@ -49,15 +51,15 @@ def staggered(
     """Return layers and delays for which all vehicles in flight keep the separation.
 
     The longest flight starts first, without delay and in the lowest layer. Every other flight uses the layer in which it can end
-    earliest. A new layer is opened only if it saves at least a twentieth of the longest flight, because a higher layer costs a
-    longer climb.
+    earliest. A new layer is opened only if it saves at least a twentieth of the longest flight's duration, because the climb to a
+    higher layer takes longer.
 
     Parameters
     ----------
     flights : sequence of callable
-        For each vehicle, a function from a layer (counted from 0) to its trajectories in this layer. Several trajectories are
-        alternative estimates of the vehicle's times. The separation holds for all of them. A vehicle without trajectories stays on
-        the ground.
+        For each vehicle, a function that returns the vehicle's trajectories in a given layer (counted from 0). Several trajectories
+        are alternative estimates of the vehicle's times. The separation holds for all of them. A vehicle without trajectories stays
+        on the ground.
     separation : Separation
     layers : sequence of int, optional
         Given layers. If they are given, only the delays are computed.

@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return the largest difference in metres, along the diagonal of a grid cell, between its bilinear heights and a plane."""
+        """Return by how many metres, at most, the fourth corner of a grid cell lies off the plane through the other three."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
@@ -209,9 +209,9 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
-    """Return the lowest heights along a path, at least the given heights, with limited climbs and descents on each leg.
+    """Return the lowest heights along a path that are not below given heights and keep to the limits of climb and descent.
 
-    Before higher ground, the path rises earlier. After higher ground, the path sinks later.
+    Where the limits would be exceeded, the path rises earlier or sinks later than the given heights.
 
     Parameters
     ----------

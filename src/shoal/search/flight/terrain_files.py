@@ -33,9 +33,9 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
     Parameters
     ----------
     path : path
-        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. The ``.prj``
-        file beside it names the coordinate system. Without this file, coordinates are longitude and latitude, or metres if the
-        region has no position on Earth.
+        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. A ``.prj``
+        file of the same name states the coordinate reference system of the grid. Without this file, coordinates are longitude and
+        latitude, or metres if the region has no position on Earth.
 
     Raises
     ------

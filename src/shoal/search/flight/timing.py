@@ -52,8 +52,8 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind, or the duration of its climb if the
     climb takes longer. Each horizontal change of direction of more than a degree adds the duration of a turn. A change between
-    vertical and horizontal motion also adds the duration of a turn. Starting and stopping at the ends add half a turn each. For
-    fixed wings, the path itself must contain the turns as short legs.
+    vertical and horizontal motion also adds the duration of a turn. The start and the stop at the ends of the path each add half
+    the duration of a turn. For fixed wings, the path itself must contain the turns as short legs.
 
     Parameters
     ----------
@@ -112,7 +112,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Return a path with its altitudes, in which each climb is vertical before its leg and each descent is vertical after its leg.
+    """Return the points and altitudes of a path with vertical climbs before its legs and vertical descents after its legs.
 
     Examples
     --------
@@ -133,8 +133,8 @@ def whole_way(
     """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
 
     The vehicle climbs vertically to the height ``climb``, and then flies straight to the first waypoint. By default, ``climb`` is
-    the height of the first waypoint. The vehicle descends from the height of the last waypoint, or, if the vehicle glides, during
-    the last leg.
+    the height of the first waypoint. The vehicle descends vertically at the end of the path. A vehicle that glides descends during
+    the last leg instead.
 
     Examples
     --------

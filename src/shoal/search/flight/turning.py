@@ -1,4 +1,4 @@
-"""Turns of fixed wings: they convert a path of straight legs into a path that fixed wings can follow."""
+"""Turns of fixed wings: a path of straight legs becomes a path that a fixed wing can follow."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class _Poses:
 class _Room:
     """The areas in which curves may lie. A curve must not cross a blocked area.
 
-    It may leave the allowed area only if the straight line between its ends does.
+    A curve may leave the allowed area only if the straight line between the ends of the curve leaves the area too.
     """
 
     blocked: Any
@@ -81,7 +81,7 @@ class KnownCurves:
     Parameters
     ----------
     costs : dict
-        For each link (two points with headings), the lengths and the words of its curves that nothing blocks.
+        For each link (two points with headings), the lengths of the unblocked curves and their indices in `WORDS`.
     loose : set
         Points at which straight legs had to be shortened.
     """
@@ -100,12 +100,12 @@ def turned_way(
     known: KnownCurves | None = None,
     cuts: Sequence[int] = (),
 ) -> list[Floats]:
-    """Return a path along the legs of a given path, whose turns lie outside the legs and have at least a minimum radius.
+    """Return a path that follows the legs of a given path, and turns outside these legs with at least a minimum radius.
 
-    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. The first and the last leg are flown
-    straight if the first or the last point is given twice. Shorter legs may be replaced by a curve between their ends. Headings
-    (`HEADINGS` choices at free points) and curves are chosen for the smallest total length. If all curves from the end of a leg are
-    blocked, the vehicle passes points near the end of the leg, at most a footprint apart, in any direction that is possible.
+    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. A curve may replace a shorter leg.
+    If the first or the last point is given twice, the leg at this point is flown straight. Headings (`HEADINGS` choices at free
+    points) and curves are chosen for the smallest total length. If all curves from the end of a leg are blocked, the straight leg
+    ends earlier. The vehicle then passes points on the rest of the leg, at most a footprint apart, in any direction.
 
     Parameters
     ----------
@@ -114,13 +114,13 @@ def turned_way(
     radius : float
         Minimum turning radius in metres.
     link : float
-        Length in metres of `LINK` footprints.
+        Length in metres up to which a curve may replace a straight leg: `LINK` footprints.
     blocked : Shapely geometry, optional
         Areas that no curve may cross.
     area : Shapely geometry, optional
         Area that a curve must not leave if the straight line between its ends lies inside.
     known : KnownCurves, optional
-        Curves that were found for other paths with the same radius, link, blocked and area. New curves are added.
+        Curves that were found for other paths with equal ``radius``, ``link``, ``blocked`` and ``area``. New curves are added.
     cuts : sequence of int
         Inner vertices at which the path is cut. The next piece begins in the direction in which the previous piece ends.
 
@@ -132,7 +132,7 @@ def turned_way(
     Raises
     ------
     InvalidInputError
-        If every curve crosses a blocked area.
+        If there is no room for a turn.
 
     Examples
     --------
@@ -340,11 +340,11 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list
 
 
 def circled(start: Floats, sense: str, count: int, radius: float) -> Floats:
-    """Return a path of several full circles that begins and ends at a given place and heading, to the left or the right."""
+    """Return a path of several full circles to the left ("L") or right ("R"), from a given position and heading back to them."""
     return dubins_way(start, sense, [count * 2 * pi], radius)
 
 
 def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
-    """Return the side of a place and heading on which there is room for a circle: L, R, or none."""
+    """Return the side on which a vehicle with a given position and heading has room for a circle: "L", "R", or an empty text."""
     room = _Room.of(blocked, area)
     return "".join(sense for sense in "LR" if not room.crossing([circled(start, sense, 1, radius)]))[:1]

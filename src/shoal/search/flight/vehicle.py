@@ -41,7 +41,7 @@ _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """A vehicle in physical units. A missing field has the preset's value. Without a preset, it sets no limit.
+    """A vehicle in physical units. A field that is not given has the preset's value, or sets no limit if the preset has none.
 
     Raises
     ------
@@ -244,7 +244,7 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the mean ground speed along rows in both directions, in m/s. ``angle`` is in degrees from east to north."""
+        """Return the mean ground speed in m/s along rows in both directions. ``angle`` is in degrees: 0 for east, 90 for north."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 

@@ -1,4 +1,4 @@
-"""For vehicles that follow missions: their distances from each other, their heights above ground, and their airspace."""
+"""Distances between vehicles that follow missions, their heights above ground, and the airspace that their turns need."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FINE = 0.1  # metres: an eighth of this is the deviation of the ground from a s
 def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
     """Return the trajectory of a vehicle that follows its mission.
 
-    If the mission does not end with a landing, the vehicle circles at the end for some time.
+    At the end of a mission that ends with loitering, the vehicle circles for ``stay`` seconds.
     """
     if mission.loiter is None:
         return trajectory(way, vehicle, rate=rate)
@@ -49,7 +49,7 @@ def constant_speed(mission: Mission) -> Vehicle:
 
 
 def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
-    """Return the largest distance in metres between a region and vehicles that search it, including their turns."""
+    """Return the largest distance in metres by which vehicles leave a region while they search it, including their turns."""
     import shapely
 
     shapely.prepare(region.outline)
@@ -75,7 +75,7 @@ class MissionApproach:
     horizontal, vertical : float
         Horizontal and vertical distance of the vehicles in metres.
     time : float
-        Time in seconds after the start of the first missions. It assumes that the first vehicle has no delay.
+        Time in seconds after the start of the first missions, if the first of the two vehicles has no unplanned delay.
     place : ndarray of float64, shape (3,)
         Position of the first vehicle at that time: metres east, north and up.
     """
@@ -114,7 +114,7 @@ def missions_approach(
     frame : LocalFrame or None
         Local frame in whose metres distances are measured.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used. By default, all motion has the speed in the file.
+        Vehicle whose climbing and turning times are used. By default, vehicles move at the speed in the file, in climbs too.
 
     Returns
     -------

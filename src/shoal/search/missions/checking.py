@@ -46,12 +46,12 @@ class MissionCheck:
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        One coverage, or one per band. It is empty if no footprint was given.
+        The coverage of each band, or a single coverage without bands. It is empty if no footprint was given.
     n_waypoints : int
     footprint : float, tuple of float or None
         Footprint in metres: one for all robots, or one for each robot.
     missions : tuple of Mission
-        Those of the checked missions that contain heights.
+        The checked missions, except missions whose altitudes are above ground.
     separation : Separation or None
         The required separation of vehicles in flight.
     approach : MissionApproach or None
@@ -170,12 +170,13 @@ def check_missions(
         Rotation of the squares in degrees counter-clockwise from east. The default is the direction of most legs (`angle_of`).
     format : str, optional
         Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
-    cap, autopilot : optional
-        As in `lint`. This function also receives ``vehicle`` and ``airspace``.
+    cap, autopilot, airspace : optional
+        As in `lint`, which also receives ``vehicle``.
     separation : Separation, optional
         Required separation of vehicles in flight. If the separation is given, the nearest approach is computed.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used for the approach. By default, all motion has the speed in the file.
+        Vehicle whose climbing and turning times are used for the approach. By default, vehicles move at the speed in the file, in
+        climbs too.
     bands : sequence of float, optional
         Increasing altitudes in metres. The whole region must be seen from each of them. A flight counts for the highest band that
         is not above the flight. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's

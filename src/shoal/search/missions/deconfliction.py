@@ -1,6 +1,6 @@
 """Deconfliction: the missions of all robots of a plan, kept apart by altitude layers and staggered starts.
 
-Also fences and rally points.
+The missions also get a fence and rally points.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ def plan_missions(
     ----------
     plan : SearchPlan
     separation : Separation, optional
-        Separation that vehicles in flight keep, even if each vehicle is late. The default is no separation. Rovers have no altitude
-        layers, only delays.
+        Separation that vehicles in flight keep, even if each vehicle is late by up to the separation's ``delay``. The default is no
+        separation. Rovers have no altitude layers, only delays.
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional

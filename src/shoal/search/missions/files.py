@@ -66,8 +66,8 @@ def write_missions(
 ) -> list[Path]:
     """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for the robot's second sortie, and so on.
 
-    The file ``missions.json`` lists all written files. Files that an earlier call listed in it are removed, so that the folder
-    contains a single search. Other files are kept.
+    The file ``missions.json`` lists all written files. The mission files that it listed before this call are removed, so that the
+    folder contains a single search. Other files are kept.
 
     Parameters
     ----------
@@ -237,8 +237,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read a mission from a file in any format.
 
     ``.plan`` and WPL files do not contain the robot and the sortie. The file name gives both. For any other file name, the mission
-    counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of vehicle. The autopilot is assumed
-    to be PX4. The vehicle counts as flying if any waypoint is above ground.
+    counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of vehicle. For a WPL file, the
+    autopilot is assumed to be PX4, and the vehicle counts as flying if any waypoint is above ground.
 
     Parameters
     ----------

@@ -48,7 +48,7 @@ def lint(
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
     vehicle : Vehicle, optional
-        Vehicle of the missions. The turns of fixed wings must not be narrower than its radius.
+        Vehicle of the missions. The turns of fixed wings must not be narrower than the turning radius of this vehicle.
     airspace : float, optional
         Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default, a warning reports this
         distance.

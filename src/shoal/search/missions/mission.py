@@ -36,7 +36,7 @@ class Mission:
     waypoints : ndarray of float64, shape (k, 2), k >= 1
         (longitude, latitude) in degrees (WGS84), or (x, y) in metres if ``geographic`` is false.
     home : tuple of float
-        Start and landing point of the vehicle in the same units.
+        Start and landing point of the vehicle in the units of ``waypoints``.
     robot : int
         Number of the robot, from 1.
     sortie : int
@@ -52,8 +52,8 @@ class Mission:
     altitude_frame : "home", "sea" or "ground"
         Reference of the altitude.
     heights : ndarray of float64, shape (k,), optional
-        Heights of the waypoints above home in metres. The default is the altitude of the mission. They are required for altitudes
-        above ground.
+        Heights of the waypoints above home in metres. The default is the altitude of the mission. If altitudes are above ground,
+        the heights are required for the path.
     altitudes : ndarray of float64, shape (k,), optional
         Altitudes of the waypoints in metres above ground, if they differ.
     elevation : float, optional
@@ -67,25 +67,25 @@ class Mission:
     acceptance_radius : float, optional
         Acceptance radius in metres. The default is the autopilot's setting.
     landing : tuple of float, optional
-        Position where the mission ends, in the same units. A fixed wing glides there. If it is not given, the autopilot returns
-        home by itself.
+        Position where the mission ends, in the units of ``waypoints``. A fixed wing glides to this position. By default, the
+        autopilot returns home by itself.
     loiter : float, optional
-        Radius in metres of circles at the end of the mission. If it is given, the vehicle does not land, but circles or hovers
-        there.
+        Radius in metres of circles at the end of the mission. With a radius, the vehicle circles or hovers at the end instead of
+        landing.
     delay : float
         Waiting time before the start in seconds.
     start : float, optional
-        Start time of the sortie in seconds after the first missions. If it is not given, a sortie begins when all earlier sorties
-        have ended.
+        Time in seconds from the start of the first missions to the start of the sortie. By default, a sortie begins when all
+        earlier sorties have ended.
     take_off : float, optional
         Altitude in metres, with the reference of ``altitude``, to which the vehicle climbs vertically before it flies to the first
-        waypoint. The default is the altitude of the first waypoint. A fixed wing climbs on the way there.
+        waypoint. The default is the altitude of the first waypoint. A fixed wing climbs on the way to the first waypoint.
     takeover : float, optional
-        Altitude in metres, with the reference of ``altitude``, for cells that the vehicle takes over from another vehicle and for
-        the way there.
+        Altitude in metres, with the reference of ``altitude``, at which the vehicle searches cells that it takes over from another
+        vehicle.
     fence : Fence, optional
     rally : tuple of tuple of float
-        Rally points for emergency landings in the same units.
+        Rally points for emergency landings, in the units of ``waypoints``.
 
     Raises
     ------
@@ -228,13 +228,16 @@ class Mission:
         return self.heights + self._base
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
-        """Return the circle of the vehicle's loitering at the end, in metres of a frame; shape (k, 2), empty without loitering."""
+        """Return the circle in which the vehicle loiters at the end, in metres of a frame; shape (k, 2).
+
+        It is empty without loitering.
+        """
         return circle_around(self.end, self.loiter, frame)
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
-        """Return the vehicle's path in metres, in a given local frame or the mission's own. The path begins and ends on the ground.
+        """Return the vehicle's path from the ground to the ground, in metres of a local frame; float64, shape (n, 3).
 
-        Heights are above home; float64, shape (n, 3).
+        Heights are above home. For a mission in metres, ``frame`` is None.
         """
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)

@@ -243,11 +243,11 @@ def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
 
 
 def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
-    """Return which waypoints belong to the search. The argument tells which of home, waypoints and end lie in the region.
+    """Return which waypoints belong to the search. ``inside`` tells which of home, the waypoints and the end lie in the region.
 
     If home lies outside the region, all waypoints before the first waypoint inside belong to the path from home. If the end lies
-    outside, all waypoints after the last waypoint inside belong to the path to the end. Fixed wings may
-    leave the region after take-off and before landing, wherever home is.
+    outside, all waypoints after the last waypoint inside belong to the path to the end. Fixed wings may leave the region after
+    take-off and before landing, even if home lies inside.
 
     Examples
     --------

@@ -1,4 +1,7 @@
-"""The division of a route into missions. Unnecessary waypoints are removed, and each mission fits into memory and battery."""
+"""The division of a route into missions. Each mission fits the autopilot's memory and the vehicle's battery.
+
+Unnecessary waypoints are removed.
+"""
 
 from __future__ import annotations
 
@@ -59,7 +62,8 @@ def missions_of(
     Parameters
     ----------
     route : array_like of float, shape (k, 2) or (k, 3)
-        Route in metres. The third column holds altitudes. The default is the vehicle's altitude. An empty route gives no missions.
+        Route in metres. Without a third column for altitudes, the route has the vehicle's altitude. An empty route gives no
+        missions.
     frame : LocalFrame or None
         Local frame of the metres. If it is None, missions are in metres.
     robot : int
@@ -86,7 +90,8 @@ def missions_of(
     landing : array_like of float, shape (2,), optional
         Landing point of the last sortie in metres. The default is home.
     ending : "return", "land" or "loiter", optional
-        Ending of each sortie. By default, the ending is a landing if there is a landing point, otherwise a return. Rovers hold.
+        Ending of each sortie. By default, the ending is a landing if there is a landing point, otherwise a return. Instead of a
+        landing, a rover stops and holds.
 
     Raises
     ------
@@ -119,7 +124,7 @@ def missions_of(
     most = CAPS[autopilot] if cap is None else cap
     room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
     way = merged(points, check_number(tolerance, what="tolerance", least=0))
-    parts = sorties(way, flight, room=room, ways=ways, robot=robot)
+    parts = _Splitter(way, flight, room, ways, robot).parts()
     placed = (lambda array: array) if frame is None else frame.to_degrees
     x, y = placed(base[None])[0].tolist()
     last = (x, y) if end is None else tuple(placed(end[None])[0].tolist())
@@ -161,33 +166,11 @@ def _told(vehicle: Vehicle) -> dict[str, Any]:
     }
 
 
-def sorties(way: Points, flight: Flight, *, room: int, ways: Ways | None = None, robot: int = 1) -> list[NDArray[np.float64]]:
-    """Return the waypoints of each sortie along a path, in the form of `Flight.waypoints`.
-
-    Each sortie is computed exactly as it will be written, to check that memory and battery suffice.
-
-    Parameters
-    ----------
-    way : ndarray of float64, shape (k, 2) or (k, 3), k >= 1
-        Path in metres. The third column holds altitudes.
-    flight : Flight
-    room : int
-        Maximum number of waypoints of a sortie.
-    ways : callable, optional
-        Paths between home and points. By default, these paths are straight.
-    robot : int
-        Number of the robot, for messages.
-
-    Raises
-    ------
-    InvalidInputError
-        If battery or memory do not allow any progress.
-    """
-    return _Splitter(way, flight, room, ways, robot).parts()
-
-
 class _Splitter:
-    """Divides a path into sorties that are as long as battery and memory allow."""
+    """Divides a path into sorties that are as long as battery and memory allow.
+
+    Each sortie is computed exactly as it will be written, to check that battery and memory suffice.
+    """
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
@@ -196,6 +179,7 @@ class _Splitter:
         self.at = np.concatenate([[0.0], np.cumsum(leg_lengths(way))])
 
     def parts(self) -> list[NDArray[np.float64]]:
+        """Return the waypoints of each sortie, in the form of `Flight.waypoints`."""
         begin, end = 0.0, float(self.at[-1])
         found: list[NDArray[np.float64]] = []
         while True:

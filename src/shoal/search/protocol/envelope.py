@@ -1,9 +1,9 @@
-"""The envelope of a message: version, sender and stamp, and at the end a signature, or a checksum if there is no key.
+"""The envelope of a message: version, sender and time stamp before its content, and a signature or a checksum after it.
 
-A stamp is the time of the sender's clock in milliseconds. If necessary, the sender increases it, so that stamps always grow. A
-receiver opens only one message with the same sender and stamp. The receiver refuses stamps older than the last 64 stamps of a
-sender, and stamps too far from its own clock. Thus a receiver refuses replayed messages, even after it was switched off for a time,
-because its clock continues.
+A stamp is the time of the sender's clock in milliseconds. A sender increases a stamp that is not later than its previous stamp. A
+receiver opens at most one message with a given sender and stamp. It refuses stamps that are too far from its own clock, and stamps
+older than the last 64 of the same sender. A receiver that was switched off for a while still refuses replayed messages, because its
+clock did not stop.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ def _seal(key: bytes, message: bytes) -> bytes:
 
 
 class Sender:
-    """The sender creates the messages of one robot.
+    """Creates the messages of one robot.
 
     Parameters
     ----------
     number : int
         Number of the robot.
     key : bytes
-        Key that signs the messages; b"" for messages with a checksum.
+        Key that signs the messages. With b"", messages have a checksum instead of a signature.
     most : int
         Maximum length of a message in bytes.
     """
@@ -42,7 +42,7 @@ class Sender:
         self._number, self._key, self._most, self._stamp = number, key, most, -1
 
     def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
-        """Return the messages that transmit a beacon at a time given in milliseconds."""
+        """Return the messages that transmit a beacon. ``clock`` is the time of the sender's clock in milliseconds."""
         room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
         return [self._message(body, clock) for body in encode_beacon(beacon, room)]
 
@@ -53,7 +53,7 @@ class Sender:
 
 
 class Receiver:
-    """The receiver opens the messages that arrive at one robot. The fastest checks come first.
+    """Opens the messages that arrive at one robot, or refuses them.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class Receiver:
     most : int
         Maximum length of a message in bytes. Longer messages are refused before they are read.
     window : int
-        Maximum difference between a stamp and the receiver's clock in milliseconds.
+        Maximum difference in milliseconds between a message's stamp and the receiver's clock.
     share : int
         Maximum number of messages per sender and second.
     """
@@ -78,12 +78,12 @@ class Receiver:
         self._counts: dict[int, tuple[int, int]] = {}
 
     def open(self, message: bytes, clock: int) -> Beacon:
-        """Return the content of a message received at a time given in milliseconds.
+        """Return the content of a message. ``clock`` is the time of the receiver's clock in milliseconds.
 
         Raises
         ------
         InvalidInputError
-            If the message has another version or search, is damaged, has no valid signature, or was opened before.
+            If the message belongs to another version or another search, is damaged, has no valid signature, or was opened before.
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:

@@ -15,7 +15,7 @@ class Begin:
 
 @dataclass(frozen=True, slots=True)
 class Wake:
-    """The time has come at which the robot wanted to be woken."""
+    """The robot wakes at the time that it requested with `WakeAt`."""
 
     time: float
 
@@ -32,7 +32,7 @@ class Heard:
 class Sensed:
     """The robot has reached its target cell and searched it. ``found`` is true if the robot found something there.
 
-    For a footprint wider than one cell, ``beside`` lists the findings in the cells around the target cell.
+    ``beside`` lists the cells around the target in which a robot with a wider footprint found something.
     """
 
     time: float
@@ -43,7 +43,7 @@ class Sensed:
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
-    """Another robot is in the cell that the robot wanted to enter. The robot stands in front of that cell."""
+    """The robot stands in front of a cell that it wanted to enter, because another robot is in this cell."""
 
     time: float
     cell: int
@@ -51,7 +51,7 @@ class Blocked:
 
 @dataclass(frozen=True, slots=True)
 class Obstructed:
-    """A cell on the way is blocked for every robot. The robot stands in ``at``, the cell before the blocked cell."""
+    """A cell on the robot's path contains an obstacle. The robot stands in ``at``, the last cell before the obstacle."""
 
     time: float
     cell: int
@@ -78,7 +78,7 @@ class Go:
 
 @dataclass(frozen=True, slots=True)
 class GoHome:
-    """Go to the start and recharge. If there may be obstacles, ``through`` lists cells known to be free."""
+    """Go to the start and recharge. If there may be obstacles, ``through`` lists the cells of a path known to be free."""
 
     through: tuple[int, ...] = ()
 
@@ -92,7 +92,7 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class WakeAt:
-    """The robot wants to be woken at a given time. It replaces the previous request."""
+    """Wake the robot at a given time. This request replaces the previous request."""
 
     time: float
 

@@ -1,9 +1,9 @@
 """Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
 
-The remaining cells of a robot's part form runs of neighbouring cells that no robot is known to have searched. The heartbeats tell
-whether a robot is searching at the front of a run. A helper enters a run at the cell from which it would finish at the same time as
-that robot. The helper searches in the same direction as that robot. Every helper computes the places of all helpers, in the same
-order. Therefore few helpers choose the same place.
+The remaining cells of a robot's part form runs: sequences of neighbouring cells that no robot is known to have searched. A robot
+may be searching a run from its front, the first cell of the run. A helper enters the run behind this robot's cells, so that both
+robots finish at the same time, and searches in the same direction. Every helper computes the entries of all helpers in the same
+order. Therefore few helpers choose the same entry.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ _WORTH = 1.0  # cells: minimum gain of helping
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A run of remaining cells in search order, and the pace of the robot that searches it from the front, or 0 without a robot.
+    """A run of remaining cells in search order.
 
-    ``late`` is the time until this robot arrives at the front.
+    ``pace`` is the search rate of the robot that searches the run, or 0 without a robot.
+
+    ``late`` is the time until this robot arrives at the first cell.
     """
 
     first: int
@@ -33,14 +35,14 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return the two runs into which a helper with a given pace divides a run, if it enters ``ahead`` cells after the front."""
+        """Return the two runs into which a helper with a given pace divides this run, if it enters after ``ahead`` cells."""
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the unsearched cell where the robot should help, in its own part or that of a dead or late robot, or None."""
+    """Return the cell at which the robot should help in a part of a dead or late robot or in its own part, or None."""
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
     offered = [
@@ -122,7 +124,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run in which a helper saves the most time, and its entry's distance from the front, or None."""
+    """Return the run in which a helper saves the most time, and the number of cells before its entry, or None."""
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
@@ -140,7 +142,7 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
 
 
 def _ahead(stretch: Stretch, way: float, pace: float) -> int:
-    """Return the distance from the front of a run at which a helper with a given travel time enters it."""
+    """Return the number of cells at the front of a run that a helper with a given travel time leaves to the other robot."""
     if not stretch.pace or stretch.count == 1:  # a robot that needs very long for its last cell may not have reached it yet
         return 0
     return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

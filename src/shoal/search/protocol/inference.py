@@ -1,4 +1,4 @@
-"""The conclusions of a robot from its sensor data and the received messages: live robots, searched cells, reachable cells."""
+"""What a robot concludes from its sensors and its messages: which robots are alive, and which cells are searched or reachable."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost of moving from one cell to another and searching it.
+    """Return the cost in cells of moving from cell ``here`` to another cell and searching the other cell.
 
-    ``fresh`` is true if the robot has not just searched the first cell.
+    ``fresh`` is true if the robot has not just searched ``here``. ``closed`` is the bitset of the blocked cells.
     """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
 
 def obstacles(robot: Robot) -> int:
-    """Return a bitset of blocked cells: those that the robot found itself, and those that enough other robots report."""
+    """Return a bitset of the cells that the robot itself found blocked, or that at least ``multiplicity`` robots report blocked."""
     if not robot.closed:
         return 0
     return robot.closed.get(robot.number, 0) | at_least(list(robot.closed.values()), robot.brief.multiplicity)
@@ -50,7 +50,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the silence after which a robot is presumed dead. The limit is longer if many messages are lost."""
+    """Return the time without a message after which a robot is presumed dead. It is longer if many messages are lost."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -62,19 +62,19 @@ def _silent_beats(lost: int, got: int) -> float:
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:
-    """Return whether a robot presumes another robot alive."""
+    """Return whether a robot presumes that the robot ``number`` is alive."""
     peer = robot.peers.get(number)
     return number == robot.number or (peer is not None and time - peer.heard <= silence_limit(robot))
 
 
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Return whether another robot is alive and can reach the cells ``own`` that this robot can reach."""
+    """Return whether the robot ``number`` is alive and can reach the cells ``own``, which this robot can reach."""
     peer = robot.peers.get(number)
     return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return a robot's speed and search rate in cells. Both values are the declared values, reduced by the robot's recent delay."""
+    """Return a robot's speed and search rate in cells per unit of time, estimated from its declared speed and its recent delay."""
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:
@@ -88,9 +88,9 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 
 
 def is_late(robot: Robot, number: int, time: float) -> bool:
-    """Return whether a robot's delay against its declared speed is longer than that of any working robot.
+    """Return whether a robot lags so far behind its declared speed that it does not work normally.
 
-    For its own delay, a robot uses a higher limit.
+    A robot uses a higher limit for its own lag, so that the other robots notice the lag first.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
@@ -105,7 +105,7 @@ def _tolerated(robot: Robot, time: float) -> float:
 def _waits_for_others(robot: Robot, time: float) -> bool:
     """Return whether the robot still waits for cells that only others can search.
 
-    If ``multiplicity`` is above 1, robots could wait for each other.
+    If ``multiplicity`` is above 1, robots could wait for each other forever, so the wait is limited.
     """
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 
@@ -130,7 +130,7 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return a bitset of the cells known to be free, because the robot, or another robot that sees no farther, has been there."""
+    """Return a bitset of the cells known to be free: the robot passed them, or a robot that sees only one cell searched them."""
     wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)

@@ -1,7 +1,7 @@
-"""Content and encoding of the robots' messages: whole numbers of variable length, and sets of cells as intervals.
+"""Content and encoding of the robots' messages. Numbers have a variable length, and sets of cells are stored as intervals.
 
-Every message contains complete facts. Each fact is true without other messages. A beacon that is too long is divided into several
-messages. Any message may be lost, duplicated or reordered.
+Every message contains complete facts, which a robot understands without any other message. Therefore messages may be lost,
+duplicated or reordered. A beacon that is too long for one message is divided into several messages.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ LAG_UNIT = 1 / 16
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """The latest heartbeat of a robot: its number, the number of beacons that it had sent, its start, its speed and its status.
+    """What a robot tells about itself: its number, how many beacons it has sent, its start cell, its declared speed and its status.
 
-    A heartbeat also contains the footprint's width in cells and the robot's current or target cell. A heartbeat also contains the
-    robot's lag: the real time of its paths minus the time by its declared speed.
+    ``width`` is the width of the robot's footprint in cells. ``place`` is the target cell, or the current cell of a robot without a
+    target. ``lag`` is the time that the robot's paths have taken minus the time that they take at its declared speed.
     """
 
     robot: int
@@ -44,7 +44,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. The content is repeated in later beacons, so that no single message is essential.
+    """The regular broadcast of a robot. Later beacons repeat its content, so that no single message is essential.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
     ----------
     beacon : Beacon
     most : int
-        Maximum length of a message in bytes, at least 40.
+        Maximum length of a body in bytes, at least 40.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: 
     Raises
     ------
     InvalidInputError
-        If the content is impossible.
+        If the body is incomplete, or contains a number that is out of range.
     """
     reader, heartbeats = _Reader(body), []
     sets: dict[int, dict[int, int]] = {_SEARCHED: {}, _FOUND: {}, _CLOSED: {}}

@@ -3,15 +3,15 @@
 The same state machine runs in the simulation (`shoal.search.simulation`) and in processes with radios
 (`shoal.search.simulation.live`).
 
-The robot first listens and divides the tour among all robots that it knows. It searches its own part. After its own part, the robot
-searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If that robot is idle, it searches
-the same cells from the other side. While other robots work, the robot waits. A waiting robot stops waiting in time to search all
-unsearched cells alone, within the time of one complete round. Therefore a single surviving robot searches all cells in that time,
+The robot first listens. Then it divides the tour among all robots that it knows, and searches its own part. Next, it searches the
+remaining cells of the silent robots ahead, up to the part of the next live robot. If this live robot is idle, it searches the same
+cells from the other side. A robot without work waits while other robots work. It waits only as long as it could still search all
+unsearched cells alone within the time of one complete round. Therefore a single surviving robot searches all cells in that time,
 even if all messages and all other robots are lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search
 should complete").
 
-If robots move from cell to cell, the robot may find a blocked cell. The robot reports the blocked cell to the others, and all
-robots avoid this cell. The robots leave out cells that no robot can reach any more.
+A robot that moves from cell to cell may find a blocked cell. It reports the blocked cell, and all robots avoid this cell from then
+on. Cells that no robot can reach any more are left out.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the two moments from which a peer's pace is measured. Each lies several beacon periods after the previous one."""
+    """Return two moments, each with the lag of a peer, from which its pace is measured. They lie several beacon periods apart."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -212,7 +212,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 
 def next_action(robot: Robot, time: float) -> Decision:
-    """Return the next action, or the time until which to wait."""
+    """Return the robot's next action, or None and the time until which the robot waits."""
     if robot.allotted_to <= len(robot.peers):  # the robot knows another robot
         robot = _allotted(robot, time)
     done = settled(robot, time)
@@ -256,7 +256,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Go to a cell, or home if the energy does not suffice for both ways."""
+    """Let the robot go to a cell, or home to recharge if its energy does not suffice for the way to the cell and then home."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()

@@ -33,11 +33,12 @@ class Brief:
     beat : float
         Time between beacons.
     energy : float
-        Endurance: the time within which a robot must return to its start and recharge.
+        Cost in cells of the movements and searches that a full battery allows. A robot must return to its start before the battery
+        is empty.
     recharge : float
         Duration of recharging.
     ways_out : WaysOut, optional
-        Distances for robots that start outside the region.
+        Distances from launch points outside the region.
     delays : tuple of float
         Departure delay of each robot, by its number from 1. It is empty without delays.
     """
@@ -57,7 +58,7 @@ class Brief:
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return the distance to a cell from the robot's launch point, minus the distance from its start cell.
+        """Return the distance to a cell from the robot's launch point, minus the distance to this cell from the robot's start cell.
 
         The value can be negative. A robot that moves from cell to cell enters the region at its start cell.
         """
@@ -75,10 +76,10 @@ class Brief:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Knowledge about another robot: its latest heartbeat with the time of arrival, and its lag at two earlier moments.
+    """What a robot knows about another robot: its latest heartbeat, the time of arrival, and its lag at two earlier moments.
 
-    ``since`` is the time of the first report of the robot's current destination. ``way`` is the length of the path there in cell
-    sides.
+    ``since`` is the time at which the other robot first reported its destination. ``way`` is the length of its path to this
+    destination in cell sides.
     """
 
     heartbeat: Heartbeat
@@ -95,12 +96,12 @@ class Robot:
     Parameters
     ----------
     number : int
-        Number of the robot, different for each robot.
+        Number of the robot, from 1.
     brief : Brief
     start : int
         Tour index of the robot's start cell.
     rate : float
-        Speed in motion and search.
+        Declared speed, at which the robot moves and searches.
     width : int
         Width of the footprint in cells, odd.
     status : str
@@ -108,7 +109,7 @@ class Robot:
     cell : int
         Tour index of the robot's last cell.
     fresh : bool
-        Whether the robot has entered ``cell`` without a search, and has searched no cell since then.
+        Whether the robot has searched nothing since it arrived at ``cell``.
     at_launch : bool
         Whether the robot is at its launch point, which may be outside the region.
     target : int or None
@@ -119,7 +120,7 @@ class Robot:
     through : tuple of int
         The cells of the path to the target, if there may be obstacles.
     cost : float
-        Cost of moving to the target and searching it.
+        Cost in cells of moving to the target and searching it.
     parts : tuple of Part
         The parts of all robots in the order of the tour.
     own : int
@@ -132,10 +133,10 @@ class Robot:
     closed : mapping of int to int
         For each robot, the cells that it reports as blocked, as a bitset.
     passed : int
-        Bitset of the cells known to be free because the robot has entered them, or has passed them across a corner. This field is
-        used only if there may be obstacles.
+        Bitset of the cells known to be free because the robot has entered them, or has passed one of their corners. It is used only
+        if there may be obstacles.
     avoided : int
-        Bitset of the cells that the robot avoids until ``avoided_until``, because its path was blocked there.
+        Bitset of the cells that the robot avoids until ``avoided_until``, because another robot was in them.
     count : int
         Number of beacons sent.
     next_beat : float
@@ -147,9 +148,9 @@ class Robot:
     began : float
         Time at which the robot was switched on.
     deadline : float
-        Time by which the robot could search all cells alone.
+        Time at which the search ends if the robot searches all cells alone.
     left : float
-        Remaining energy.
+        Remaining energy, in the unit of ``Brief.energy``.
     since : float
         Time at which the current action (a movement, or waiting) began.
     lag : float
@@ -157,7 +158,7 @@ class Robot:
     lost, got : int
         Number of messages known to be lost, and number of messages received.
     told : tuple of tuple of mapping
-        The searched, found and blocked cells at the time of the latest beacons.
+        For each of the latest beacons, the searched, found and blocked cells that the robot knew when it sent the beacon.
     window : int
         The cell from which the next beacon repeats known facts.
     lingering : int
@@ -217,7 +218,7 @@ class Robot:
     def but(self, **changes: Any) -> Robot:
         """Return a copy of the state in which some fields have other values.
 
-        The method is faster than `dataclasses.replace`, because every message needs it.
+        Every message needs this method. Therefore it is written to be faster than `dataclasses.replace`.
         """
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)

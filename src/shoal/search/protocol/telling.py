@@ -1,4 +1,4 @@
-"""Content of a beacon: new facts, which are repeated several times, and a part of all known facts in rotation.
+"""Content of a beacon: the new facts, and a part of all known facts. Several beacons repeat a new fact; the parts take turns.
 
 All facts stay true. Therefore no message depends on an earlier message. If a robot misses a fact, it receives the fact later from
 any robot that knows it.

@@ -26,7 +26,7 @@ def degrees(value: float) -> str:
 
 
 def plain(value: float) -> str:
-    """Return any other number as a short exact text.
+    """Return a number that is not a coordinate as a short exact text.
 
     Examples
     --------

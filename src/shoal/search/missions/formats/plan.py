@@ -42,7 +42,7 @@ class ItemForm(_Form):
 
 
 class MissionForm(_Form):
-    """The mission in the file."""
+    """The form of the mission in a ``.plan`` file."""
 
     version: Literal[2]
     firmware_type: StrictInt = Field(alias="firmwareType")
@@ -67,7 +67,7 @@ class PolygonForm(_Form):
 
 
 class FenceForm(_Form):
-    """The fence in the file."""
+    """The form of the fence in a ``.plan`` file."""
 
     version: Literal[2]
     circles: list[Any]
@@ -82,7 +82,7 @@ class RallyForm(_Form):
 
 
 class PlanForm(_Form):
-    """The whole file."""
+    """The form of a whole ``.plan`` file."""
 
     file_type: Literal["Plan"] = Field(alias="fileType")
     version: Literal[1]
