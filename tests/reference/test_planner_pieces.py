@@ -21,7 +21,7 @@ from shoal.swarm.kernels.planning.rollout import prepare
 from shoal.swarm.kernels.prediction import forward_model, learned_prior, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
 from shoal.swarm.policies import BeamRollout
-from shoal.swarm.policies.planners import learned_weights
+from shoal.swarm.policies.planners import learned_weights, state
 from shoal.swarm.policies.planners.state import planner_of
 from shoal.swarm.simulation.compiled import PlannerGame
 
@@ -334,3 +334,11 @@ def test_a_lattice_is_found_out():
         game = PlannerGame(counting, world.free, state, belief, rule="block", mapping=True, rng=rng)
         game.play_on(Trace.empty(100), 100)
         assert (np.argmax(game.planner.prior.weights[: occupancy_prior.MODELS]) > 0) == lattice
+
+
+@pytest.mark.parametrize(("name", "particles"), [("vessels:200", 6), ("line:400", 8), ("rectangle:12x17", 9)])
+def test_kept_states_change_no_command(name, particles, monkeypatch):
+    """A plan that is simulated from a kept state is valued like the same plan simulated from its beginning."""
+    kept = run(open_map(name), particles=particles, policy="best")
+    monkeypatch.setattr(state, "KEPT_PLACES", 1)
+    assert run(open_map(name), particles=particles, policy="best").commands == kept.commands

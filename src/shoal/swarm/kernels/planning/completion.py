@@ -3,19 +3,43 @@
 The policy has two styles. Greedy takes the command that classifies most cells now. Careful subtracts a charge for each frontier
 cell that is left behind, that is, beside a particle now and beside none afterwards. In a corridor, careful therefore probes both
 walls before it moves on.
+
+States are kept at regular intervals of the plan. A plan that begins like the best one is simulated from the last common kept state.
 """
 
 from __future__ import annotations
 
+from typing import Any, NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
 from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, path_to_nearest
-from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, immediate_gains, push
+from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, copy_state, immediate_gains, push
 from shoal.swarm.kernels.prediction.lookahead import copy
+from shoal.swarm.kernels.records import record_type
 
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, because a kernel is compiled again for each literal argument
+EVERY = 8  # moves between two kept states
+BEST, TRIAL = 0, 1  # whose states are kept: those of the best plan so far, and those of the plan that is simulated
+PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # of a simulation, as in `complete`
+
+
+class KeptStates(NamedTuple):
+    """The states of two plans after each ``EVERY`` moves. The first place, for the beginning of the plan, is not used."""
+
+    states: NDArray[np.uint64]  # (2, places, boards, words)
+    progress: Any  # (2, places) records of PROGRESS
+
+
+@in_place_kernel
+def keep_best(kept, begin, length):
+    """Take over the kept states of the simulated plan from move ``begin`` on, because it is the best plan now."""
+    for place in range(begin // EVERY + 1, min((length - 1) // EVERY + 1, kept.states.shape[1])):
+        copy_state(kept.states[TRIAL, place], kept.states[BEST, place])
+        kept.progress[BEST, place] = kept.progress[TRIAL, place]
 
 
 @in_place_kernel
@@ -63,18 +87,28 @@ def left_behind(scene, occupied, at_hand, still):
 
 
 @in_place_kernel
-def complete(scene, state, space, plan, length, horizon, discount, style, charge, worth, expected, best):
+def complete(scene, state, space, plan, begin, length, horizon, discount, style, charge, worth, expected, best):
     """Simulate the first ``length`` commands of a plan and complete it by the base policy, writing its commands behind them.
 
-    Changes ``state``. The simulation stops early if the plan cannot become better than ``best``, given that a cell classified
+    The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` is the kept state of the
+    best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell classified
     immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value, length, moves,
     classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of classified cells;
-    the number of commands in the plan; the number of simulated commands; and the number of classified cells.
+    the number of commands in the plan; the number of simulated commands, including those before ``begin``; and the number of
+    classified cells.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
-    at = np.int64(0)
+    kept, at = space.kept, begin
+    if begin > 0:
+        reached = kept.progress[BEST, begin // EVERY]
+        value, weight, last = reached.value, reached.weight, np.int64(reached.last)
+        finished, total = np.int64(reached.finished), np.int64(reached.total)
     gains, moved, planes = space.gains, space.ahead, space.planes  # passing the whole working memory takes time
     while at < horizon:
+        if at % EVERY == 0 and at > begin and at // EVERY < kept.states.shape[1]:
+            copy_state(state, kept.states[TRIAL, at // EVERY])
+            reached = kept.progress[TRIAL, at // EVERY]
+            reached.value, reached.weight, reached.last, reached.finished, reached.total = value, weight, last, finished, total
         if at >= length:
             if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
                 return horizon, value, at, at, total

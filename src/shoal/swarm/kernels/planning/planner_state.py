@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import Beam
-from shoal.swarm.kernels.planning.completion import most
+from shoal.swarm.kernels.planning.completion import KeptStates, most
 from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.prediction.forward_model import Scene, immediate_gains, take_state
 from shoal.swarm.kernels.prediction.learned_prior import LearnedPrior
@@ -45,6 +45,7 @@ class Planner(NamedTuple):
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # the best plan so far
     trial: NDArray[np.int8]  # the plan that is simulated
+    kept: KeptStates
     beam: Beam
     prior: OccupancyPrior
     prediction: OccupancyPrediction

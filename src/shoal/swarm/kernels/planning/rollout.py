@@ -9,7 +9,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import search_beam, take_best
-from shoal.swarm.kernels.planning.completion import CAREFUL, GREEDY, complete
+from shoal.swarm.kernels.planning.completion import BEST, CAREFUL, EVERY, GREEDY, complete, keep_best
 from shoal.swarm.kernels.planning.frontier_paths import NEXT, beside
 from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_command, take_greedily
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
@@ -20,6 +20,7 @@ BRIEF = 300.0  # budget below which only the most promising plans are evaluated,
 PLENTY = 900.0  # unless this many simulated moves have been saved,
 SAVINGS = 20.0  # maximum number of moves of such a plan
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
+NO_MOVES = np.int64(0)
 LONGEST_RUN = 40  # maximum length of a candidate that moves in one direction until it classifies a cell
 
 
@@ -45,8 +46,10 @@ def is_brief(planner):
 
 
 @in_place_kernel
-def evaluate(planner, length, best, few, style):
+def evaluate(planner, shared, length, best, few, style):
     """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher value.
+
+    The trial plan begins with the first ``shared`` commands of the incumbent.
 
     If the end of the task is within the horizon, the value of a plan is the discounted classification minus its number of moves.
     """
@@ -63,9 +66,11 @@ def evaluate(planner, length, best, few, style):
         )
     share = options.frontier_worth * (1.0 + options.surprise_weight * surprise)
     worth = share / few if few > 0 else 0.0
-    copy_state(planner.root, planner.state)
+    place = min(shared // EVERY, planner.kept.states.shape[1] - 1)
+    begin = place * EVERY
+    copy_state(planner.kept.states[BEST, place] if place > 0 else planner.root, planner.state)
     time, value, length, moves, classified = complete(
-        planner.scene, planner.state, planner, planner.trial, length, horizon, discount, style, options.left_behind_cost,
+        planner.scene, planner.state, planner, planner.trial, begin, length, horizon, discount, style, options.left_behind_cost,
         worth, few, best if few > 0 else NOTHING,
     )  # fmt: skip
     memory.simulated += moves
@@ -77,7 +82,8 @@ def evaluate(planner, length, best, few, style):
             value -= horizon * count(planner.state[FRONTIER]) / max(classified, 1)
     if value <= best:
         return best
-    for i in range(length):
+    keep_best(planner.kept, begin, length)
+    for i in range(begin, length):
         planner.incumbent[i] = planner.trial[i]
     memory.plan_at, memory.plan_length, memory.style = 0, length, style
     return value
@@ -94,24 +100,25 @@ def search_plans(planner):
     at, length = memory.plan_at, memory.plan_length
     for i in range(at, length):
         trial[i - at] = planner.incumbent[i]
-    best = evaluate(planner, length - at, NOTHING, few, memory.style)
+    best = evaluate(planner, NO_MOVES, length - at, NOTHING, few, memory.style)
     if options.left_behind_cost > 0:
         if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # the simulation of a careful plan takes longer
-            best = evaluate(planner, np.int64(0), best, few, CAREFUL)
-        best = evaluate(planner, np.int64(0), best, few, GREEDY)
+            best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, CAREFUL)
+        best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, GREEDY)
     for command in range(directions(planner.scene)):
         trial[0] = command
-        best = evaluate(planner, np.int64(1), best, few, memory.style)
+        best = evaluate(planner, NO_MOVES, np.int64(1), best, few, memory.style)
         if options.run_candidates > 0 and not is_brief(planner):
             length = run(planner, command)
             if length > 1:
-                best = evaluate(planner, length, best, few, memory.style)
+                best = evaluate(planner, NO_MOVES, length, best, few, memory.style)
     if is_brief(planner):
         return
     best = try_leaves(planner, best, few)
     if few > 0:
         for _ in range(int(options.variations)):
-            best = evaluate(planner, vary(planner), best, few, memory.style)
+            shared, length = vary(planner)
+            best = evaluate(planner, shared, length, best, few, memory.style)
 
 
 @in_place_kernel
@@ -148,13 +155,13 @@ def try_leaves(planner, best, few):
         leaf = take_best(beam.values[half], size)
         for i in range(depth):
             trial[i] = beam.plans[half, leaf, i]
-        best = evaluate(planner, depth, best, few, planner.memory.style)
+        best = evaluate(planner, NO_MOVES, depth, best, few, planner.memory.style)
     return best
 
 
 @in_place_kernel
 def vary(planner):
-    """Write a variation of the incumbent to the trial. Return its length.
+    """Write a variation of the incumbent to the trial; return (number of commands before the first change, length).
 
     The variation has another command at a random place, and the base policy completes it. With RUNS it may instead have a run of up
     to eight commands there, followed by the rest of the incumbent, possibly shortened.
@@ -178,7 +185,7 @@ def vary(planner):
     for i in range(at + skipped, planner.memory.plan_length):
         trial[at_end] = incumbent[i]
         at_end += 1
-    return at_end
+    return at, at_end
 
 
 @in_place_kernel

@@ -14,7 +14,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import letters_of
 from shoal.swarm.grid.fields import RULE_CODES, empty_boards
-from shoal.swarm.kernels.planning import beam, frontier_paths, planner_state
+from shoal.swarm.kernels.planning import beam, completion, frontier_paths, planner_state
 from shoal.swarm.kernels.planning.rollout import SAVINGS
 from shoal.swarm.kernels.prediction import forward_model, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.records import new_record, record_type
@@ -24,6 +24,7 @@ from shoal.swarm.policies.planners.tuning import Tuning
 OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean number of simulated moves per move sent
 # number of states of a beam on any board; for wider beams, number of words of all its boards of one kind
 BEAM_WIDTH, BEAM_WORDS = 24, 2**20
+KEPT_PLACES, KEPT_WORDS = 64, 2**21  # most states kept of a plan, and most words of all their boards of one kind
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
 ADVANCE = 10  # moves whose time may be spent in advance, because the first moves need most planning
@@ -71,7 +72,6 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     given = dict(zip(OPTIONS.names or (), options, strict=False))
     if "beam_width" in given:
         given["beam_width"] = min(int(given["beam_width"]), max(BEAM_WIDTH, BEAM_WORDS // size))
-    width, depth = (int(given.get(name, 0)) for name in ("beam_width", "beam_depth"))
     learned = mapping and layout.ndim == 2 and given.get("learned", 0) > 0
     memory = new_record(planner_state.MEMORY)
     memory.random = seed
@@ -95,16 +95,31 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
         gains=np.zeros(directions, dtype=np.int64),
         incumbent=np.zeros(longest, dtype=np.int8),
         trial=np.zeros(longest, dtype=np.int8),
-        beam=beam.Beam(
-            states=boards(2, width, forward_model.BOARDS),
-            plans=np.zeros((2, width, depth), dtype=np.int8),
-            values=np.zeros((2, width)),
-            marks=np.zeros((2, width), dtype=np.uint64),
-            child=boards(forward_model.BOARDS),
-        ),
+        kept=kept_states_of(size),
+        beam=beam_of(size, int(given.get("beam_width", 0)), int(given.get("beam_depth", 0))),
         prior=new_prior(layout, lattices=int(given.get("lattices", 0)), learned=learned),
         prediction=foreseen,
         learned=learned_prior_of(foreseen.inner, layout.words[1], used=learned),
+    )
+
+
+def kept_states_of(size: int) -> completion.KeptStates:
+    """Return room for the states of two plans on boards of ``size`` words."""
+    places = max(1, min(KEPT_PLACES, KEPT_WORDS // size))
+    return completion.KeptStates(
+        states=np.zeros((2, places, forward_model.BOARDS, size), dtype=np.uint64),
+        progress=np.rec.array(np.zeros((2, places), dtype=completion.PROGRESS)),
+    )
+
+
+def beam_of(size: int, width: int, depth: int) -> beam.Beam:
+    """Return room for a beam of ``width`` states and ``depth`` commands on boards of ``size`` words."""
+    return beam.Beam(
+        states=np.zeros((2, width, forward_model.BOARDS, size), dtype=np.uint64),
+        plans=np.zeros((2, width, depth), dtype=np.int8),
+        values=np.zeros((2, width)),
+        marks=np.zeros((2, width), dtype=np.uint64),
+        child=np.zeros((forward_model.BOARDS, size), dtype=np.uint64),
     )
 
 
