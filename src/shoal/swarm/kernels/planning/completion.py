@@ -91,9 +91,9 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
     """Simulate the first ``length`` commands of a plan and complete it by the base policy, writing its commands behind them.
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` is the kept state of the
-    best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell classified
-    immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value, length, moves,
-    classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of classified cells;
+    best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell
+    classified immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value, length,
+    moves, classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of classified cells;
     the number of commands in the plan; the number of simulated commands, including those before ``begin``; and the number of
     classified cells.
     """
