@@ -109,6 +109,6 @@ def _algorithm() -> tuple[str, bool]:
                 pieces = [_piece(corners, i, s, line3=line3, line11=line11) for i in range(len(corners))]
                 told = np.any([_within(piece, grid) for piece in pieces if piece is not None] or [np.zeros_like(exact)], axis=0)
                 shares[line3, line11].append(float(np.sum(told & exact) / np.sum(told | exact)))
-    names = ("as printed", "with line 3 corrected", "with line 11 corrected", "with both")
-    words = [f"{name} {100 * min(shares[w]):.0f} to {100 * max(shares[w]):.0f} %" for name, w in zip(names, ways, strict=True)]
-    return ", ".join(words), min(shares[ways[3]]) > 0.99 and all(np.mean(shares[way]) < 0.5 for way in ways[:3])
+    names = ("as printed", "with line 3 corrected", "with line 11 corrected", "with both lines corrected")
+    words = [f"{100 * min(shares[w]):.0f} to {100 * max(shares[w]):.0f} % {name}" for name, w in zip(names, ways, strict=True)]
+    return "the overlap is " + ", ".join(words), min(shares[ways[3]]) > 0.99 and all(np.mean(shares[way]) < 0.5 for way in ways[:3])

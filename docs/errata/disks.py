@@ -28,7 +28,8 @@ def _pairs(rng: np.random.Generator, count: int, radius: float) -> Vector:
 @erratum(
     "paper W, section IV.E, eq. 2",
     "the contacts lie around θ = arctan((p1.x - p2.x) / (p1.y - p2.y))",
-    "the contacts lie around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction from p2 to p1. For contacts of p2, π must be added",
+    "the contacts lie around θ = atan2(p1.y - p2.y, p1.x - p2.x), the direction from p2 to p1. For contacts of p2, π must "
+    "be added to θ",
     "a program tests whether p2 is inside the disk, for 20,000 pairs of points with random contacts of p1",
 )
 def _contacts() -> tuple[str, bool]:
@@ -204,10 +205,10 @@ def _most() -> tuple[str, bool]:
 @erratum(
     "paper W, Fig. 15",
     "the remaining distance from the goals falls as 8.66 / length³",
-    "the printed law holds only if particle 2 is always the toucher. If the nearer particle touches the wall instead, a distance "
-    "of 0.01 needs half the length",
-    "a program computes two kinds of plans, cycle by cycle. In one kind particle 2 is the toucher, and in the other kind "
-    "the nearer particle",
+    "the printed law holds only if particle 2 is always the toucher. If the nearer particle touches the wall, half of the "
+    "printed length brings the particles within 0.01 of the goals",
+    "a program computes two kinds of plans, cycle by cycle. Particle 2 is the toucher in one kind, and the nearer particle "
+    "is the toucher in the other kind",
 )
 def _law() -> tuple[str, bool]:
     from shoal.papers.steering.antipodes import swap_antipodes

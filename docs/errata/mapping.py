@@ -44,8 +44,8 @@ def _probes() -> tuple[str, bool]:
     "paper M, section III.B.1",
     "the best competitive ratio on simple grid graphs is 7/6",
     "later papers prove that the best ratio is at least 13/11 and at most 5/4 (for lengths up to a constant)",
-    "a program tries all strategies that explore a region and return, for all starts in all regions without holes of up to "
-    "7 cells. The program decides whether one strategy achieves a given ratio in all these cases",
+    "a program tries all strategies that explore a region and return, for all starts in all regions of up to 7 cells "
+    "without holes. The program decides whether one strategy achieves a given ratio for all regions and starts",
 )
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
@@ -57,8 +57,9 @@ def _simple_grid_graphs() -> tuple[str, bool]:
 @erratum(
     "paper M, algorithm 2",
     "the elected particle goes to its nearest frontier cell",
-    "if another particle blocks the elected particle, the blocking particle must be elected instead. Without this change, "
-    "the algorithm of the text, which chooses a new path at each move, can repeat itself forever",
+    "if another particle blocks the elected particle, the blocking particle must become the elected particle. If the "
+    "elected particle stays the same, the algorithm of the text, which chooses a new path at each move, can repeat itself "
+    "forever",
     "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program"
     " uses a new path at each move (as in the text) or complete paths (as in algorithm 2)",
 )
@@ -92,8 +93,8 @@ def _ties() -> tuple[str, bool]:
     found = compare(*moves)
     less = found.difference
     words = (
-        f"the order up, down, left, right saves {-less.mean:.1f} moves [{-less.high:.1f}, {-less.low:.1f}]; the ratio "
-        f"is {found.ratio:.2f}"
+        f"the order up, down, left, right saves {-less.mean:.1f} moves [{-less.high:.1f}, {-less.low:.1f}]; "
+        f"the ratio of the moves is {found.ratio:.2f}"
     )
     return words, less.high < 0 and found.ratio < 0.8
 
@@ -129,18 +130,19 @@ def _full() -> tuple[str, bool]:
 
     workspace = open_map("rectangle:9x7")
     cover, mapped = (run(workspace, task=task, particles=workspace.n_free).moves for task in ("coverage", "mapping"))
-    return f"coverage takes {cover} moves and mapping {mapped}", (cover, mapped) == (0, 4)
+    return f"coverage takes {cover} moves, and mapping takes {mapped} moves", (cover, mapped) == (0, 4)
 
 
 @erratum(
     "paper M, Fig. 10",
     "in subset coverage, particles visit 10 % of the free cells",
     "the published numbers fit a share of 20 %. On the authors' map, which Shoal does not contain, a share of 20 % takes 874, 100 "
-    "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The published numbers are 836, 99 "
-    "and 9.3. On generated vessels, 20 % fits at n = 4000 too. One observation remains unexplained: the published moves "
-    "of subset coverage, divided by the published moves of coverage, fit a share of 10 %",
-    "a program runs episodes of closest-frontier with coverage and with both shares. The program runs 120 episodes for each"
-    " case on three maps of vessels, and 40 on a maze and on a rectangle",
+    "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The published numbers of "
+    "moves are 836, 99 and 9.3. On generated vessels with n = 4000, the published number also fits a share of 20 %. One "
+    "observation remains unexplained: the published moves of subset coverage, divided by the published moves of coverage, "
+    "fit a share of 10 %",
+    "a program runs episodes of closest-frontier with coverage, and with subset coverage of 10 % and of 20 % of the cells. The "
+    "program runs 120 episodes for each case on three maps of vessels, and 40 episodes for each case on a maze and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
     from tests.swarm_runs import run_trials

@@ -70,7 +70,8 @@ def _boundary() -> tuple[str, bool]:
     "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
     "of the first and the last particle, and g is the largest gap",
     "full coverage takes p + max(R, need) moves. After the p moves to the left, R moves lead to the other end, and `need` "
-    "moves close all gaps. If `need` is larger than R, the printed formula counts too many moves",
+    "moves close all gaps. If closing the gaps takes more moves than finding the other end, the printed formula counts too "
+    "many moves",
     "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
@@ -89,8 +90,8 @@ def _coverage() -> tuple[str, bool]:
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
     "full coverage of m = 1000, n = 100 takes 60.7 moves",
-    "full coverage takes 58.74 moves. The published data count a gap as the difference of two positions, which is one cell "
-    "too many",
+    "full coverage takes 58.74 moves. The published data count a gap as the difference of two positions, so each gap is one"
+    " cell too large",
     "a program compares the exact mean with the published curve at m = 5000",
 )
 def _published_coverage() -> tuple[str, bool]:
@@ -117,7 +118,7 @@ def _published_coverage() -> tuple[str, bool]:
     "paper M, section III.A.3",
     "a search with scans after 1, 2, 4, ... moves takes at most log2 D scans",
     "the search takes at most log2 D + 3 scans, including the scan at the start. If D is a power of 2, the search takes "
-    "exactly this number of scans, because it needs D + 1 moves",
+    "exactly log2 D + 3 scans, because it needs D + 1 moves",
     "a program simulates the search for all D from 1 to 4096. The program also simulates a second search with 1, 2, 4, ... moves "
     "between its scans",
 )

@@ -38,8 +38,7 @@ def _sides() -> tuple[str, bool]:
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
     "a translation moves both particles to their goals, or one particle to the next wall",
-    "if a particle touches a wall, the particle must first move a little off the wall. Without this first move, the wall "
-    "holds the particle",
+    "if a particle touches a wall, the particle must first move a little off the wall, because the wall would hold the particle",
     "a program simulates 1000 translations along the left wall of a square, with one particle on this wall",
 )
 def _lift() -> tuple[str, bool]:
@@ -101,10 +100,10 @@ def _triangles() -> tuple[str, bool]:
         missed = max(missed, *(1 - float(filling.fractions[1]) for filling in fillings))
         most = max(most, *(filling.moves or 8 for filling in fillings))
     found = (
-        f"four moves reach all differences from {', '.join(map(str, four))} of 8 starts, and from the other starts "
-        f"the four moves miss up to {100 * missed:.1f} % of the differences"
+        f"in the four triangles, four moves reach all differences from {', '.join(map(str, four))} of 8 starts. From the other "
+        f"starts, four moves miss up to {100 * missed:.1f} % of the differences"
     )
-    return f"{found}; at most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
+    return f"{found}. At most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
 
 
 @erratum(
@@ -122,7 +121,7 @@ def _polygons() -> tuple[str, bool]:
     for sides, start, claimed in ((6, (0.13, 0.06), 6), (7, (0.13, 0.06), 6), (8, (0.13, 0.06), 6), (10, (0.002, 0.001), 8)):
         filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
-        words.append(f"{sides} sides: {share:.2f} % after {claimed} moves, all after {filling.moves}")
+        words.append(f"with {sides} sides, {claimed} moves reach {share:.2f} % and {filling.moves} moves reach all differences")
         needed.append(filling.moves)
     return "; ".join(words), needed == [6, 8, 8, 10]
 
@@ -150,8 +149,8 @@ def _turned(points: Vector) -> Vector:
 @erratum(
     "paper W, section V.A",
     "a wall whose reflected contact cannot make the adjustment is discarded",
-    "the plan must use the nearest contact that allows the adjustment. Three moves then reach more goals, and some goals by"
-    " a shorter path",
+    "the plan must use the nearest contact that allows the adjustment. With the nearest contact, three moves reach more "
+    "goals, and reach some goals by a shorter path",
     "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the paper discards",
 )
 def _discarded() -> tuple[str, bool]:

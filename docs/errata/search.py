@@ -50,7 +50,7 @@ def _subregions() -> tuple[str, bool]:
 @erratum(
     "paper H, section Further Research",
     "a closed Hilbert curve has a long path between its ends",
-    "the statement is correct. Moore's curve has no such long path",
+    "the statement is correct. Moore's curve has no long path between its ends",
     "a program measures the closing edges of both curves on 32 by 32 cells",
 )
 def _closing() -> tuple[str, bool]:
