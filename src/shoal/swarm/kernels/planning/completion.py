@@ -92,10 +92,10 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` is the kept state of the
     best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell
-    classified immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value, length,
-    moves, classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of classified cells;
-    the number of commands in the plan; the number of simulated commands, including those before ``begin``; and the number of
-    classified cells.
+    classified immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value,
+    length, moves, classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of
+    classified cells; the number of commands in the plan; the number of simulated commands, including those before ``begin``; and
+    the number of classified cells.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     kept, at = space.kept, begin
