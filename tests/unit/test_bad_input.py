@@ -497,7 +497,7 @@ def test_help_is_no_bad_input(capfd):
         ("math:pi", InvalidInputError, "task: expected an object with name"),
         ("mapping:fast=1", InvalidInputError, "the task 'mapping' has no option 'fast'"),
         ("subset-coverage:fraction=half", InvalidInputError, "the task 'subset-coverage': fraction: expected a number, got 'half'"),
-        ("subset-coverage:2", InvalidInputError, "subset: expected a share above 0 and at most 1, got 2"),
+        ("subset-coverage:2", InvalidInputError, "subset: expected a number, above 0 and at most 1, got 2"),
     ],
 )
 def test_tasks_are_checked(task, error, words):

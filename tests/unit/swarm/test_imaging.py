@@ -234,8 +234,8 @@ def test_what_is_no_picture_of_vessels_is_refused(image, message):
         ({"low": 0.5, "high": 0.4}, "expected thresholds"),
         ({"high": 15}, "expected thresholds"),
         ({"low": float("nan")}, "expected thresholds"),
-        ({"thickest": 0.0}, "expected thickest as a fraction"),
-        ({"thickest": 0.9}, "expected thickest as a fraction"),
+        ({"thickest": 0.0}, "thickest: expected a number, above 0 and at most 0.5"),
+        ({"thickest": 0.9}, "thickest: expected a number, above 0 and at most 0.5"),
     ],
 )
 def test_options_out_of_range_are_refused(options, message):

@@ -382,7 +382,7 @@ def test_thresholds_of_the_vessel_finder_reach_it(tmp_path):
     Image.fromarray(photograph).save(tmp_path / "eye.png")
     with pytest.raises(InvalidInputError, match=r"eye.png: expected thresholds with 0 < low <= high <= 1"):
         open_map(tmp_path / "eye.png", vessels=True, low=0.6, high=0.5)
-    with pytest.raises(InvalidInputError, match=r"eye.png: expected thickest"):
+    with pytest.raises(InvalidInputError, match=r"eye.png: thickest: expected a number"):
         open_map(tmp_path / "eye.png", vessels=True, thickest=0.9)
     assert open_map(tmp_path / "eye.png", vessels=True, bright=False, low=0.2, high=0.3).n_free > 50
 

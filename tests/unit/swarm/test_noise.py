@@ -168,7 +168,7 @@ def test_bad_arguments(options, words):
 
 @pytest.mark.parametrize("rate", [-0.1, 0.6, float("nan"), "much", True])
 def test_bad_rates(rate):
-    with pytest.raises(InvalidInputError, match=r"slip: expected a probability, 0 to 0\.5, got"):
+    with pytest.raises(InvalidInputError, match=r"slip: expected a number from 0 to 0\.5, got"):
         Noise(slip=rate)
 
 

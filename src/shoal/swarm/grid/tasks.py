@@ -8,6 +8,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
@@ -117,8 +118,7 @@ class SubsetCoverage(Coverage):
     fraction: float = 0.1
 
     def __post_init__(self) -> None:
-        if not 0 < self.fraction <= 1:
-            raise InvalidInputError(f"subset: expected a share above 0 and at most 1, got {self.fraction:g}")
+        check_number(self.fraction, what="subset", above=0, most=1)
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
         """Draw the random subset of the free cells without replacement."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from math import isfinite, log
+from math import log
 from typing import Any
 
+from shoal.core.checks import check_number
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
 
 CONFIDENCE = 0.99
 PRIOR = 0.25  # prior probability that an unknown cell is free: about the fraction in vascular maps
@@ -43,17 +43,14 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name in ("slip", "misplace", "miss"):
-            rate = getattr(self, name)
-            if isinstance(rate, bool) or not isinstance(rate, int | float) or not (isfinite(rate) and 0 <= rate <= MOST):
-                raise InvalidInputError(f"{name}: expected a probability, 0 to {MOST:g}, got {rate!r}")
-            object.__setattr__(self, name, float(rate))
+            object.__setattr__(self, name, check_number(getattr(self, name), what=name, least=0, most=MOST))
 
     def __bool__(self) -> bool:
         return bool(self.slip or self.misplace or self.miss)
 
 
 def bound_of(confidence: Any) -> float:
-    """Return the log-odds of a confidence.
+    """Return the log-odds of a confidence. The confidence must be above the prior probability that an unknown cell is an obstacle.
 
     Raises
     ------
@@ -64,10 +61,5 @@ def bound_of(confidence: Any) -> float:
     >>> round(bound_of(0.99), 2)
     4.6
     """
-    number = isinstance(confidence, int | float) and not isinstance(confidence, bool)
-    if not number or not 1 - PRIOR < float(confidence) <= SUREST:
-        raise InvalidInputError(
-            f"confidence: expected a probability above {1 - PRIOR:g} (with which any unknown cell is an obstacle), "
-            f"at most {SUREST:g}, got {confidence!r}"
-        )
-    return log(float(confidence) / (1 - float(confidence)))
+    sure = check_number(confidence, what="confidence", above=1 - PRIOR, most=SUREST)
+    return log(sure / (1 - sure))

@@ -109,8 +109,8 @@ class VesselFinder:
     """
 
     def __init__(self, image: ArrayLike, *, bright: bool | None = None, thickest: float | None = None) -> None:
-        if thickest is not None and not 0 < check_number(thickest, what="thickest") <= 0.5:
-            raise InvalidInputError(f"expected thickest as a fraction above 0 and at most 0.5, got {thickest}")
+        if thickest is not None:
+            check_number(thickest, what="thickest", above=0, most=0.5)
         self.picture, self.shape, self.bright = read_photograph(image), np.shape(image)[:2], bright
         levels = _levels(self.picture, THICKEST[self.picture.has_surround] if thickest is None else thickest)
         self.tried = (levels,) if thickest is not None else (levels, levels + 1)
