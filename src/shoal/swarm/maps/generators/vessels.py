@@ -137,12 +137,9 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 
 def _nearest_cells(free: Mask, count: int) -> Mask:
     """Return the ``count`` free cells with the shortest paths to the first free cell."""
+    from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
+
     kept = np.zeros_like(free)
-    queue = [tuple(np.argwhere(free)[0])]
-    kept[queue[0]] = True
-    for row, column in queue:
-        for cell in ((row, column - 1), (row - 1, column), (row, column + 1), (row + 1, column)):
-            if free[cell] and not kept[cell] and len(queue) < count:
-                kept[cell] = True
-                queue.append(cell)
+    offsets = np.array([-1, -free.shape[1], 1, free.shape[1]])
+    kept.ravel()[nearest_cells(free.ravel(), offsets, int(np.argmax(free)), count)] = True
     return kept
