@@ -78,14 +78,6 @@ class GridLayout:
         bits = np.unpackbits(packed, axis=1, count=self.columns, bitorder="little")
         return bits.view(np.bool_).reshape(self.window)
 
-    def rim(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return the mask with a rim of False cells, one cell wide, around it."""
-        return np.pad(mask, 1)
-
-    def inner(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Remove the rim from an array of shape ``window``. This function is the inverse of `rim`."""
-        return mask[(slice(1, -1),) * self.ndim]
-
 
 @dataclass(frozen=True, eq=False)
 class Board:
@@ -131,7 +123,7 @@ class Board:
     def of_mask(cls, mask: NDArray[np.bool_]) -> Board:
         """Return the set of True cells of an array with the workspace's shape."""
         layout = GridLayout(mask.shape)
-        return cls(layout, layout.pack(layout.rim(mask)))
+        return cls(layout, layout.pack(np.pad(mask, 1)))
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
@@ -160,7 +152,7 @@ class Board:
     @property
     def inner(self) -> NDArray[np.bool_]:
         """The set as a boolean array with the shape of the workspace."""
-        return self.layout.inner(self.mask)
+        return self.mask[(slice(1, -1),) * self.layout.ndim]
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:

@@ -61,7 +61,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
     foreseen = occupancy_prediction.OccupancyPrediction(
         open=boards(),
         known=boards(),
-        inner=layout.pack(layout.rim(np.ones(layout.shape, dtype=np.bool_))).ravel(),
+        inner=layout.pack(np.pad(np.ones(layout.shape, dtype=np.bool_), 1)).ravel(),
         cells=np.zeros(64 * size, dtype=np.int64),
         following=np.zeros(64 * size, dtype=np.int64),
         verdicts=np.zeros(64 * size, dtype=np.int8),
