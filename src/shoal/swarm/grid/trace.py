@@ -15,6 +15,12 @@ Row = tuple[int, int, int]
 """Entries (classified, frontier, travelled) of one command."""
 
 
+COLUMNS: dict[str, type[np.generic]] = {
+    "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64, "scanned": np.bool_,
+}  # fmt: skip
+"""The arrays of a trace, and their dtypes."""
+
+
 class Trace(NamedTuple):
     """The effect of each command. Every array has one entry per command.
 
@@ -44,13 +50,8 @@ class Trace(NamedTuple):
     @classmethod
     def empty(cls, moves: int) -> Trace:
         """Return an empty trace with space for a given number of commands."""
-        return cls(
-            np.zeros(moves, np.int8),
-            np.zeros(moves, np.int32),
-            np.zeros(moves, np.int32),
-            np.zeros(moves, np.int64),
-            np.zeros(moves, np.bool_),
-        )
+        columns: list[Any] = [np.zeros(moves, kind) for kind in COLUMNS.values()]
+        return cls(*columns)
 
     @classmethod
     def joined(cls, pieces: Iterable[Trace]) -> Trace:

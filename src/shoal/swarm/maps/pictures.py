@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from PIL.Image import Image
 
 T = TypeVar("T")
-PICTURES = (".png", ".tif", ".tiff", ".bmp", ".jpg", ".jpeg")
+PICTURES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # names in Pillow
 LARGEST_FILE = 2**31  # bytes
 MIDDLE = 0.8  # maximum fraction of pixels that are neither black nor white
-_PILLOW_NAMES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}
 
 
 def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
@@ -88,7 +87,7 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
     if others:
         best = {"save_all": True, "append_images": others, "compression": "tiff_deflate"}
     buffer = io.BytesIO()
-    first.save(buffer, format=_PILLOW_NAMES[suffix], **best)
+    first.save(buffer, format=PICTURES[suffix], **best)
     return buffer.getvalue()
 
 

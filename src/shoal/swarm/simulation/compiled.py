@@ -125,6 +125,7 @@ class SearchGame:
     ) -> None:  # fmt: skip
         self.code, self.rule, self.mapping, self.rng = policy.code, RULE_CODES[rule], mapping, rng
         self.layout, self.field = state.occupied.layout, field_of(free.words, state, belief)
+        self.largest = largest_piece(self.field)
         options = {name: getattr(policy, name) for name in ("ties", "neighbours") if hasattr(policy, name)}
         plan = getattr(policy, "commands", "")
         self.play, space_of = PLAYED.get(policy.code, PLAYED[policy_episode.CLOSEST])
@@ -148,14 +149,6 @@ class SearchGame:
     def remaining(self) -> int:
         """Number of frontier cells left."""
         return int(self.policy_state.memory.remaining)
-
-    @property
-    def largest(self) -> int:
-        """Maximum number of moves that one call may compute.
-
-        The maximum is smaller for larger boards, because a move on a larger board takes longer.
-        """
-        return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
         """Add a last scan if the episode ends within a run of commands whose outcome is not certain; see `Game`."""
@@ -181,6 +174,7 @@ class PlannerGame:
         seed = 0 if belief.complete else seed_of(rng)
         self.code, self.rule, self.mapping, self.pace = policy.code, RULE_CODES[rule], mapping, Pace(policy.milliseconds)
         self.field = field_of(free.words, state, belief)
+        self.largest = largest_piece(self.field)
         options = policy.settings(len(state.occupied))
         self.planner = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
@@ -198,11 +192,6 @@ class PlannerGame:
     def remaining(self) -> int:
         """Number of frontier cells left."""
         return int(self.planner.memory.remaining)
-
-    @property
-    def largest(self) -> int:
-        """Maximum number of moves that one call may compute; see `SearchGame`."""
-        return largest_piece(self.field)
 
     def cut(self, trace: Trace) -> Status:
         """Return the status limit, because planners scan after every move."""
@@ -252,7 +241,7 @@ def is_compiled(task: Any) -> bool:
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return how many moves one call of compiled code may compute. Such a call takes a fraction of a second."""
+    """Return how many moves one call of compiled code may compute. On boards of any size, it takes a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 

@@ -19,16 +19,14 @@ from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.core.files import atomic, check_suffix
 from shoal.core.interruption import interruption_held
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.trace import COLUMNS, Trace
 from shoal.swarm.grid.world import check_start
 from shoal.swarm.maps.reading import MAX_CELLS
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.problem import SwarmProblem
 
 FORMAT: Literal[1] = 1
-_COLUMNS: dict[str, type[np.generic]] = {
-    "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64,
-}  # fmt: skip
+_COLUMNS = {name: kind for name, kind in COLUMNS.items() if name != "scanned"}
 MOST_COMMANDS = 20_000_000
 """Maximum number of commands in an episode file. Such a file has 340 MB."""
 

@@ -47,7 +47,7 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
         if level:
             answer = _enlarged(answer, view.shape, step)
         answers.append(answer)
-    return reduce(np.maximum, answers)
+    return _highest(answers)
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
