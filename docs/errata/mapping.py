@@ -168,12 +168,16 @@ def _subset() -> tuple[str, bool]:
             tenth, fifth = (moves[kind, n, name][0] / moves[kind, n, "all"][0] for name in ("10 %", "20 %"))
             there = part.mean[part.x == n][0] / whole.mean[whole.x == n][0]
             as_a_tenth &= n < 4000 or bool(abs(tenth - there) < abs(fifth - there))
-            words.append(f"{tenth:.2f}, {fifth:.2f} and {there:.2f} ({kind}, n = {n})")
+            words.append(
+                f"on {kind} at n = {n}, the ratio is {tenth:.2f} at 10 %, {fifth:.2f} at 20 %, and {there:.2f} as published"
+            )
     assert part.std is not None  # the file has them
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials
     tenths, fifths = moves["vessels", 4000, "10 %"], moves["vessels", 4000, "20 %"]
     spans = [f"{middle:.1f} ± {half:.1f}" for middle, half in (tenths, fifths, (mean, 2 * error))]
-    last = "On vessels at n = 4000, the moves are {} for 10 %, {} for 20 %, and {} as published".format(*spans)
+    last = "On vessels at n = 4000, subset coverage takes {} moves at 10 %, {} moves at 20 %, and {} moves as published".format(
+        *spans
+    )
     as_a_fifth = tenths[0] + tenths[1] < mean - 2 * error and abs(fifths[0] - mean) < fifths[1] + 2 * error
-    shares = "the moves of subset coverage divided by the moves of coverage, for a share of 10 %, for 20 %, and as published"
-    return f"{shares}, are {', '.join(words)}. {last}", bool(as_a_fifth and as_a_tenth)
+    ratio = "the ratio is the number of moves of subset coverage, divided by the number of moves of coverage"
+    return f"{ratio}; {'; '.join(words)}. {last}", bool(as_a_fifth and as_a_tenth)

@@ -69,9 +69,8 @@ def _boundary() -> tuple[str, bool]:
     "papers M, D, section III.A.2",
     "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
     "of the first and the last particle, and g is the largest gap",
-    "full coverage takes p + max(R, need) moves. After the p moves to the left, R moves lead to the other end, and `need` "
-    "moves close all gaps. If closing the gaps takes more moves than finding the other end, the printed formula counts too "
-    "many moves",
+    "full coverage takes p moves to the left, and then the larger of two numbers of moves: the moves to the right end, and "
+    "the moves that close all gaps. If closing the gaps takes more moves, the printed formula counts too many moves",
     "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
@@ -132,7 +131,8 @@ def _doubling() -> tuple[str, bool]:
 
     over = {way: max(scans(d, between=way) - np.log2(d) for d in range(1, 4097)) for way in (False, True)}
     powers = {scans(2**k, between=False) - k for k in range(1, 13)}
-    found = f"the first search takes at most log2 D + {over[False]:g} scans, and the second search at most log2 D + {over[True]:g}"
+    found = f"with scans after 1, 2, 4, ... moves, the search takes at most log2 D + {over[False]:g} scans; "
+    found += f"with 1, 2, 4, ... moves between scans, the search takes at most log2 D + {over[True]:g} scans"
     return found, over[False] == 3 and powers == {3}
 
 

@@ -30,9 +30,9 @@ def _sides() -> tuple[str, bool]:
     for name, (corners, parallel) in shapes.items():
         points = np.array(corners, dtype=np.float64)
         found = len(ConvexHull((points[:, None] - points).reshape(-1, 2)).vertices)
-        words.append(f"{name} {found}")
+        words.append(f"{found} for the {name}")
         fits &= found == 2 * len(corners) - 2 * parallel
-    return f"the hulls have these numbers of corners: {', '.join(words)}; the paper gives 6, 8, 8, 8", fits
+    return f"the numbers of corners are {', '.join(words)}; by the paper, they are 6, 8, 8, 8", fits
 
 
 @erratum(

@@ -13,7 +13,7 @@ erratum = into(CHECKS)
 @erratum(
     "paper H, section Efficiency",
     "the expected time T_E is proportional to the reciprocal of the number of robots",
-    "T_E is proportional to H_m/m, which is about ln m / m. The printed value below 20 % for 20 robots is correct",
+    "T_E is proportional to H_m/m, which is about ln m / m. For 20 robots, paper H prints a value below 20 %, which is correct",
     "a program computes the expected time T_E for 1024 cells over 10,000 random starts of 10, 20 and 50 robots",
 )
 def _reciprocal() -> tuple[str, bool]:
