@@ -98,10 +98,7 @@ class MissionCheck:
             "files": list(self.files),
             "waypoints": self.n_waypoints,
             "footprint_m": list(self.footprint) if isinstance(self.footprint, tuple) else self.footprint,
-            "length_m": None if seen is None else seen.length_m,
-            "covered_fraction": None if seen is None else seen.covered_fraction,
-            "uncovered_m2": None if seen is None else seen.uncovered_m2,
-            "outside_m": None if seen is None else seen.outside_m,
+            **{name: getattr(seen, name, None) for name in ("length_m", "covered_fraction", "uncovered_m2", "outside_m")},
             "bands": [
                 {"altitude_m": up, "covered_fraction": one.covered_fraction, "uncovered_m2": one.uncovered_m2}
                 for up, one in zip(self.bands, self.coverages, strict=False)

@@ -113,13 +113,7 @@ class Diagnostic:
 
     def report(self) -> dict[str, str]:
         """Return the diagnostic for JSON."""
-        return {
-            "severity": self.severity,
-            "file": self.file,
-            "place": self.place,
-            "rule": self.rule,
-            "sentence": self.sentence,
-        }
+        return {"severity": self.severity, **vars(self)}
 
 
 @dataclass

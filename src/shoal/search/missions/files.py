@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from dataclasses import fields
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -168,7 +169,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
     """Return the mission files listed in a folder's manifest, or an empty list if the manifest is not from Shoal."""
     listed = _manifest(folder).get("files")
     names = {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
-    suffixes = {FORMATS.get(name).suffix for name in FORMATS}
+    suffixes = _formats_by_suffix()
     paths = {Path(name) for name in names if Path(name).name == name}
     ours = {path.name for path in paths if _NAME.fullmatch(path.stem) and path.suffix in suffixes}
     return ours | {name for name in (FENCE, RALLY) if name in names}
@@ -176,14 +177,13 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
     """Return the mission files in a folder, sorted by format and name, without ``uncovered.geojson``."""
-    suffixes = [FORMATS.get(name).suffix for name in FORMATS]
-    order = {suffix: number for number, suffix in enumerate(suffixes)}
+    order = list(_formats_by_suffix())
     try:
         found = [path for path in Path(folder).iterdir() if path.suffix.lower() in order and path.is_file()]
     except OSError as error:
         raise InvalidInputError(f"{folder}: expected a folder of mission files, got none: {error.strerror or error}") from None
     found = [path for path in found if path.name != UNCOVERED and not path.name.startswith(".")]
-    return sorted(found, key=lambda path: (order[path.suffix.lower()], path.name))
+    return sorted(found, key=lambda path: (order.index(path.suffix.lower()), path.name))
 
 
 def format_of(path: Path) -> str:
@@ -193,11 +193,18 @@ def format_of(path: Path) -> str:
     ------
     InvalidInputError
     """
+    known = _formats_by_suffix()
+    if path.suffix.lower() not in known:
+        raise InvalidInputError(f"{path}: expected a mission file ({' '.join(known)}), got the suffix {path.suffix!r}")
+    return known[path.suffix.lower()]
+
+
+def _formats_by_suffix() -> dict[str, str]:
+    """Return the formats in their order, by suffix. Of two formats with the same suffix, the first counts."""
+    found: dict[str, str] = {}
     for name in FORMATS:
-        if FORMATS.get(name).suffix == path.suffix.lower():
-            return name
-    known = " ".join(FORMATS.get(name).suffix for name in FORMATS)
-    raise InvalidInputError(f"{path}: expected a mission file ({known}), got the suffix {path.suffix!r}")
+        found.setdefault(FORMATS.get(name).suffix, name)
+    return found
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
@@ -263,41 +270,23 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
     for diagnostic in sheet.diagnostics:
         if RULES[diagnostic.rule].fatal:
             raise InvalidInputError(f"{path}{', ' * bool(diagnostic.place)}{diagnostic.place}: {diagnostic.sentence}")
-    assert sheet.home is not None
     kind = sheet.kind if sheet.kind in KINDS else "multirotor"
     usual = Vehicle(preset=kind)
     base = (sheet.elevation or 0.0) if sheet.altitude_frame == "sea" else 0.0
     varied, above_ground = len({*sheet.altitudes}) > 1, sheet.altitude_frame == "ground"
-    told = (
-        "landing",
-        "loiter",
-        "takeover",
-        "take_off",
-        "start",
-        "delay",
-        "fence",
-        "rally",
-        "trigger_distance",
-        "gimbal_pitch",
-        "yaw",
-        "acceptance_radius",
-        "elevation",
-    )
+    same = {one.name for one in fields(Sheet)} & {one.name for one in fields(Mission)}
+    told = {name: getattr(sheet, name) for name in same} | {
+        "robot": sheet.robot or 1,
+        "sortie": sheet.sortie or 1,
+        "kind": kind,
+        "autopilot": "ardupilot" if sheet.autopilot == "ardupilot" else "px4",
+        "altitude": sheet.altitudes[0] if sheet.altitudes else usual.height,
+        "speed": usual.cruise if sheet.speed is None else sheet.speed,
+        "altitude_frame": sheet.altitude_frame or "home",
+        "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
+        "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
+    }
     try:
-        return Mission(
-            sheet.points,
-            sheet.home,
-            robot=sheet.robot or 1,
-            sortie=sheet.sortie or 1,
-            kind=kind,  # type: ignore[arg-type]  # one of KINDS
-            autopilot="ardupilot" if sheet.autopilot == "ardupilot" else "px4",
-            altitude=sheet.altitudes[0] if sheet.altitudes else usual.height,
-            speed=usual.cruise if sheet.speed is None else sheet.speed,
-            geographic=sheet.geographic,
-            altitude_frame=sheet.altitude_frame or "home",
-            heights=np.array(sheet.altitudes) - base if varied and not above_ground else None,
-            altitudes=np.array(sheet.altitudes) if varied and above_ground else None,
-            **{name: getattr(sheet, name) for name in told},
-        )
+        return Mission(sheet.points, **told)
     except InvalidInputError as error:
         raise InvalidInputError(f"{path}: {error}") from None

@@ -10,6 +10,7 @@ import numpy as np
 
 from shoal.search.flight.flight import FRAMES
 from shoal.search.missions.diagnostics import Sheet
+from shoal.search.missions.formats.numbers import plain
 from shoal.search.missions.mission import KINDS, SAME_LEVEL, Mission
 from shoal.search.problem.mission_options import CAPS
 
@@ -35,6 +36,11 @@ def attributes_of(mission: Mission) -> dict[str, str | int | float]:
     named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
     levels = mission.levels
     return named | ({ALTITUDES: " ".join(f"{level:.10g}" for level in levels.tolist())} if np.ptp(levels) > SAME_LEVEL else {})
+
+
+def attributes_as_text(mission: Mission) -> dict[str, str]:
+    """Return the attributes of a mission as texts, for formats without numbers."""
+    return {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from typing import Any
 
@@ -31,13 +30,8 @@ def write(mission: Mission) -> str:
 
 def scan(text: str, sheet: Sheet) -> None:
     """Fill a mission sheet with the content of a GeoJSON file."""
-    try:
-        data = load_json(text)
-    except json.JSONDecodeError as error:
-        sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
-        return
-    except (RecursionError, ValueError):
-        sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
+    data = load_json(text, sheet)
+    if not sheet.readable:
         return
     if not isinstance(data, dict) or data.get("type") != "FeatureCollection" or not isinstance(data.get("features"), list):
         sheet.add("wrong-value", "", "expected a FeatureCollection with a list of features, got something else")

@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
-from shoal.search.missions.formats.attributes import attributes_of, spread_altitudes, take_attributes
-from shoal.search.missions.formats.numbers import degrees, plain
+from shoal.search.missions.formats.attributes import attributes_as_text, spread_altitudes, take_attributes
+from shoal.search.missions.formats.numbers import degrees
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.formats.xml_tree import Element
 
@@ -21,8 +21,7 @@ SUFFIX = ".gpx"
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a GPX file."""
-    values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
-    attributes = " ".join(f'{name}="{value}"' for name, value in values.items())
+    attributes = " ".join(f'{name}="{value}"' for name, value in attributes_as_text(mission).items())
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         '<gpx version="1.1" creator="Shoal" xmlns="http://www.topografix.com/GPX/1/1" xmlns:shoal="urn:shoal:mission">',

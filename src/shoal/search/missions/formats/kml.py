@@ -8,7 +8,7 @@ from xml.sax.saxutils import escape
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of, parse_root
-from shoal.search.missions.formats.attributes import attributes_of, spread_altitudes, take_attributes
+from shoal.search.missions.formats.attributes import attributes_as_text, spread_altitudes, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 from shoal.search.regions.formats.xml_tree import Element
@@ -21,8 +21,7 @@ def write(mission: Mission) -> str:
     mode, heights = _heights(mission)
     points = [f"{degrees(x)},{degrees(y)},{plain(z)}" for (x, y), z in zip(mission.waypoints.tolist(), heights, strict=True)]
     shape = "LineString" if len(points) > 1 else "Point"
-    values = {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
-    data = [f'    <Data name="{name}"><value>{escape(value)}</value></Data>' for name, value in values.items()]
+    data = [f'    <Data name="{name}"><value>{escape(value)}</value></Data>' for name, value in attributes_as_text(mission).items()]
     lines = [
         '<?xml version="1.0" encoding="UTF-8"?>',
         '<kml xmlns="http://www.opengis.net/kml/2.2"><Document>',

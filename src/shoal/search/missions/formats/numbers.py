@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from shoal.search.missions.diagnostics import decimals_of
+from shoal.search.missions.diagnostics import Sheet, decimals_of
 
 DECIMALS = 8  # of a degree: 1.1 mm
 
@@ -50,14 +50,15 @@ class Number(float):
         return made
 
 
-def load_json(text: str) -> Any:
-    """Parse a JSON text. Numbers with decimals become `Number`.
-
-    Raises
-    ------
-    json.JSONDecodeError, RecursionError, ValueError
-    """
-    return json.loads(text, parse_float=Number)
+def load_json(text: str, sheet: Sheet) -> Any:
+    """Parse the JSON text of a mission file. Numbers with decimals become `Number`. Mistakes make the sheet unreadable."""
+    try:
+        return json.loads(text, parse_float=Number)
+    except json.JSONDecodeError as error:
+        sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
+    except (RecursionError, ValueError):
+        sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
+    return None
 
 
 def dump_json(value: Any) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -136,18 +135,14 @@ def _item(item: Item, number: int) -> dict[str, Any]:
 
 def scan(text: str, sheet: Sheet) -> None:
     """Fill a mission sheet with the content of a `.plan` file."""
-    try:
-        data = load_json(text)
-        form = PlanForm.model_validate(data)
-    except json.JSONDecodeError as error:
-        sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
+    data = load_json(text, sheet)
+    if not sheet.readable:
         return
+    try:
+        form = PlanForm.model_validate(data)
     except ValidationError as error:
         for fault in error.errors():
             _note(sheet, fault)
-        return
-    except (RecursionError, ValueError):
-        sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
         return
     mission = form.mission
     sheet.autopilot = {number: name for name, number in _FIRMWARE.items()}.get(mission.firmware_type)

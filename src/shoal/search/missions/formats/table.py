@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
-from shoal.search.missions.formats.attributes import ALTITUDES, MORE, NAMES, attributes_of, number_in, take_attributes
+from shoal.search.missions.formats.attributes import ALTITUDES, MORE, NAMES, attributes_as_text, number_in, take_attributes
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 
@@ -20,21 +20,17 @@ _METRES = ("x_m", "y_m")
 
 def write(mission: Mission) -> str:
     """Return a mission as the text of a CSV file: home, the waypoints, and the return home."""
-    attributes = {name: value for name, value in attributes_of(mission).items() if name != ALTITUDES}
+    attributes = {name: text for name, text in attributes_as_text(mission).items() if name != ALTITUDES}
     columns = ("number", "command", *(_DEGREES if mission.geographic else _METRES), *attributes)
     levels = mission.levels
     altitudes = [levels[0], *levels.tolist(), levels[-1]]
     stops = [mission.home, *mission.waypoints.tolist(), mission.end]
     commands = ["home", *["waypoint"] * len(mission.waypoints), "return"]
     rows = [
-        [str(number), command, degrees(x), degrees(y), *map(_text, (attributes | {_ALTITUDE: altitude}).values())]
+        [str(number), command, degrees(x), degrees(y), *(attributes | {_ALTITUDE: plain(altitude)}).values()]
         for number, (command, (x, y), altitude) in enumerate(zip(commands, stops, altitudes, strict=True))
     ]
     return "\n".join([",".join(row) for row in [list(columns), *rows]]) + "\n"
-
-
-def _text(value: str | float) -> str:
-    return value if isinstance(value, str) else plain(value)
 
 
 def scan(text: str, sheet: Sheet) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
+from shoal.search.missions.formats.fences import HEADER
 from shoal.search.missions.formats.items import WAYPOINT, Item, check_take_off, items_of, kind_of, read_items
 from shoal.search.missions.formats.numbers import degrees, plain
 from shoal.search.missions.mission import Mission
 
 SUFFIX = ".waypoints"
-HEADER = "QGC WPL 110"
 _FIELDS = ("seq", "current", "frame", "command", "p1", "p2", "p3", "p4", "latitude", "longitude", "altitude", "autocontinue")
 
 

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from math import inf
+from typing import get_args
 
 import numpy as np
 
 from shoal.search.allocation.partition import partition
+from shoal.search.protocol.messages import Status
 from shoal.search.simulation.live.outcome import LiveEvent
 from shoal.search.simulation.live.supervisor import run_live
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.trace import RobotLog, SearchTrace, searched_at
 
 _HELLO, _BEAT = 0.3, 0.05  # seconds: minimum listening time of live robots, and minimum interval of their beacons
-_STATES = {kind: kind for kind in ("listening", "searching", "waiting", "complete")} | {
-    "killed": "dead",
-    "stopped": "dead",
-    "failed": "dead",
-}
+_STATES = {status: status for status in get_args(Status)} | dict.fromkeys(("killed", "stopped", "failed"), "dead")
 
 
 def live_trace(scenario: Scenario, *, live: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
