@@ -80,7 +80,7 @@ def reproduce(
     """
     recipe, folder = recipes().get(name), Path(out)
     if on_map is not None and not recipe.on_map:
-        raise InvalidInputError(f"map: expected it with a figure on the complex map, got {name}, which is none")
+        raise InvalidInputError(f"map: expected a figure that is computed on the complex map, got {name}, which uses other maps")
     if trials is not None:
         trials = check_integer(trials, what="trials", least=1)
     if workers is not None:

@@ -313,7 +313,7 @@ class SearchEpisode(Episode):
         told = parse_json(read_text(Path(path), what="search episode"), where=source)
         names = {"format", "kind", "versions", "problem", "seed", "seconds", "simulated", "trace"}
         if not isinstance(told, dict) or told.get("kind") != "search" or told.get("format") != FORMAT or set(told) != names:
-            raise InvalidInputError(f"{source}: not a search episode of format {FORMAT}: got {shortened(told)}")
+            raise InvalidInputError(f"{source}: expected a search episode of format {FORMAT}, got {shortened(told)}")
         try:
             seed = check_integer(told["seed"], what="seed", least=0)
             if not trust:

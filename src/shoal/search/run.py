@@ -58,12 +58,12 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     elif simulated:
         trace = simulated_trace(plan, scenario)
     elif needs := _simulated_only(scenario):
-        what = f"search: {' and '.join(needs)}: expected a simulation, without which nothing of it happens"
+        what = f"search: {' and '.join(needs)}: expected a simulation, because a plan alone contains no such event"
         if problem.simulate is False:
             raise InvalidInputError(f"{what}, got simulate = false (--no-simulate)")
         raise InvalidInputError(
-            f"{what}, got {cells} cells and {robots} robots, more than are simulated unless asked for; ask for the simulation to "
-            "have it anyway"
+            f"{what}, got {cells} cells and {robots} robots, which are simulated only on request; request "
+            "the simulation with simulate = true (--simulate)"
         )
     else:
         trace = planned_trace(plan, scenario.brief)

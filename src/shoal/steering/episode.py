@@ -192,7 +192,7 @@ class SteeringEpisode(Episode):
         data = parse_json(read_text(Path(path), what="steering episode"), where=where)
         if not isinstance(data, dict) or set(data) != set(_STORED) or data["kind"] != cls.part:
             raise InvalidInputError(
-                f"{where}: not a steering episode: expected the fields {', '.join(_STORED)}, got {shortened(data)}"
+                f"{where}: expected a steering episode with the fields {', '.join(_STORED)}, got {shortened(data)}"
             )
         try:
             problem = SteeringProblem.from_dict(data["problem"])

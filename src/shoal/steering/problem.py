@@ -33,7 +33,7 @@ def _check_workspace(given: Any) -> Any:
     if isinstance(given, dict):
         return workspace_of(given, where="workspace")
     if not isinstance(given, str) and not hasattr(given, "check_inside"):
-        raise InvalidInputError(f"workspace: expected a name, a path, a workspace or what JSON says of it, got {shortened(given)}")
+        raise InvalidInputError(f"workspace: expected a name, a path, a workspace or its JSON form, got {shortened(given)}")
     return given
 
 
@@ -185,7 +185,7 @@ class SteeringProblem(Problem):
             raise InvalidInputError("goal_x, goal_y: expected both or none, got one")
         if self.goal_x is not None and isinstance(self.goal, str):
             raise InvalidInputError(
-                "goal_x: expected it with a goal for each particle, of which it replaces one, got a random goal"
+                "goal_x: expected a given goal for each particle, one of which goal_x replaces, got random goals"
             )
         if self.goal_x is not None and self.varied > self.n_particles:
             raise InvalidInputError(f"varied: expected a particle, 1 to {self.n_particles}, got {self.varied}")
@@ -270,7 +270,9 @@ class SteeringProblem(Problem):
         for what, points in (("start", self.start), ("goal", self.goal)):
             if isinstance(points, str):
                 if workspace.dimensions != 2:
-                    raise InvalidInputError(f"{what}: expected points, as random ones are drawn in the plane only, got random")
+                    raise InvalidInputError(
+                        f"{what}: expected points, because random points are drawn only in the plane, got random"
+                    )
             else:
                 workspace.check_inside(points, what=what)
                 world.check_state(points, what=what)
@@ -331,6 +333,6 @@ def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
         for other in range(one):
             if np.array_equal(start[one], start[other]) and np.abs(goal[one] - goal[other]).max() > tolerance:
                 raise InvalidInputError(
-                    f"start: expected particles at different points, got {tuple(start[one].tolist())} for {other + 1} and "
-                    f"{one + 1}: a shared input never separates them"
+                    f"start: expected particles at different points, got {tuple(start[one].tolist())} for "
+                    f"particles {other + 1} and {one + 1}, which a shared input never separates"
                 )

@@ -204,7 +204,7 @@ def test_one_figure_that_fails_takes_no_other_along(tmp_path, monkeypatch, capsy
 
 
 def test_refusals(tmp_path):
-    with pytest.raises(InvalidInputError, match="expected it with a figure on the complex map, got w-fig8"):
+    with pytest.raises(InvalidInputError, match="expected a figure that is computed on the complex map, got w-fig8"):
         reproduce("w-fig8", tmp_path, on_map="maze:9x7")
     with pytest.raises(InvalidInputError, match="trials: expected a whole number, 1 or more, got 0"):
         reproduce("h-fig5", tmp_path, trials=0)

@@ -31,7 +31,7 @@ def test_reachable_sets_say_which_share_is_reached(tmp_path: Path) -> None:
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["2 moves", "4 moves", "6 moves", "Δ at the start"]
     save_figure(figure, tmp_path / "sets.png")
     assert len(reachable_sets(fillings[:1]).axes) == 2
-    with pytest.raises(InvalidInputError, match="one polygon or more"):
+    with pytest.raises(InvalidInputError, match="at least one polygon"):
         reachable_sets([])
 
 

@@ -144,7 +144,10 @@ def test_a_search_that_nobody_survives_fails(capsys):
             "autopilot: expected one of px4, ardupilot, got 'dji'",
         ),
         ("square:100 --robots 2 --vehicle dji", "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml"),
-        ("square:100 --robots 2 --missions m --altitude-frame ground", "altitude_frame: expected home or sea without terrain"),
+        (
+            "square:100 --robots 2 --missions m --altitude-frame ground",
+            "altitude_frame: expected home or sea without a terrain file",
+        ),
         ("square:100 --robots 2 --missions m --terrain none.tif", "none.tif: expected a file of heights, got no such file"),
         ("square:100 --robots 2 --footprint 10 --missions m --format docx", "docx"),
         ("squire:100 --robots 2 --footprint 10", "square"),
@@ -218,12 +221,12 @@ def test_rovers_do_not_leave_a_region_and_cells_beyond_the_battery_are_refused(t
     two.write_text("x,y,ring\n0,0,a\n40,0,a\n40,40,a\n0,40,a\n90,0,b\n130,0,b\n130,40,b\n90,40,b\n")
     words = ["search", str(two), "--robots", "1", "--transit", "--missions", str(tmp_path / "m")]
     assert run([*words, "--vehicle", "rover"]) == 2
-    assert "vehicle: expected one that flies for a region of 2 parts" in capsys.readouterr().err
+    assert "vehicle: expected a flying vehicle for a region of 2 parts" in capsys.readouterr().err
     assert run(words) == 0
     assert run(["missions", "check", str(tmp_path / "m"), str(two), "--footprint", "10"]) == 0
     capsys.readouterr()
     assert run(["search", "square:400", "--vehicle", "multirotor,endurance=1.5", "--robots", "1", "--no-simulate"]) == 2
-    assert "endurance: expected enough for a cell that is" in capsys.readouterr().err
+    assert "endurance: expected energy for a cell that is" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("launch", [None, ((-120.0, 20.0),)])

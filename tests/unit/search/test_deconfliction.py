@@ -389,7 +389,7 @@ def test_a_fixed_wing_takes_off_against_the_wind_on_a_slope_that_it_can_climb(tm
     assert near.waypoints[:30, 0].min() > -16 * 40 / 3 - 50
     around = shapely.box(-20, -20, 20, 20).boundary.buffer(1)
     with pytest.raises(
-        InvalidInputError, match="launch: expected a way free of no-go zones and of higher ground on which it climbs by"
+        InvalidInputError, match="launch: expected a path without no-go zones and higher ground, on which the vehicle climbs by"
     ):
         missions_of(lanes, None, home=(0, 0), vehicle=wing, blocked=around)
 

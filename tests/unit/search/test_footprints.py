@@ -132,7 +132,7 @@ def test_missions_are_checked_with_each_robots_own_footprint(tmp_path, monkeypat
     assert json.loads(capsys.readouterr().out)["footprint_m"] == [2, 2, 6]
     assert run([*check, "2"]) == 1
     assert run([*check, "2,2"]) == 2
-    assert "robot-03.csv: expected a robot from 1 to 2, as there are footprints, got 3" in capsys.readouterr().err
+    assert "robot-03.csv: expected a robot from 1 to 2, the number of footprints, got robot 3" in capsys.readouterr().err
     assert check_missions("missions", open_region("rectangle:60x40"), TEAM).coverage.covered_fraction == pytest.approx(1)
 
 

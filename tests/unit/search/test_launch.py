@@ -55,7 +55,7 @@ def test_places_are_one_for_all_one_each_or_along_a_line(tmp_path):
     with pytest.raises(InvalidInputError, match="launch: expected one point for all, or 3, one per robot, got 2"):
         places_of("1,2;3,4", square, 3, what="launch")
     (tmp_path / "road.geojson").write_text('{"type": "Point", "coordinates": [8.5, 47.4]}')
-    with pytest.raises(InvalidInputError, match="expected metres, as the region 'square:20' has no place"):
+    with pytest.raises(InvalidInputError, match="expected metres, because the region 'square:20' has no position"):
         places_of(str(tmp_path / "road.geojson"), square, 3, what="launch")
 
 
@@ -75,7 +75,7 @@ def test_robots_space_themselves_along_a_road(tmp_path):
     with pytest.raises(InvalidInputError, match=r"road\.geojson: expected a Point, MultiPoint or LineString, got 'Polygon'"):
         places_of(str(tmp_path / "road.geojson"), region, 4, what="launch")
     assert len(places_of("8.499,47.401", region, 2, what="launch")) == 2
-    with pytest.raises(InvalidInputError, match="the two swapped"):
+    with pytest.raises(InvalidInputError, match="if the two numbers are swapped"):
         places_of("47.401,8.502", region, 2, what="launch")
 
 

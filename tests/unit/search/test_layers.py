@@ -274,8 +274,8 @@ def test_an_unknown_obstacle_stands_in_all_layers_and_robots_climb_beside_it(fie
     [
         ({"bands": (30, 30)}, "bands: expected one altitude or more, each once"),
         ({"bands": (0, 30)}, "bands: expected a number, above 0.*, got 0"),
-        ({"bands": (30, 50), "vehicle": "rover"}, "vehicle: expected one that flies for bands or a box, got a rover"),
-        ({"region": "box:20x20x10", "bands": (5, 15)}, "bands: expected altitudes up to 10 m, the top, got 15"),
+        ({"bands": (30, 50), "vehicle": "rover"}, "vehicle: expected a flying vehicle for bands or a box, got a rover"),
+        ({"region": "box:20x20x10", "bands": (5, 15)}, "bands: expected altitudes up to 10 m, the top of the box, got 15 m"),
         ({"region": "box:20x20"}, "expected box:WIDTHxDEPTHxHEIGHT"),
         (
             {"region": "box:10x10x100000", "footprint": 1},

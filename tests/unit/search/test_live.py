@@ -265,7 +265,7 @@ def test_obstacles_are_met_and_told_of():
             assert not {event.cell, *event.through} & set(wall)
     assert any(len(event.around) > 2 for event in outcome.events if event.robot == 2)
     assert nobody_shared_a_cell(outcome)
-    with pytest.raises(InvalidInputError, match="expected a tour with ways from cell to cell"):
+    with pytest.raises(InvalidInputError, match="expected a tour with paths from cell to cell"):
         live(brief_of(3, 4), [0], obstacles=(2,))
 
 
@@ -381,12 +381,12 @@ def test_a_robot_that_fails_later_is_named_and_the_others_go_on():
         ({"loss": 1.5}, "loss: expected a probability"),
         ({"speed": 0.0}, "speed: expected cells a second"),
         ({"faults": (Crash(2, 1.0),)}, "fault: expected a robot from 1 to 1"),
-        ({"faults": (Crash(1, -1.0),)}, "live: expected no faults but crashes and slow robots, at times from 0 on"),
-        ({"faults": (Pause(1, 1.0, 2.0),)}, "live: expected no faults but crashes and slow robots"),
+        ({"faults": (Crash(1, -1.0),)}, "live: expected only crashes and slow robots as faults, at times of 0 or more"),
+        ({"faults": (Pause(1, 1.0, 2.0),)}, "live: expected only crashes and slow robots"),
         ({"targets": (12,)}, "targets: expected cells from 0 to 11"),
         ({"packet": 63}, "packet: expected a whole number from 64 to 65507"),
         ({"port": 65536}, "port: expected a number from 1 to 65535"),
-        ({"network": "range:3"}, "live: expected no network but a share of lost messages"),
+        ({"network": "range:3"}, "live: expected no network, because a live search has only loss"),
         ({"channel": "smoke"}, "channel: expected auto, multicast or unicast, got 'smoke'"),
     ],
 )

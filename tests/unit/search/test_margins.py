@@ -65,7 +65,7 @@ def test_a_region_that_falls_apart_under_the_margin_is_refused_in_one_sentence_o
     episode = run(problem.replaced(transit=True), seed=2)
     assert len(episode.plan.grid.region.parts) == 2
     assert episode.coverage.uncovered_m2 < 1e-6
-    with pytest.raises(InvalidInputError, match="margin: expected one that leaves some of the region"):
+    with pytest.raises(InvalidInputError, match="margin: expected a margin that leaves some area of the region"):
         with_margin(region, 40)
 
 

@@ -133,7 +133,7 @@ def test_without_the_key_nothing_is_believed_and_nothing_twice():
         with pytest.raises(InvalidInputError, match="message: expected"):
             receiver.open(message, 1010)
     for number in (0, 4):
-        with pytest.raises(InvalidInputError, match="expected robots 1 to 3"):
+        with pytest.raises(InvalidInputError, match="a robot from 1 to 3"):
             receiver.open(Sender(number, KEY).messages(beacon, 1005)[0], 1010)
 
 
@@ -206,7 +206,7 @@ def test_forged_messages_need_a_key():
         (KEY, 0o644, r"key: expected a key that only its owner can read \(chmod 600\), got mode 644"),
         (b"short\n", 0o600, "expected a key of 16 to 4096 bytes, got 5 bytes"),
         (b"x" * 5000, 0o600, "expected a key of 16 to 4096 bytes, got more"),
-        (None, 0o600, "expected a key in a file"),
+        (None, 0o600, "expected a readable file with a key"),
     ],
 )
 def test_bad_keys(content, mode, message, tmp_path):
@@ -225,5 +225,5 @@ def test_a_key_is_read_without_the_end_of_its_line(tmp_path):
     path.write_bytes(KEY + b"\n")
     path.chmod(0o600)
     assert read_key(str(path)) == KEY
-    with pytest.raises(InvalidInputError, match="expected a key in a file that can be read, got: No such file"):
+    with pytest.raises(InvalidInputError, match="expected a readable file with a key, got the error: No such file"):
         read_key(str(tmp_path / "none"))

@@ -361,8 +361,8 @@ def test_one_file_alone(tmp_path):
     ("source", "said"),
     [
         ("none", "expected a mission file"),
-        ("none.plan", "expected a mission file, got none"),
-        (".", "expected a folder with mission files, got one without"),
+        ("none.plan", "expected a mission file, got the error: No such file"),
+        (".", "expected a folder with mission files, got a folder without"),
     ],
 )
 def test_nothing_to_look_over(source, said, tmp_path):

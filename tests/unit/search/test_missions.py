@@ -157,7 +157,7 @@ def test_ways_home_around_obstacles():
         assert shapely.covers(region.reach, way)
         assert mission.length <= 600 + 1e-6
         assert mission.n_items <= 250
-    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57: the ways"):
+    with pytest.raises(InvalidInputError, match="cap: expected room for more waypoints of robot 1, got 57: the paths"):
         missions_of(paths.route(order).points, None, ways=paths.leg, **{**call, "cap": 60})
     straight = missions_of(paths.route(order).points, None, **call)
     assert not all(
@@ -171,7 +171,7 @@ def test_ways_home_around_obstacles():
     [
         (
             {"vehicle": far(100), "home": (500, 0)},
-            r"endurance: expected sorties of more than 19.68 min for robot 1, for \(-90, -20\) is 590.339 m from home, got 1.665",
+            r"endurance: expected sorties of more than 19.68 min for robot 1, because \(-90, -20\) is 590.339 m from home",
         ),
         ({"vehicle": far(5)}, "endurance: expected"),
         ({"rate": 0}, "rate: expected a number, above 0, got 0"),
@@ -181,8 +181,8 @@ def test_ways_home_around_obstacles():
             "vehicle: expected one of ideal, multirotor, fixed-wing, rover, or a file .toml or .json, got 'boat'",
         ),
         ({"autopilot": "dji"}, "autopilot: expected one of px4, ardupilot, got 'dji'"),
-        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected metres, above 0, for a vehicle that flies, got 0"),
-        ({"vehicle": "rover,altitude=3"}, "altitude: expected none for a rover, got 3"),
+        ({"vehicle": "multirotor,altitude=0"}, "altitude: expected a number of metres above 0 for a vehicle that flies, got 0"),
+        ({"vehicle": "rover,altitude=3"}, "altitude: expected no value for a rover, got 3"),
         ({"altitude_frame": "moon"}, "altitude_frame: expected one of home, sea, ground, got 'moon'"),
         ({"altitude_frame": "ground"}, "altitude_frame: expected home or sea without a terrain"),
         ({"tolerance": -1}, "tolerance: expected a number, 0 or more, got -1"),
@@ -227,7 +227,7 @@ def test_nothing_half_written(tmp_path, monkeypatch):
         write_missions(missions, tmp_path / "a", formats=["gpx", "plam"])
     with pytest.raises(InvalidInputError, match="expected each robot and sortie once, got robot-01 again"):
         write_missions([*missions, *missions], tmp_path / "a")
-    with pytest.raises(InvalidInputError, match="missions: expected some to write, got none"):
+    with pytest.raises(InvalidInputError, match="missions: expected at least one mission to write, got none"):
         write_missions([], tmp_path / "a")
     with pytest.raises(InvalidInputError, match="formats: expected a sequence of names"):
         write_missions(missions, tmp_path / "a", formats="plan")
@@ -363,7 +363,7 @@ def test_check_in_metres(tmp_path):
     [
         (["none", "FIELD"], "expected a folder of mission files, got none"),
         (["FIELD", "FIELD"], "expected a folder of mission files, got a file"),
-        (["empty", "FIELD"], "expected a folder with mission files, got one without"),
+        (["empty", "FIELD"], "expected a folder with mission files, got a folder without"),
         (["missions", "nowhere.geojson"], "expected a region file, got no such file"),
         (["missions", "square:100"], "expected a mission in metres, as the region 'square:100' is, got one in degrees"),
         (["missions", "FIELD", "--footprint", "0"], "footprint: expected a length above 0"),

@@ -65,7 +65,7 @@ def test_properties_of_geojson(tmp_path, properties):
 def test_geojson_by_id_and_by_collection(tmp_path):
     assert is_zone(open_region(geojson(tmp_path / "a.geojson", feature(FIELD), feature(POND, None, id="nfz-1"))))
     zones = geojson(tmp_path / "zones.geojson", feature(POND), name="No-go zones")
-    with pytest.raises(InvalidInputError, match="got none but no-go zones"):
+    with pytest.raises(InvalidInputError, match="got only no-go zones"):
         open_region(zones)
 
 
@@ -128,7 +128,7 @@ def test_what_says_no_is_no_zone(tmp_path):
 def test_an_unmarked_polygon_inside_another_is_a_question(tmp_path):
     path = geojson(tmp_path / "a.geojson", feature(FIELD), feature(POND, {"name": "Pond"}))
     with pytest.raises(
-        InvalidInputError, match=r"a.geojson: feature 2, ring 1: .*not marked.*choose by --inner no-go or --inner search"
+        InvalidInputError, match=r"a.geojson: feature 2, ring 1: .*expected a mark.*choose with --inner no-go or --inner search"
     ):
         open_region(path)
     assert is_zone(open_region(path, inner="no-go"))
@@ -136,7 +136,7 @@ def test_an_unmarked_polygon_inside_another_is_a_question(tmp_path):
     assert whole.no_go_zones == 0
     assert whole.area_m2 == pytest.approx(open_region(geojson(tmp_path / "b.geojson", feature(FIELD))).area_m2)
     mostly = [(x + 0.0117, y) for x, y in POND]  # a little of it is outside
-    with pytest.raises(InvalidInputError, match="not marked"):
+    with pytest.raises(InvalidInputError, match="expected a mark"):
         open_region(geojson(tmp_path / "c.geojson", feature(FIELD), feature(mostly)))
     island = {"type": "Polygon", "coordinates": [FIELD, POND]}
     in_a_hole = [(8.507 + (x - 8.507) / 2, 47.4045 + (y - 47.4045) / 2) for x, y in POND]
@@ -246,7 +246,7 @@ def test_tables_in_degrees(tmp_path):
         table.write_text("\n".join([heading, *(",".join(map(str, point[::order])) for point in ring)]))
         assert open_region(table).area_m2 == pytest.approx(expected)
     table.write_text("\n".join(["x,y", *(f"{x + 1e-5},{y}" for x, y in ring)]))
-    with pytest.raises(InvalidInputError, match=r"look like degrees; head the columns longitude,latitude or x_m,y_m"):
+    with pytest.raises(InvalidInputError, match=r"look like degrees; name the columns longitude,latitude or x_m,y_m"):
         open_region(table)
     table.write_text("\n".join(["x_m,y_m", *(f"{x + 1e-5},{y}" for x, y in ring)]))
     assert open_region(table).area_m2 == pytest.approx(1e-4)
@@ -256,7 +256,7 @@ def test_swapped_starts_are_named(tmp_path, capsys):
     path, starts = geojson(tmp_path / "a.geojson", feature(FIELD)), tmp_path / "starts.csv"
     starts.write_text("47.405,8.505\n47.406,8.506\n")
     assert run(["search", str(path), "--robots", "2", "--footprint", "200", "--starts", str(starts)]) == 2
-    assert "starts.csv: expected longitude and then latitude, got the two swapped" in capsys.readouterr().err
+    assert "starts.csv: expected longitude and then latitude, got (47.405, 8.505), which lies in" in capsys.readouterr().err
     starts.write_text("lat,lon\n47.405,8.505\n47.406,8.506\n")
     assert run(["search", str(path), "--robots", "2", "--footprint", "200", "--starts", str(starts), "--json"]) == 0
 

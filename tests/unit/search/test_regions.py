@@ -243,7 +243,7 @@ BAD_FILES = {
     "binary.geojson": (b"\x89PNG\r\n\x1a\n\x00", r"expected text in UTF-8, got byte 0x89 in line 1"),
     "zero.geojson": (b"{}\n\0", r"expected text, got a zero byte in line 2"),
     "nothing.geojson": (b"", r"expected a region file, got an empty file"),
-    "zones-only.geojson": (feature(polygon(FIELD), no_go=True), r"expected a polygon to search, got none but no-go zones"),
+    "zones-only.geojson": (feature(polygon(FIELD), no_go=True), r"expected a polygon to search, got only no-go zones"),
     "covered.geojson": (collection(feature(polygon(FIELD)), feature(polygon(FIELD), no_go=True)), r"the no-go zones cover wholly"),
     "columns.csv": ("0,0\n1,0,a,b\n1,1\n", r"line 2: expected x,y or x,y,ring in metres, got 4 columns"),
     "tabs.csv": ("0\t0\n1\t0\n", r"line 1: .*got 1 columns"),
@@ -457,11 +457,11 @@ def test_polygons_are_points_or_shapes_in_metres_or_degrees():
     shapes, hole = [np.array([(0, 0), (9, 0), (9, 9)]), shapely.box(20, 0, 30, 10)], [(21, 1), (22, 1), (22, 2)]
     two = open_region(shapes, holes=hole, no_go=[shapely.box(25, 0, 26, 1)])
     assert (len(two.parts), two.no_go_zones, two.area_m2) == (2, 1, 40.5 + 100 - 0.5 - 1)
-    with pytest.raises(InvalidInputError, match="hole 1: expected one in a polygon"):
+    with pytest.raises(InvalidInputError, match="hole 1: expected a hole inside a polygon"):
         open_region([(0, 0), (9, 0), (9, 9)], holes=[(20, 20), (21, 20), (21, 21)])
     with pytest.raises(InvalidInputError, match="polygon 1: expected a Shapely polygon or points"):
         open_region([1, 2, 3])
     with pytest.raises(InvalidInputError, match="polygon, vertex 1: expected"):
         open_region([(500, 0), (9, 0), (9, 9)], geographic=True)
-    with pytest.raises(InvalidInputError, match="expected polygons with holes"):
+    with pytest.raises(InvalidInputError, match="expected polygons together with holes"):
         open_region("square:10", geographic=True)

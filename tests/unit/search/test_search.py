@@ -381,7 +381,7 @@ def test_a_robot_with_little_energy_comes_home_round_obstacles():
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ({"obstacles": (0,)}, "none where a robot starts"),
+        ({"obstacles": (0,)}, "no obstacle at the start of a robot"),
         ({"obstacles": (99,)}, "expected cells from 0 to 19"),
         ({"obstacles": (3,), "faults": (WrongPosition(1, 2),)}, "no wrong positions"),
     ],
@@ -390,7 +390,7 @@ def test_bad_obstacles(more, message):
     tour = make_tour("comb", (4, 5))
     with pytest.raises(InvalidInputError, match=message):
         Scenario(Brief(TourCost(tour, distances=CellDistances(tour))), (0,), **more)
-    with pytest.raises(InvalidInputError, match="ways from cell to cell"):
+    with pytest.raises(InvalidInputError, match="paths from cell to cell"):
         Scenario(Brief(TourCost(tour)), (0,), obstacles=(3,))
 
 
@@ -406,7 +406,7 @@ def test_a_search_with_obstacles_is_saved_and_verified(tmp_path):
     assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes if len(route.points) > 1)
     episode.save(tmp_path / "e.json")
     assert SearchEpisode.load(tmp_path / "e.json").verify()
-    with pytest.raises(InvalidInputError, match="none where a robot starts"):
+    with pytest.raises(InvalidInputError, match="no obstacle at the start of a robot"):
         search("square:20", robots=1, footprint=10, obstacles=4)
 
 
@@ -493,5 +493,5 @@ def test_a_pass_that_is_missed_is_not_complete():
     assert episode.status == "incomplete"
     assert episode.makespan is None
     assert "of 36 cells that robots can reach were searched by fewer than 2 robots" in episode.reason
-    with pytest.raises(InvalidInputError, match="multiplicity: expected at most 2, as there are robots, got 3"):
+    with pytest.raises(InvalidInputError, match="multiplicity: expected at most 2, the number of robots, got 3"):
         search("square:60", robots=2, multiplicity=3)

@@ -177,7 +177,7 @@ def test_level_ways_that_meet_the_ground_are_refused(hills):
         InvalidInputError, match=r"altitude: expected more than .* m above home, the height of the ground at .*, got 80"
     ):
         missions_of(LANES, FRAME, vehicle="multirotor,altitude=80,endurance=100", terrain=open_terrain(hills[0]))
-    with pytest.raises(InvalidInputError, match="expected heights of the ground under the whole way, got none at"):
+    with pytest.raises(InvalidInputError, match="expected heights of the ground under the whole path, got none at"):
         missions_of([(0, 0), (9000, 0)], FRAME, altitude_frame="ground", terrain=open_terrain(hills[0]))
 
 
@@ -209,7 +209,9 @@ def test_heights_where_none_are(tmp_path):
     assert terrain.at([(5, 5), (15, 15), (5, 10)], None).tolist() == [4, 2, 2.5]
     with pytest.raises(InvalidInputError, match=r"flat.asc: expected heights .*, got none at \(10, 5\)"):
         terrain.at([(10, 5)], None)
-    with pytest.raises(InvalidInputError, match="expected a place on Earth, as the region is, got metres of no place on Earth"):
+    with pytest.raises(
+        InvalidInputError, match="expected a position on Earth, as in the region, got metres without a position on Earth"
+    ):
         Terrain(np.zeros((2, 2)), 0, 0, (1, 1), None).at([(0, 0)], FRAME)
 
 
@@ -228,8 +230,12 @@ BAD = [
     ("a.asc", ascii_grid(xllcorner=None), "a.asc: expected xllcorner and yllcorner, or xllcenter and yllcenter, got none"),
     ("a.asc", ascii_grid(ncols="100000", nrows="100000"), "a.asc: expected at most 40000000 heights, got 100000 x 100000"),
     ("a.asc", ascii_grid(ncols="1", nrows="4"), "a.asc: expected at least 2 rows and 2 columns of heights, got 4 and 1"),
-    ("a.asc", ascii_grid(body="1 2\n3 1e30\n"), "a.asc: expected heights of at most 20000 m, got 1e+30; is NODATA not declared?"),
-    ("a.asc", ascii_grid(body="-9999 -9999\n-9999 nan\n"), "a.asc: expected heights, got a grid in which all are missing"),
+    (
+        "a.asc",
+        ascii_grid(body="1 2\n3 1e30\n"),
+        "a.asc: expected heights of at most 20000 m, got 1e+30; the file may lack a NODATA value",
+    ),
+    ("a.asc", ascii_grid(body="-9999 -9999\n-9999 nan\n"), "a.asc: expected heights, got a grid in which all heights are missing"),
     ("a.asc", "ncols 2\nNCOLS 2\n" + ascii_grid(), "a.asc: expected nrows above 0 in the head of an ESRI ASCII grid, got none"),
     ("a.asc", "hills", "a.asc: expected ncols above 0"),
     ("a.txt", "", "a.txt: expected heights in a file .tif or .asc, got the suffix '.txt'"),
@@ -238,9 +244,9 @@ BAD = [
     ("a.tif", {"code": 32767}, "a.tif: expected the EPSG code of a coordinate reference system, got 32767"),
     ("a.tif", {"code": None}, "a.tif: expected the EPSG code of a coordinate reference system, got none"),
     ("a.tif", {"code": 9}, "a.tif: expected a known coordinate reference system, got 'EPSG:9'"),
-    ("a.tif", {"code": 4978, "model": 2}, "a.tif: expected a geographic or projected system"),
-    ("a.tif", {"without": (34735,)}, "a.tif: expected a GeoTIFF, got a TIFF without its keys"),
-    ("a.tif", {"without": (33922,)}, "a.tif: expected the place of the grid (tags 33550 and 33922, or 34264), got none"),
+    ("a.tif", {"code": 4978, "model": 2}, "a.tif: expected a geographic or projected coordinate reference system"),
+    ("a.tif", {"without": (34735,)}, "a.tif: expected a GeoTIFF, got a TIFF without the keys"),
+    ("a.tif", {"without": (33922,)}, "a.tif: expected the position of the grid (tags 33550 and 33922, or 34264), got none"),
     ("a.tif", {"cell": 0.0}, "a.tif: expected cells with sides above 0, got 0 x 0"),
     ("a.tif", {"keys": [(4099, 9002)]}, "a.tif: expected heights in metres, got the unit EPSG:9002"),
 ]

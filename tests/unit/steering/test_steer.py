@@ -77,7 +77,10 @@ def test_steer_writes_and_prints(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("changes", "wanted"),
     [
-        ({"start": [[0.1, 0.2], [0.1, 0.2]]}, "start: expected particles at different points, got (0.1, 0.2) for 1 and 2"),
+        (
+            {"start": [[0.1, 0.2], [0.1, 0.2]]},
+            "start: expected particles at different points, got (0.1, 0.2) for particles 1 and 2",
+        ),
         ({"start": [[0.1, 0.2], [1.1, 0.2]]}, "start: expected points inside the polygon, got (1.1, 0.2) at point 2"),
         ({"goal": [[0.1, -0.2], [0.1, 0.2]]}, "goal: expected points inside the polygon, got (0.1, -0.2) at point 1"),
         ({"start": [[0.1, float("nan")], [0.1, 0.2]]}, "start: expected finite numbers, got (0.1, nan) at point 1"),
@@ -126,7 +129,7 @@ def test_files_that_are_none(tmp_path, capsys):
     (tmp_path / "cut.json").write_text('{"workspace": ')
     assert run(["steer", str(tmp_path / "cut.json")]) == 2
     assert "line 1, column 15" in capsys.readouterr().err
-    with pytest.raises(InvalidInputError, match="not a steering episode"):
+    with pytest.raises(InvalidInputError, match="expected a steering episode"):
         SteeringEpisode.load(written(tmp_path))
 
 

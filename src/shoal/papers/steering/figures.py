@@ -40,7 +40,7 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
         If there are no polygons.
     """
     if not fillings:
-        raise InvalidInputError("reachable sets: expected one polygon or more, got none")
+        raise InvalidInputError("reachable sets: expected at least one polygon, got none")
     rows = (len(fillings) + 1) // 2
     figure = padded_figure(10.4, 2.75 * rows + 0.6)
     grid = figure.subplots(rows, 4 if len(fillings) > 1 else 2, squeeze=False, width_ratios=[2, 3] * min(2, len(fillings)))
@@ -155,7 +155,7 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
         If there are no panels, rows differ in length, or a panel has another content.
     """
     if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
-        raise InvalidInputError("goal maps: expected rows of equal length with a panel each or more")
+        raise InvalidInputError("goal maps: expected rows of equal length with at least one panel")
     panels = [panel for row in rows for panel in row]
     scales = {
         what: _Scale([sweep for sweep, shown in panels if shown == what], what) for what in dict.fromkeys(w for _, w in panels)

@@ -63,7 +63,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     """
     given = np.atleast_1d(np.asarray(distances, dtype=np.float64))
     if not given.size:
-        raise InvalidInputError("distances: expected one or more, got none")
+        raise InvalidInputError("distances: expected at least one distance, got none")
     table = [[reach.fraction() for reach in disk_reach(float(d), moves=moves, directions=directions)] for d in given]
     return DiskFractions(given, 2 * np.arange(1, moves // 2 + 1), np.array(table))
 

@@ -253,7 +253,7 @@ def cells_of(
     mask[clipped.rows, clipped.cols] = True
     if not mask.any():
         raise InvalidInputError(
-            f"region {region.name!r}: expected some area in cells of {step:g} m, got {region.area_m2:g} m2, which is below rounding"
+            f"region {region.name!r}: expected an area above the rounding error in cells of {step:g} m, got {region.area_m2:g} m2"
         )
     own = _own_pieces(clipped)
     centers = lattice.centers(clipped.rows, clipped.cols)

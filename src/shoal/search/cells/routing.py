@@ -164,8 +164,9 @@ class RegionPaths:
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
-                    f"way: expected two places in one part of the region {self.grid.region.name!r}, "
-                    f"got {text_of(start)} and {text_of(end)} in different ones; allow transit for vehicles that may leave it"
+                    f"path: expected two places in one part of the region {self.grid.region.name!r}, "
+                    f"got {text_of(start)} and {text_of(end)} in different parts; use the option transit if vehicles may "
+                    "leave the region"
                 )
             return None
         near = self._near(start, end)
@@ -228,7 +229,7 @@ class RegionPaths:
         found = self._corners.shortest(start, end, candidates)
         if found is None:
             raise InvalidInputError(
-                f"way: expected a passage from {text_of(start)} to {text_of(end)}, got one that is narrower than rounding"
+                f"path: expected a passage from {text_of(start)} to {text_of(end)}, got a passage narrower than the rounding error"
             )
         return found
 

@@ -80,7 +80,7 @@ class Transits:
         found = self._corners.shortest(ends[0], ends[1], np.arange(len(self._corners.corners)))
         if found is None:
             places = f"{text_of(ends[0])} m to {text_of(ends[1])} m"
-            raise InvalidInputError(f"launch: expected a way from {places} around no-go zones, got none")
+            raise InvalidInputError(f"launch: expected a path from {places} around no-go zones, got none")
         return found
 
 

@@ -90,7 +90,7 @@ class Flight:
         if check_number(self.rate, what="rate", above=0) != 1.0:
             self.vehicle.replaced(cruise_speed=self.vehicle.cruise * self.rate)  # refuses a wind that is too strong for the vehicle
         if self.altitude_frame == "ground" and self.flies and self.terrain is None:
-            raise InvalidInputError("altitude_frame: expected home or sea without a terrain, which has the heights of the ground")
+            raise InvalidInputError("altitude_frame: expected home or sea without a terrain file, got ground")
 
     @cached_property
     def _known(self) -> KnownCurves:
@@ -250,7 +250,7 @@ class Flight:
                 if found:
                     return min(found, key=lambda one: one[0])[1]
         raise InvalidInputError(
-            f"launch: expected a way free of no-go zones and of higher ground on which it climbs by {up:g} m from "
+            f"launch: expected a path without no-go zones and higher ground, on which the vehicle climbs by {up:g} m from "
             f"{text_of(self.home)}, got none in any direction"
         )
 
@@ -262,7 +262,7 @@ class Flight:
             if self._free(self.end, best, course) and self._clear(self.end, best, up):
                 return np.asarray(best)
         raise InvalidInputError(
-            f"landing: expected a way free of no-go zones and of higher ground on which it sinks by {up:g} m to "
+            f"landing: expected a path without no-go zones and higher ground, on which the vehicle sinks by {up:g} m to "
             f"{text_of(self.end)}, got none from any direction"
         )
 

@@ -69,9 +69,9 @@ class Terrain:
     def grid_points(self, points: Points, frame: LocalFrame | None) -> Points:
         """Return the positions of points on the grid as fractional (column, row) coordinates."""
         if self.crs != UNSAID and (frame is None) != (self.crs is None):
-            kinds = ("metres of no place on Earth", "a place on Earth")
+            kinds = ("metres without a position on Earth", "a position on Earth")
             raise InvalidInputError(
-                f"{self.name}: expected {kinds[frame is not None]}, as the region is, got {kinds[self.crs is not None]}"
+                f"{self.name}: expected {kinds[frame is not None]}, as in the region, got {kinds[self.crs is not None]}"
             )
         placed = points
         if frame is not None and self.crs is not None:
@@ -101,7 +101,7 @@ class Terrain:
         lost = ~inside | ~np.isfinite(found)
         if lost.any():
             place = text_of(points[int(np.argmax(lost))])
-            raise InvalidInputError(f"{self.name}: expected heights of the ground under the whole way, got none at {place}")
+            raise InvalidInputError(f"{self.name}: expected heights of the ground under the whole path, got none at {place}")
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
@@ -169,7 +169,7 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         counts = np.maximum(np.ceil(spans * fine), 1).astype(np.int64)
         if not np.isfinite(spans).all() or counts.sum() > _MOST_SAMPLES:
             raise InvalidInputError(
-                f"{terrain.name}: expected a way over at most {_MOST_SAMPLES // fine} cells of the grid, got {spans.sum():.3g}"
+                f"{terrain.name}: expected a path over at most {_MOST_SAMPLES // fine} cells of the grid, got {spans.sum():.3g}"
             )
         legs = np.repeat(np.arange(len(counts)), counts)
         shares = (np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[legs]

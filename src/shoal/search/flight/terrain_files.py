@@ -53,10 +53,12 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
         rows, columns = terrain.heights.shape
         raise InvalidInputError(f"{source}: expected at least 2 rows and 2 columns of heights, got {rows} and {columns}")
     if not np.isfinite(terrain.heights).any():
-        raise InvalidInputError(f"{source}: expected heights, got a grid in which all are missing")
+        raise InvalidInputError(f"{source}: expected heights, got a grid in which all heights are missing")
     if np.nanmax(np.abs(terrain.heights)) > _SANE:
         worst = float(terrain.heights.ravel()[np.nanargmax(np.abs(terrain.heights))])
-        raise InvalidInputError(f"{source}: expected heights of at most {_SANE:g} m, got {worst:g}; is NODATA not declared?")
+        raise InvalidInputError(
+            f"{source}: expected heights of at most {_SANE:g} m, got {worst:g}; the file may lack a NODATA value"
+        )
     return terrain
 
 
@@ -75,7 +77,9 @@ def _check_system(source: Path, crs: str) -> str:
     except ProjError:
         raise InvalidInputError(f"{source}: expected a known coordinate reference system, got {shortened(crs)}") from None
     if not (system.is_geographic or system.is_projected):
-        raise InvalidInputError(f"{source}: expected a geographic or projected system, got {shortened(system.name)}")
+        raise InvalidInputError(
+            f"{source}: expected a geographic or projected coordinate reference system, got {shortened(system.name)}"
+        )
     return crs
 
 
@@ -113,7 +117,7 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
     """Return the numeric GeoTIFF keys."""
     directory = tags.get(_KEYS)
     if not isinstance(directory, tuple) or len(directory) < 4 or len(directory) % 4:
-        raise InvalidInputError(f"{source}: expected a GeoTIFF, got a TIFF without its keys")
+        raise InvalidInputError(f"{source}: expected a GeoTIFF, got a TIFF without the keys of a GeoTIFF")
     entries = [directory[at : at + 4] for at in range(4, len(directory), 4)]
     return {int(key): int(value) for key, where, _, value in entries if where == 0}
 
@@ -131,7 +135,7 @@ def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[flo
             column, row, _, left, top, _ = (float(value) for value in tags[_TIEPOINT][:6])
             x, y = left - column * across, top + row * down
     except (KeyError, ValueError, IndexError, TypeError):
-        raise InvalidInputError(f"{source}: expected the place of the grid (tags 33550 and 33922, or 34264), got none") from None
+        raise InvalidInputError(f"{source}: expected the position of the grid (tags 33550 and 33922, or 34264), got none") from None
     if not (across > 0 and down > 0 and np.isfinite([x, y, across, down]).all()):
         raise InvalidInputError(f"{source}: expected cells with sides above 0, got {across:g} x {down:g}")
     half = 0.0 if points else 0.5

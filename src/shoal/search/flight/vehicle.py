@@ -114,15 +114,17 @@ class Vehicle(Problem):
         given = [name for name in _LENS if getattr(self, name) is not None]
         if given and len(given) < len(_LENS):
             missing = next(name for name in _LENS if name not in given)
-            raise InvalidInputError(f"{missing}: expected it together with {given[0]}, got none")
+            raise InvalidInputError(f"{missing}: expected a value together with {given[0]}, got none")
         if given and self.detector_width is not None:
-            raise InvalidInputError("detector_width: expected none beside a camera, got both")
+            raise InvalidInputError("detector_width: expected a detector or a camera, got both")
         if self.kind == "rover":
             for name in ("altitude", "wind_speed", "turn_radius", "climb_speed", "sink_speed"):
                 if getattr(self, name):
-                    raise InvalidInputError(f"{name}: expected none for a rover, got {getattr(self, name):g}")
+                    raise InvalidInputError(f"{name}: expected no value for a rover, got {getattr(self, name):g}")
         elif not self.altitude:
-            raise InvalidInputError(f"altitude: expected metres, above 0, for a vehicle that flies, got {self.altitude!r}")
+            raise InvalidInputError(
+                f"altitude: expected a number of metres above 0 for a vehicle that flies, got {self.altitude!r}"
+            )
         if given and not self.altitude:
             raise InvalidInputError("sensor_width: expected no camera for a rover, whose altitude is 0; give detector_width")
         if self.wind >= self.cruise:
@@ -132,18 +134,18 @@ class Vehicle(Problem):
             )
         if (self.kind == "fixed-wing") != (self.radius > 0):
             raise InvalidInputError(
-                "turn_radius: expected one above 0 for a fixed-wing, and 0 for a vehicle that turns on the spot, got "
+                "turn_radius: expected a radius above 0 for a fixed-wing, and 0 for a vehicle that turns on the spot, got "
                 f"{self.radius:g} for a {self.kind}"
             )
         if (needed := float(self.vertical_seconds([self.height, -self.height]).sum())) >= self.usable_seconds:
             raise InvalidInputError(
-                f"endurance: expected more than the {needed / 60:.3g} min of climbing and sinking, the reserve left, "
-                f"got {self.endurance:g}"
+                f"endurance: expected more than the {needed / 60:.3g} min of climbing and sinking, without the reserve, "
+                f"got {self.endurance:g} min with the reserve"
             )
         if self.radius and self.bank > STEEPEST_BANK:
             least = self.cruise**2 / (GRAVITY * tan(radians(STEEPEST_BANK)))
             raise InvalidInputError(
-                f"turn_radius: expected at least {least:.3g} m at {self.cruise:g} m/s, where it banks by "
+                f"turn_radius: expected at least {least:.3g} m at {self.cruise:g} m/s, where a vehicle banks by "
                 f"{STEEPEST_BANK:g} degrees, got {self.radius:g}"
             )
 

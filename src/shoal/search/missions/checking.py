@@ -126,7 +126,7 @@ class MissionCheck:
         import shapely
 
         if self.coverage is None:
-            raise InvalidInputError("uncovered area: expected a check with a footprint, got one without")
+            raise InvalidInputError("uncovered area: expected a check with a footprint, got a check without a footprint")
         parts = [part for part in shapely.get_parts(self.coverage.uncovered) if part.geom_type == "Polygon" and part.area > 0]
         features = []
         for part in sorted(parts, key=lambda part: (-part.area, part.bounds)):
@@ -326,6 +326,6 @@ def _footprints(flown: list[Sheet], footprint: float | Sequence[float]) -> float
     for sheet in flown:
         if not 1 <= (sheet.robot or 1) <= len(footprint):
             raise InvalidInputError(
-                f"{sheet.file}: expected a robot from 1 to {len(footprint)}, as there are footprints, got {sheet.robot}"
+                f"{sheet.file}: expected a robot from 1 to {len(footprint)}, the number of footprints, got robot {sheet.robot}"
             )
     return [footprint[(sheet.robot or 1) - 1] for sheet in flown]

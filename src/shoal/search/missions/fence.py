@@ -100,8 +100,8 @@ def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]
         if _corners(thin) <= most:
             return thin
     tell_once(
-        f"fence: expected at most {most} corners, as many as the autopilot stores, got {_corners(thin)} however simple it is made; "
-        "leave zones out, or load it onto a board that stores more"
+        f"fence: expected at most {most} corners, which the autopilot can store, got {_corners(thin)} in the simplest fence; "
+        "leave out zones, or use an autopilot that stores more corners"
     )
     return thin
 

@@ -96,14 +96,15 @@ def write_missions(
     if isinstance(formats, str) or len(formats) == 0:
         raise InvalidInputError(f"formats: expected a sequence of names such as ('plan', 'gpx'), got {formats!r}")
     if len(missions) == 0:
-        raise InvalidInputError("missions: expected some to write, got none")
+        raise InvalidInputError("missions: expected at least one mission to write, got none")
     texts: dict[Path, str] = {}
     for name in dict.fromkeys(formats):
         form = FORMATS.get(name)
         for mission in missions:
             if not mission.geographic and not form.metres:
                 raise InvalidInputError(
-                    f"format {name!r}: expected missions in degrees, got {mission.name} in metres: its region has no place on Earth"
+                    f"format {name!r}: expected missions in degrees, got {mission.name} in metres, because its region has no "
+                    "position on Earth"
                 )
             path = Path(folder) / f"{mission.name}{form.suffix}"
             if path in texts:
@@ -223,9 +224,7 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
             raise InvalidInputError(f"{source}: expected a file of at most {LARGEST_FILE} bytes, got {source.stat().st_size}")
         content = source.read_bytes()
     except OSError as error:
-        raise InvalidInputError(
-            f"{source}: expected a mission file, got none that can be read: {error.strerror or error}"
-        ) from None
+        raise InvalidInputError(f"{source}: expected a mission file, got the error: {error.strerror or error}") from None
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -84,7 +84,7 @@ def examine(
     folder = Path(source).is_dir()
     paths = mission_files(source) if folder else [Path(source)]
     if not paths:
-        raise InvalidInputError(f"{source}: expected a folder with mission files, got one without")
+        raise InvalidInputError(f"{source}: expected a folder with mission files, got a folder without mission files")
     sheets = [open_sheet(path) for path in paths]
     if folder:
         take_beside(source, sheets)

@@ -213,9 +213,7 @@ class Mission:
         if self.heights is not None:
             return self.heights
         if self.altitude_frame == "ground":
-            raise InvalidInputError(
-                f"{self.name}: expected heights above home or sea level, got none but {self.altitude:g} m above ground"
-            )
+            raise InvalidInputError(f"{self.name}: expected a height above home or sea level, got {self.altitude:g} m above ground")
         return np.full(len(self.waypoints), self.altitude - self._base)
 
     @property

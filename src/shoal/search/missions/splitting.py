@@ -117,7 +117,7 @@ def missions_of(
     end = None if landing is None else check_plane_points([landing], what="landing")[0]
     how = ("return" if end is None else "land") if ending is None else check_choice(ending, what="ending", choices=ENDINGS)
     if how == "return" and end is not None:
-        raise InvalidInputError("ending: expected land or loiter with a place to land, as a return leads home, got return")
+        raise InvalidInputError("ending: expected land or loiter with a landing point, because a return leads home, got return")
     flight = Flight(kept, base, frame, altitude_frame, terrain, terrain_error, rate, link, blocked, end, area, how)
     told = _told(kept)
     beside = OVERHEAD[kept.kind] + sum(count for name, count in EXTRA.items() if told[name] is not None)
@@ -250,15 +250,16 @@ class _Splitter:
         shortest = self._sortie(begin, begin)
         if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
             raise InvalidInputError(
-                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the ways from home to "
-                f"{text_of(self._point(begin))} and back have {len(shortest)}"
+                f"cap: expected room for more waypoints of robot {self.robot}, got {self.room}: the paths from home to "
+                f"{text_of(self._point(begin))} and back have {len(shortest)} waypoints"
             )
         away = np.hypot(*(self.way[:, :2] - self.home).T)
         farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
         needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
         raise InvalidInputError(
-            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, for {text_of(farthest)} is "
-            f"{away.max():.6g} m from home, got {self.limit / 60:.4g} min, the reserve left"
+            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, because "
+            f"{text_of(farthest)} is "
+            f"{away.max():.6g} m from home, got {self.limit / 60:.4g} min without the reserve"
         )
 
 

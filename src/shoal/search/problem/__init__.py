@@ -218,22 +218,22 @@ class SearchProblem(Problem):
             if fault.robot > self.robots:
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
         if self.multiplicity > self.robots:
-            raise InvalidInputError(f"multiplicity: expected at most {self.robots}, as there are robots, got {self.multiplicity}")
+            raise InvalidInputError(f"multiplicity: expected at most {self.robots}, the number of robots, got {self.multiplicity}")
         if (self.bands or self._volume) and self._asked_vehicle.kind == "rover":
-            raise InvalidInputError("vehicle: expected one that flies for bands or a box, got a rover")
+            raise InvalidInputError("vehicle: expected a flying vehicle for bands or a box, got a rover")
         if self.crashes > self.robots:
             raise InvalidInputError(f"crashes: expected at most {self.robots}, one per robot, got {self.crashes}")
         if isinstance(self.region, SearchRegion) and (
             self.no_go or self.layer is not None or self.inner is not None or self.across_zones
         ):
             raise InvalidInputError(
-                "region: expected a name or a file together with no_go, layer, inner or across_zones, got an open one"
+                "region: expected a name or a file together with no_go, layer, inner or across_zones, got an opened region"
             )
         if self.live is not None:
             if self.network != "perfect":
-                raise InvalidInputError(f"live: expected no network but a share of lost messages, got {self.network!r}")
+                raise InvalidInputError(f"live: expected no network, because a live search has only loss, got {self.network!r}")
             if any(not fault_text(fault).startswith(LIVE_FAULTS) for fault in self.faults):
-                raise InvalidInputError("live: expected no faults but crashes and slow robots")
+                raise InvalidInputError("live: expected only crashes and slow robots as faults, got other faults")
 
     @property
     def chosen_angle(self) -> float | None:
@@ -332,11 +332,16 @@ class SearchProblem(Problem):
         """
         region: SearchRegion = self.place
         if region.height and self.altitudes[-1] > region.height:
-            raise InvalidInputError(f"bands: expected altitudes up to {region.height:g} m, the top, got {self.altitudes[-1]:g}")
+            raise InvalidInputError(
+                f"bands: expected altitudes up to {region.height:g} m, the top of the box, got {self.altitudes[-1]:g} m"
+            )
         if len(region.parts) > 1 and not self.transit:
             raise InvalidInputError(
-                f"region {region.name!r}{region.margin_text}: expected one part, as robots stay inside, got {len(region.parts)}; "
-                "allow transit for robots that may cross what lies between, or search each part by itself"
+                f"region {region.name!r}{region.margin_text}: expected one part, because robots stay inside, got "
+                f"{len(region.parts)}; "
+                "use the option transit if robots may cross the space between parts, or search each part separately"
             )
         if len(region.parts) > 1 and self.stepwise:
-            raise InvalidInputError(f"obstacles: expected a region of one part, as robots go round them, got {len(region.parts)}")
+            raise InvalidInputError(
+                f"obstacles: expected a region of one part, because robots go round obstacles, got {len(region.parts)} parts"
+            )

@@ -22,13 +22,13 @@ def read_key(path: str) -> bytes:
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:
             kind = os.fstat(file.fileno())
             if not stat.S_ISREG(kind.st_mode):
-                raise InvalidInputError(f"{path}: expected a key in a file, got something else")
+                raise InvalidInputError(f"{path}: expected a file with a key, got a folder or another kind of file")
             if os.name == "posix" and kind.st_mode & 0o077:
                 mode = stat.S_IMODE(kind.st_mode)
                 raise InvalidInputError(f"{path}: expected a key that only its owner can read (chmod 600), got mode {mode:o}")
             key = file.read(_LONGEST + 3).strip(b"\r\n")
     except OSError as error:
-        raise InvalidInputError(f"{path}: expected a key in a file that can be read, got: {error.strerror}") from None
+        raise InvalidInputError(f"{path}: expected a readable file with a key, got the error: {error.strerror}") from None
     if not _SHORTEST <= len(key) <= _LONGEST:
         size = f"{len(key)} bytes" if len(key) <= _LONGEST else "more"
         raise InvalidInputError(f"{path}: expected a key of {_SHORTEST} to {_LONGEST} bytes, got {size}")

@@ -52,7 +52,7 @@ def check_separation(value: Any) -> tuple[float, ...]:
     """
     given = value if isinstance(value, list | tuple | np.ndarray) else (value,)
     if not 1 <= len(given) <= 2:
-        raise InvalidInputError(f"separation: expected a horizontal and a vertical one in metres, got {shortened(value)}")
+        raise InvalidInputError(f"separation: expected a horizontal and a vertical distance in metres, got {shortened(value)}")
     horizontal = check_number(given[0], what="separation", least=0)
     if not horizontal:
         return (0.0,)
@@ -128,8 +128,9 @@ class MissionOptions(Problem):
         parts, kind = len(problem.place.parts), problem.chosen_vehicle.kind
         if kind == "rover" and parts > 1:
             raise InvalidInputError(
-                f"vehicle: expected one that flies for a region of {parts} parts, between which nothing else gets, got a rover; "
-                "search each part by itself"
+                f"vehicle: expected a flying vehicle for a region of {parts} parts, because a rover stays in its part, got a "
+                "rover; "
+                "search each part separately"
             )
         if self.altitude_frame == "ground" and self.terrain is None and kind != "rover":
-            raise InvalidInputError("altitude_frame: expected home or sea without terrain, got ground")
+            raise InvalidInputError("altitude_frame: expected home or sea without a terrain file, got ground")

@@ -87,14 +87,19 @@ class Receiver:
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:
-            raise InvalidInputError(f"message: expected version {VERSION}, at most {self.most} bytes, got {len(message)} others")
+            raise InvalidInputError(
+                f"message: expected at most {self.most} bytes of version {VERSION}, got {len(message)} bytes of another "
+                "version or length"
+            )
         sender, stamp = int.from_bytes(message[1:3], "little"), int.from_bytes(message[3:9], "little")
         if not 1 <= sender <= self._robots or abs(stamp - clock) > self._window:
-            raise InvalidInputError(f"message: expected robots 1 to {self._robots}, now, got robot {sender} at another time")
+            raise InvalidInputError(
+                f"message: expected a present time and a robot from 1 to {self._robots}, got another time or robot {sender}"
+            )
         if stamp <= self._floors.get(sender, -1) or stamp in self._stamps.get(sender, ()):
-            raise InvalidInputError(f"message: expected a new one, got an old one of robot {sender}")
+            raise InvalidInputError(f"message: expected a new message, got an old message of robot {sender}")
         if not hmac.compare_digest(message[end:], _seal(self._key, message[:end])):
-            raise InvalidInputError("message: expected a signature by the key of this search, or a checksum that fits, got another")
+            raise InvalidInputError("message: expected a signature by the key of this search, or a correct checksum, got another")
         self._count(sender, clock)
         self._remember(sender, stamp)
         return decode_beacon(sender, message[_HEAD:end], cells=self._cells, robots=self._robots + 1)
@@ -105,7 +110,7 @@ class Receiver:
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count
         if count > self._share:
-            raise InvalidInputError(f"message: expected at most {self._share} of robot {sender} in a second, got more")
+            raise InvalidInputError(f"message: expected at most {self._share} messages per second of robot {sender}, got more")
 
     def _remember(self, sender: int, stamp: int) -> None:
         stamps = self._stamps.setdefault(sender, set())

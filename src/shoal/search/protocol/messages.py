@@ -207,11 +207,11 @@ class _Reader:
                 if number > most:
                     raise InvalidInputError(f"beacon: expected a number of at most {most}, got {number}")
                 return number
-        raise InvalidInputError(f"beacon: expected a number at byte {self.at}, got an end")
+        raise InvalidInputError(f"beacon: expected a number at byte {self.at}, got the end of the message")
 
     def real(self) -> float:
         if len(self.body) < self.at + 8:
-            raise InvalidInputError("beacon: expected a rate, got an end")
+            raise InvalidInputError("beacon: expected a rate, got the end of the message")
         self.at += 8
         return float(struct.unpack_from("<d", self.body, self.at - 8)[0])
 

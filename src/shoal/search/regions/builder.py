@@ -95,7 +95,9 @@ def open_region(
         drawn = _drawn(source, _several(holes), geographic=geographic)
         return build_region(drawn, extra, name=name or "polygon", across_zones=across_zones, inner=inner)
     if holes is not None or geographic:
-        raise InvalidInputError(f"region: expected polygons with holes or geographic, got {source!r}, which says these itself")
+        raise InvalidInputError(
+            f"region: expected polygons together with holes or geographic, got {source!r}, which contains these values"
+        )
     text = os.fspath(source)
     if not isinstance(text, str):
         raise InvalidInputError(f"region: expected a name or the path of a file, got {source!r}")
@@ -121,7 +123,9 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
         inner = check_polygon(RegionOutline(ring), closed=False)
         around = [check_polygon(part, closed=False).covers(inner) for part in parts]
         if not any(around):
-            raise InvalidInputError(f"hole {k + 1}: expected one in a polygon, got one outside, {shapely.to_wkt(inner)[:80]}")
+            raise InvalidInputError(
+                f"hole {k + 1}: expected a hole inside a polygon, got a hole outside, {shapely.to_wkt(inner)[:80]}"
+            )
         part = parts[around.index(True)]
         parts[around.index(True)] = replace(part, holes=(*part.holes, ring))
     return RegionOutlines(tuple(parts), "region", geographic, closed=False)
@@ -151,7 +155,7 @@ def build_region(
 
     searched = [outline for outline in found.outlines if not outline.no_go]
     if not searched:
-        raise InvalidInputError(f"{found.where}: expected a polygon to search, got none but no-go zones")
+        raise InvalidInputError(f"{found.where}: expected a polygon to search, got only no-go zones")
     zones = [outline for outline in found.outlines if outline.no_go]
     beside = [outline for k, zone in enumerate(extra) for outline in _zone(zone, f"no-go zone {k + 1}", found)]
     frame: LocalFrame | None = None
@@ -204,8 +208,8 @@ def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refuse
             inside.add(k)
             if refused:
                 raise InvalidInputError(
-                    f"{outlines[k].shell.where}: expected to be told whether this polygon, which lies in another and is not "
-                    "marked, is a no-go zone or a part to search; choose by --inner no-go or --inner search"
+                    f"{outlines[k].shell.where}: expected a mark that states whether this polygon, which lies in another polygon, "
+                    "is a no-go zone or a part to search, got none; choose with --inner no-go or --inner search"
                 )
     return inside
 
@@ -228,7 +232,8 @@ def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> 
     if zones[0] != zones[1] and not across_zones:
         raise InvalidInputError(
             f"{where}: expected a region inside one UTM zone, got longitudes {west:.10g} to {east:.10g}, "
-            f"on both sides of {-180 + 6 * zones[0]}°, in zones {zones[0]} and {zones[1]} (the option across_zones accepts it)"
+            f"on both sides of {-180 + 6 * zones[0]}°, in zones {zones[0]} and {zones[1]} (the option across_zones accepts "
+            "such a region)"
         )
     return frame
 
@@ -240,7 +245,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
     away = np.nan_to_num(Geod(ellps="WGS84").inv(*origin.T, *ring.points.T)[2])
     middle = text_of([frame.longitude, frame.latitude])
     ring.check_vertices(
-        away <= REACH, f"a region within {REACH / 1000:g} km of its middle {middle}", "; search its parts one by one"
+        away <= REACH, f"a region within {REACH / 1000:g} km of its middle {middle}", "; search each part separately"
     )
 
 

@@ -39,7 +39,7 @@ def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
         return region
     free = polygons_in(region.outline.buffer(-margin, quad_segs=_SEGMENTS))
     if free.is_empty:
-        raise InvalidInputError(f"margin: expected one that leaves some of the region {region.name!r}, got {margin:g} m")
+        raise InvalidInputError(f"margin: expected a margin that leaves some area of the region {region.name!r}, got {margin:g} m")
     bends = polygons_in(region.outline.buffer(-margin, join_style="mitre", mitre_limit=_POINTED))
     return replace(region, free=free, margin=margin, bends=bends)
 

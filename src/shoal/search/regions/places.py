@@ -101,7 +101,9 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
 def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:
     """Return points in metres. If ``degrees`` is None, the points are in the unit of the region."""
     if region.frame is None and degrees:
-        raise InvalidInputError(f"{where}: expected metres, as the region {region.name!r} has no place on Earth, got degrees")
+        raise InvalidInputError(
+            f"{where}: expected metres, because the region {region.name!r} has no position on Earth, got degrees"
+        )
     if region.frame is None or degrees is False:
         return points
     try:
@@ -123,6 +125,6 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
         return
     if swapped:
         raise InvalidInputError(
-            f"{where}: expected longitude and then latitude, got the two swapped, as {text_of(points[0])}: "
-            "the other way they lie in the region"
+            f"{where}: expected longitude and then latitude, got {text_of(points[0])}, which lies in the region "
+            "if the two numbers are swapped"
         )

@@ -90,7 +90,7 @@ class Scenario:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
         if not self.signed and any(isinstance(medium, Forgeries) for medium in self.network.media):
             raise InvalidInputError(
-                "network: expected a key where messages are forged, got none, with which forged ones are believed"
+                "network: expected a key together with forged messages, because robots without a key believe them, got none"
             )
         for name, cells in (("targets", self.targets), ("obstacles", self.obstacles)):
             if any(not 0 <= cell < n for cell in cells):
@@ -99,12 +99,14 @@ class Scenario:
 
     def _check_obstacles(self) -> None:
         if self.obstacles and not self.brief.tour_cost.stepwise:
-            raise InvalidInputError("obstacles: expected a tour with ways from cell to cell, got one with straight ways")
+            raise InvalidInputError("obstacles: expected a tour with paths from cell to cell, got a tour with straight paths")
         for number, start in enumerate(self.starts, start=1):
             if start in self.obstacles:
-                raise InvalidInputError(f"obstacles: expected none where a robot starts, got cell {start}, of robot {number}")
+                raise InvalidInputError(
+                    f"obstacles: expected no obstacle at the start of a robot, got cell {start}, the start of robot {number}"
+                )
         if self.brief.tour_cost.stepwise and any(isinstance(fault, WrongPosition) for fault in self.faults):
-            raise InvalidInputError("fault: expected no wrong positions where robots go from cell to cell")
+            raise InvalidInputError("fault: expected no wrong positions of robots that go from cell to cell, got a wrong position")
 
     @cached_property
     def blocked(self) -> int:

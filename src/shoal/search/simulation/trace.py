@@ -119,7 +119,7 @@ class SearchTrace:
             raise InvalidInputError(f"trace: expected {', '.join(sorted(names))}, got {shortened(data)}")
         logs = tuple(_log_from(log, f"robots: {number}", cells) for number, log in enumerate(data["robots"], start=1))
         if len(logs) != robots:
-            raise InvalidInputError(f"robots: expected {robots} of them, got {len(logs)}")
+            raise InvalidInputError(f"robots: expected {robots} robots, got {len(logs)}")
         declared = {int(number): check_number(moment, what="declared") for number, moment in dict(data["declared"]).items()}
         if not set(declared) <= set(range(1, robots + 1)):
             raise InvalidInputError(f"declared: expected robots from 1 to {robots}, got {shortened(sorted(declared))}")
@@ -198,7 +198,7 @@ def _with_recharging(
             found[k], left = (away[k - 1] + cost) / rate + brief.recharge, brief.energy
         if cost + away[k] > left:
             raise InvalidInputError(
-                f"endurance: expected enough for a cell that is {away[k]:.4g} cells from the home of robot {robot + 1}, "
+                f"endurance: expected energy for a cell that is {away[k]:.4g} cells from the home of robot {robot + 1}, "
                 f"got {brief.energy:.4g} cells"
             )
         left -= cost

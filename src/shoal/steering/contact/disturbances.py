@@ -35,7 +35,7 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
     if isinstance(workspace, Region):
         if friction < inf or gain or radius:
             raise InvalidInputError(
-                "a region with obstacles: expected no friction, gain or particle radius; those are for convex ones"
+                "a region with obstacles: expected no friction, gain or particle radius, which only convex workspaces allow"
             )
         return RegionWorld(workspace)
     gradient = None

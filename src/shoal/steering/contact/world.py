@@ -145,7 +145,9 @@ class ContactWorld(SteeringWorld):
         check_number(self.friction, what="friction", least=0, finite=False)
         check_number(self.radius, what="particle radius", least=0)
         if self.radius and (self.friction < inf or self.gradient is not None):
-            raise InvalidInputError("particle radius: expected no friction coefficient and no gain with it; those are for points")
+            raise InvalidInputError(
+                "particle radius: expected no friction coefficient and no gain, which only particles without a radius allow"
+            )
         _ = self.room, self.gain  # raises an error if a particle does not fit
 
     @cached_property
@@ -162,7 +164,9 @@ class ContactWorld(SteeringWorld):
         gradient = check_points([self.gradient], what="gain", dimensions=d, count=1)[0]
         reach = self.workspace.extent(gradient)
         if reach >= 1:
-            raise InvalidInputError(f"gain: expected one that is positive everywhere, got one that varies by {reach:.3g} of itself")
+            raise InvalidInputError(
+                f"gain: expected a gain that is positive everywhere, got variations of {100 * reach:.3g} % of its mean"
+            )
         return np.concatenate([[1 - gradient @ self.workspace.middle], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:

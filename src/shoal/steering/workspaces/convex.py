@@ -154,7 +154,7 @@ class ConvexWorkspace(SteeringWorkspace):
         0.375
         """
         if self.dimensions == 3:
-            raise InvalidInputError("inset: expected a plane workspace; particles with a radius are for the plane")
+            raise InvalidInputError(f"inset: expected a plane workspace for particles with a radius, got a {self.kind}")
         if self.round:
             left = self.radius - margin
             if left <= 0:

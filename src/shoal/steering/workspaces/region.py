@@ -80,9 +80,7 @@ def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
         alone = Polygon(ring)
         if not alone.is_valid or alone.area <= 1e-12 * float(np.ptp(ring, axis=0).max()) ** 2:
             why = explain_validity(alone)
-            raise InvalidInputError(
-                f"{name}: expected an outline that has an inside and does not cross itself, got one that does not: {why}"
-            )
+            raise InvalidInputError(f"{name}: expected an outline that encloses an area and does not cross itself, got: {why}")
     whole = Polygon(rings[0], rings[1:])
     if not whole.is_valid:
         raise InvalidInputError(

@@ -52,7 +52,7 @@ def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
 
     _check_size(text, where)
     if "<!ENTITY" in text.upper():
-        raise InvalidInputError(f"{where}: expected an SVG drawing without entities")
+        raise InvalidInputError(f"{where}: expected an SVG drawing without entities, got an entity")
     try:
         root = Tree.fromstring(text)
         _check_elements(root, where)
@@ -99,7 +99,7 @@ def _check_elements(root: Tree.Element, where: str) -> None:
 
     if size(root) > MOST_ELEMENTS:
         raise InvalidInputError(
-            f"{where}: expected an SVG drawing of at most {MOST_ELEMENTS} elements, with all that it uses, got more"
+            f"{where}: expected an SVG drawing of at most {MOST_ELEMENTS} elements, including repeated elements, got more"
         )
 
 
@@ -130,10 +130,10 @@ def _points(point: Any) -> Points:
 
 def _checked(rings: list[Points], where: str) -> list[Points]:
     if not rings:
-        raise InvalidInputError(f"{where}: expected a closed path, got one without lines")
+        raise InvalidInputError(f"{where}: expected a closed path, got a path without lines")
     corners = sum(len(ring) for ring in rings)
     if corners > MOST_CORNERS:
         raise InvalidInputError(f"{where}: expected an SVG of at most {MOST_CORNERS} corners, got {corners}")
     if not all(np.isfinite(ring).all() and np.abs(ring).max() < 1e15 for ring in rings):
-        raise InvalidInputError(f"{where}: expected an SVG with finite numbers below 1e15, got larger ones")
+        raise InvalidInputError(f"{where}: expected an SVG with finite numbers below 1e15, got larger numbers")
     return rings

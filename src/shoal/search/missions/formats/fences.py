@@ -65,7 +65,9 @@ def read_fence(text: str, where: str) -> Fence:
             rings.append((command, []))
             missing = int(first)
         elif command != rings[-1][0]:
-            raise InvalidInputError(f"{where}: line {line}: expected {missing} more corners of the polygon before, got another one")
+            raise InvalidInputError(
+                f"{where}: line {line}: expected {missing} more corners of the previous polygon, got another polygon"
+            )
         rings[-1][1].append(place)
         missing -= 1
     inside = [np.array(ring) for command, ring in rings if command == _INSIDE]

@@ -45,7 +45,9 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
     try:
         transformer = Transformer.from_crs(system, CRS.from_epsg(4326), always_xy=True)
     except ProjError:
-        raise InvalidInputError(f"{where}: expected a system that leads to WGS84, got {system.name!r}") from None
+        raise InvalidInputError(
+            f"{where}: expected a coordinate reference system that can be converted to WGS84, got {system.name!r}"
+        ) from None
     moved = tuple(
         replace(outline, shell=_moved(outline.shell, transformer), holes=tuple(_moved(hole, transformer) for hole in outline.holes))
         for outline in outlines

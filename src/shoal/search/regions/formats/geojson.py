@@ -130,7 +130,7 @@ def _points(ring: Any, where: str) -> Points:
     try:
         return np.array([position[:2] for position in ring], dtype=np.float64).reshape(-1, 2)
     except OverflowError:
-        raise InvalidInputError(f"{where}: expected coordinates, got an integer beyond any") from None
+        raise InvalidInputError(f"{where}: expected coordinates, got an integer that is too large") from None
 
 
 def _crs_name(data: Any, where: str) -> str | None:

@@ -51,7 +51,9 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
         names = [*known] if every else _chosen(path, layer, [*known])
         read = [_outlines(database, path, known, name, layer) for name in names]
     if len({one.geographic for one in read}) > 1:
-        raise InvalidInputError(f"{path}: expected all layers on Earth, or none of them, got some of both: {', '.join(names)[:80]}")
+        raise InvalidInputError(
+            f"{path}: expected only layers with positions on Earth or only layers without, got both: {', '.join(names)[:80]}"
+        )
     return RegionOutlines(tuple(outline for one in read for outline in one.outlines), str(path), read[0].geographic)
 
 

@@ -77,7 +77,7 @@ def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
             check_file(beside, what="part of a Shapefile", most=LARGEST_FILE)
     found, crs = _read(path, where)
     if not crs:
-        raise InvalidInputError(f"{path.with_suffix('.prj')}: expected a coordinate reference system, got none that is known")
+        raise InvalidInputError(f"{path.with_suffix('.prj')}: expected a known coordinate reference system, got another text")
     return to_degrees(found, where, crs)
 
 

@@ -113,7 +113,7 @@ def read_table(path: Path) -> RegionOutlines:
         wide, high = np.ptp(points, axis=0)
         raise InvalidInputError(
             f"{path}: expected x,y in metres, got {wide:.3g} by {high:.3g} around {text_of(points[0])}, which look like degrees; "
-            "head the columns longitude,latitude or x_m,y_m"
+            "name the columns longitude,latitude or x_m,y_m"
         )
     return RegionOutlines(_nested(rings, metres=not degrees), str(path), geographic=bool(degrees), closed=False)
 

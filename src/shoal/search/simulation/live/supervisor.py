@@ -107,10 +107,10 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
         raise InvalidInputError(f"speed: expected cells a second, above 0, got {speed!r}")
     for fault in scenario.faults:
         if not isinstance(fault, Crash | Slow) or not 0 <= fault.time < inf:
-            raise InvalidInputError(f"live: expected no faults but crashes and slow robots, at times from 0 on, got {fault}")
+            raise InvalidInputError(f"live: expected only crashes and slow robots as faults, at times of 0 or more, got {fault}")
     for medium in scenario.network.media:
         if not isinstance(medium, Loss):
-            raise InvalidInputError(f"live: expected no network but a share of lost messages, got {medium}")
+            raise InvalidInputError(f"live: expected no network, because a live search has only loss, got {medium}")
     check_integer(scenario.packet or LONGEST, what="packet", least=SHORTEST, most=LARGEST)
     if not 0 <= port <= 65_535:
         raise InvalidInputError(f"port: expected a number from 1 to 65535, or 0 for a free one, got {port!r}")

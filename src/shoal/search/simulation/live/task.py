@@ -56,7 +56,7 @@ class LiveTask:
         sets = [bits >> cells for _, bits in (*beacon.searched, *beacon.closed)]
         sets += [bits >> robots + 1 | bits & 1 for _, bits in beacon.found]
         if not numbers <= set(range(1, robots + 1)) or any(sets) or any(cell >= cells for cell, _ in beacon.found):
-            raise InvalidInputError(f"beacon: expected {robots} robots and {cells} cells, got others")
+            raise InvalidInputError(f"beacon: expected {robots} robots and {cells} cells, got other numbers")
 
     def _of(self, number: int) -> tuple[int, float, int]:
         return self.scenario.starts[number - 1], self.scenario.rates[number - 1], self.scenario.widths[number - 1]
