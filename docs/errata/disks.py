@@ -109,8 +109,8 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
 
 @erratum(
     "paper W, section IV.E, eq. 6",
-    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number. The line l2 is for γ(ψ_max) < γ < 0",
-    "the lines are vectors, l = r (e(ψ + a) - e(ψ)). The line l2 is for -γ(ψ_max) < a < 0",
+    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number. The line l2 belongs to γ(ψ_max) < γ < 0",
+    "the lines are vectors, l = r (e(ψ + a) - e(ψ)). The line l2 belongs to -γ(ψ_max) < a < 0",
     "for Δ = (0.3, 0), a program computes the distance of the lines in 45 directions. The program compares this distance with a "
     "bisection that uses the exact condition for two moves",
 )

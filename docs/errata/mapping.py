@@ -50,8 +50,8 @@ def _probes() -> tuple[str, bool]:
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
     kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
-    words = " and ".join(f"{'achieves' if found else 'cannot achieve'} the ratio {text}" for text, found in kept.items())
-    return f"over all {len(regions)} pairs of a region and a start, one strategy {words}", kept == {"7/6": False, "5/4": True}
+    words = ", and ".join(f"{'one' if found else 'no'} strategy achieves the ratio {text}" for text, found in kept.items())
+    return f"over all {len(regions)} pairs of a region and a start, {words}", kept == {"7/6": False, "5/4": True}
 
 
 @erratum(
