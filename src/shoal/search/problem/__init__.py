@@ -17,18 +17,13 @@ from shoal.search.problem.fields import (
     AUTO,
     check_angle,
     check_bands,
-    check_cells_at,
-    check_delays,
     check_footprint,
     check_network,
     check_no_go,
+    check_number_list,
     check_path,
     check_places,
-    check_positive,
     check_region,
-    check_starts,
-    check_vehicle,
-    dump_faults,
     dump_no_go,
     dump_region,
     parse_angle,
@@ -49,7 +44,7 @@ FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
 
 MOST_ROBOTS = 1000
-"""Maximum number of robots, because the division of a tour needs memory for each pair of robots."""
+"""Maximum number of robots. An allocation needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
 
@@ -61,8 +56,8 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 class SearchProblem(Problem):
     """A search of a region by robots that have no coordinator.
 
-    The fields are the options of ``shoal search``, the fields of sweeps, and the fields of problem files. In Python, a region may
-    also be a `SearchRegion`. Starts, targets and obstacles may be arrays of points in metres.
+    The fields are the options of ``shoal search``, the fields of sweeps, and the fields of problem files. In Python, the region may
+    also be a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
 
     Raises
     ------
@@ -109,21 +104,22 @@ class SearchProblem(Problem):
     )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
         "random", help="Start of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y in "
-        "metres; longitude and latitude for a region on Earth).", check=check_starts,
+        "metres; longitude and latitude for a region on Earth).", check=check_places("starts", "a layout or a file"),
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
         None, help="Launch points anywhere, instead of --starts: one x,y for all robots, or one for each with semicolons "
         "between (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, or of a line such as a "
         "road, along which the robots are spaced evenly.",
-        metavar="POINTS|FILE", check=check_places("launch"),
+        metavar="POINTS|FILE", check=check_places("launch", "points or a file"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
         None, help="Landing points, in the form of --launch. Default: the launch points.", metavar="POINTS|FILE",
-        check=check_places("land"),
+        check=check_places("land", "points or a file"),
     )  # fmt: skip
     delays: tuple[float, ...] | None = option(
         None, help="Delay of each robot's start. Default: if missions are written, the delays that keep robots apart.", unit="s",
-        metavar="S,S,...", parse=parse_numbers, check=check_delays,
+        metavar="S,S,...", parse=parse_numbers,
+        check=lambda value: check_number_list(value, "delays", "numbers, 0 or more, one per robot", least=0),
     )  # fmt: skip
     tour: str = option(
         "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time, "
@@ -148,18 +144,18 @@ class SearchProblem(Problem):
     )
     layer: str | None = option(None, help="Layer of a GeoPackage; it is required if the file has several layers.")
     inner: str | None = option(
-        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. Without this option a file with "
-        "such a polygon is refused.", choices=INNER,
+        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. Default: files with an unmarked inner "
+        "polygon are refused.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
         None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a file .toml "
         "or .json. Fields that differ may follow, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
-        metavar="NAME|FILE[,FIELD=VALUE...]", check=check_vehicle, dump=Vehicle.to_dict,
+        metavar="NAME|FILE[,FIELD=VALUE...]", check=vehicle_of, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
         None, help="Speed of each robot, relative to the vehicle's speed.", metavar="R,R,...",
-        parse=parse_numbers, check=lambda value: check_positive(value, "rates"),
+        parse=parse_numbers, check=lambda value: check_number_list(value, "rates", "numbers above 0, one per robot", above=0),
     )  # fmt: skip
     multiplicity: int = option(1, help="Number of different robots that must search each cell.", least=1)
     transit: bool = option(False, help="Robots fly and may cross the ground between the parts of a region.")
@@ -183,19 +179,20 @@ class SearchProblem(Problem):
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
         "liar:R. Robots R count from 1; times and energy count in cells. The option can be repeated.",
-        metavar="FAULT,...", repeated=True, parse=list, check=check_faults, dump=dump_faults,
+        metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
     crashes: int = option(0, help="Number of random robots that crash at random times, drawn from the seed.", least=0)
     targets: Any = option(
         0, help="Targets to find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
-        parse=parse_count_or_path, check=check_cells_at("targets"),
+        parse=parse_count_or_path, check=check_places("targets", "a file", count=True),
     )  # fmt: skip
     detection: float = option(1.0, help="Probability that a robot detects a target in a cell.", least=0, most=1)
     false_alarm: float = option(0.0, help="Probability that a robot reports a target in an empty cell.", least=0, most=1)
     obstacles: Any = option(
         0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover them during "
         "the search and move from cell to cell.",
-        metavar="N|FILE", parse=parse_count_or_path, check=check_cells_at("obstacles"),
+        metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
         None, help="Simulate robots and messages. Default: yes with at most 126 robots and at most a million cells times robots."
@@ -206,7 +203,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     def check_together(self) -> None:
-        """Refuse fields that contradict each other. No file is opened yet."""
+        """Refuse fields that contradict each other. This check opens no file."""
         for name in ("footprint", "rates", "starts", "delays"):
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
@@ -237,13 +234,16 @@ class SearchProblem(Problem):
 
     @property
     def chosen_angle(self) -> float | None:
-        """The angle of the rows in degrees, or None if the planner shall choose it, as it does by default on Earth."""
+        """The angle of the rows in degrees, or None if the planner chooses the angle.
+
+        If no angle is given, the planner chooses the angle only for a region on Earth.
+        """
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the tours to compare if a turn costs ``turn_cost`` cells. With a multiplicity above 1, the tours follow rows."""
+        """Return the names of the tours to compare if a turn costs ``turn_cost`` cells."""
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:
@@ -252,7 +252,7 @@ class SearchProblem(Problem):
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
-        """The allocations to compare. The allocation that is most often the fastest comes first."""
+        """The names of the allocations to compare, beginning with the one that is most often the fastest."""
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
@@ -262,7 +262,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """The altitudes of the search in metres, increasing: as given, or of a volume's layers, or the vehicle's altitude."""
+        """The altitudes of the search in metres, from the lowest: ``bands``, a volume's layers, or the vehicle's altitude."""
         if self.bands is not None:
             return self.bands
         if not self._volume:
@@ -276,7 +276,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The given or the ideal vehicle, at the lowest altitude. The ideal vehicle climbs at its cruise speed."""
+        """The vehicle at the lowest altitude of the search. By default, it is the ideal vehicle."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
@@ -284,7 +284,10 @@ class SearchProblem(Problem):
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
-        """Return the side of the footprint in metres: as given, or from the vehicle's altitude outside volumes."""
+        """Return the side of the footprint in metres at an altitude: as given, as the vehicle's camera or detector sees it, or 10.
+
+        In a volume, the vehicle's own altitude counts instead of ``altitude``.
+        """
         vehicle = self._asked_vehicle
         seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)
         return self.footprint or seeing.row_spacing or FOOTPRINT
@@ -309,7 +312,7 @@ class SearchProblem(Problem):
         return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
-        """Return the region's name with its no-go zones, or None for a region object."""
+        """Return the fields that define the region as a text, or None for a region object."""
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
@@ -324,7 +327,7 @@ class SearchProblem(Problem):
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:
-        """Refuse a region of several parts for robots that must stay inside.
+        """Refuse a region of several parts for robots that must stay inside, and altitudes above the top of a volume.
 
         Raises
         ------

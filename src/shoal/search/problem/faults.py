@@ -41,7 +41,7 @@ class Slow:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The robot stops when it has moved for a given time since its last recharge, even if its own estimate is longer."""
+    """The robot stops after it has moved for the time ``energy`` since its last recharge, whatever endurance it declares."""
 
     robot: int
     energy: float
@@ -73,9 +73,9 @@ _SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 
 
 def check_faults(value: Any) -> tuple[Fault, ...]:
-    """Return faults.
+    """Return the faults in a list as objects.
 
-    Each fault is given as an object or as a text such as ``crash:2@30``. A text may contain several faults, separated by commas.
+    Each entry is an object, or a text such as ``crash:2@30``. A text may contain several faults, separated by commas.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
 
 
 def fault_text(fault: Fault) -> str:
-    """Return the text of a fault, from which `check_faults` makes the fault again.
+    """Return a fault as a text, which `check_faults` turns back into the fault.
 
     Examples
     --------
@@ -148,7 +148,7 @@ def _checked(fault: Any) -> Fault:
 
 
 def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
-    """Return the true speed of a robot that declares the speed ``rate``, after its faults.
+    """Return the true speed of a robot that declares the speed ``rate``, at a time at which some of the faults may slow it down.
 
     Examples
     --------

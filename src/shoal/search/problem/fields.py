@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from shoal.core.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
 from shoal.core.errors import InvalidInputError
-from shoal.search.flight.vehicle import Vehicle, vehicle_of
-from shoal.search.problem.faults import Fault, fault_text
 from shoal.search.problem.network import network_of
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion, region_of
@@ -21,7 +20,7 @@ AUTO = "auto"
 
 
 def check_region(value: Any) -> str | SearchRegion:
-    """Return the name or path of a region, or a region object. A region written by `dump_region` is opened."""
+    """Return the name or path of a region, or a region object. The output of `dump_region` gives a region object."""
     if isinstance(value, SearchRegion):
         return value
     if isinstance(value, dict):
@@ -30,7 +29,7 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path or a name as text."""
+    """Return a path or a name as a text. ``what`` and ``expected`` are the field and the meaning of the text in error messages."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
@@ -56,7 +55,7 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
 
 
 def dump_region(value: str | SearchRegion) -> Any:
-    """Return a region for JSON: its name, or well-known text with its local frame."""
+    """Return a region in a form for JSON: its name or path, or for a region object its shape in well-known text and its frame."""
     if isinstance(value, str):
         return value
     import shapely
@@ -93,7 +92,7 @@ def _check_zone(zone: Any, number: int) -> Any:
 
 
 def dump_no_go(value: tuple[Any, ...]) -> list[Any]:
-    """Return no-go zones for JSON."""
+    """Return no-go zones in a form for JSON: Shapely polygons become well-known text."""
     import shapely
 
     return [{"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone for zone in value]
@@ -104,7 +103,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Return one number, or several numbers separated by commas, from a text of the command line."""
+    """Return the numbers in a text of the command line, which are separated by commas. A single number is returned as a float."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -113,43 +112,43 @@ def parse_numbers(text: str) -> float | list[float]:
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Return the side of the footprint: one for all robots, or one for each robot."""
+    """Return the side of the footprint in metres: one number for all robots, or one number for each robot."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
-        return check_positive(value, "footprint")
+        return check_number_list(value, "footprint", "lengths above 0, one per robot", above=0)
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
-    """Return altitudes in increasing order."""
-    found = tuple(sorted(check_positive(value, "bands", "altitudes above 0")))
+    """Return altitudes in metres from the lowest to the highest. Equal altitudes are refused."""
+    found = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
     if not found or len({*found}) < len(found):
         raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
     return found
 
 
-def check_vehicle(value: Any) -> Vehicle:
-    """Return the vehicle that a text, a mapping of fields or a `Vehicle` describes."""
-    return vehicle_of(value)
+def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, above: float = -inf) -> tuple[float, ...]:
+    """Return one or several numbers as a tuple, after checking each of them.
 
-
-def check_positive(value: Any, what: str, kind: str = "numbers above 0, one per robot") -> tuple[float, ...]:
-    """Return positive numbers."""
+    Parameters
+    ----------
+    value
+        A number, or a list, tuple or array of numbers.
+    what : str
+        Name of the field in error messages.
+    kind : str
+        Description of the expected numbers in error messages.
+    least, above : float
+        Each number must be at least ``least`` and more than ``above``.
+    """
     if isinstance(value, int | float | np.number):
         value = (value,)  # of one robot
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
-    return tuple(check_number(one, what=what, above=0, most=FARTHEST) for one in value)
-
-
-def check_delays(value: Any) -> tuple[float, ...]:
-    """Return delays in seconds, one per robot."""
-    if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise InvalidInputError(f"delays: expected numbers, 0 or more, one per robot, got {shortened(value)}")
-    return tuple(check_number(one, what="delays", least=0) for one in value)
+    return tuple(check_number(one, what=what, least=least, above=above, most=FARTHEST) for one in value)
 
 
 def parse_angle(text: str) -> float | str:
-    """Return the angle in a text of the command line, or "auto"."""
+    """Return the angle in degrees that a text of the command line contains, or "auto"."""
     return text if text == AUTO else float(text)
 
 
@@ -162,42 +161,33 @@ def check_angle(value: Any) -> float | str | None:
     return check_number(value, what="angle", least=-360, most=360) % 180.0
 
 
-def check_starts(value: Any) -> str | tuple[tuple[float, float], ...]:
-    """Return the name of a layout, the path of a file, or points."""
-    return check_path(value, "starts", "a layout or a file") if isinstance(value, str | os.PathLike) else _points(value, "starts")
+def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[Any], Any]:
+    """Return a function that checks points, given as a text or as an array in metres.
 
-
-def check_places(what: str) -> Callable[[Any], Any]:
-    """Return a function that checks points given as text, as a file, or as an array in metres."""
+    Parameters
+    ----------
+    what : str
+        Name of the field in error messages.
+    expected : str
+        Meaning of a text in error messages, such as "a file".
+    count : bool
+        Whether the value may also be a whole number: the number of random points.
+    """
 
     def check(value: Any) -> Any:
-        return check_path(value, what, "points or a file") if isinstance(value, str | os.PathLike) else _points(value, what)
+        if isinstance(value, str | os.PathLike):
+            return check_path(value, what, expected)
+        return check_integer(value, what=what, least=0) if count and np.ndim(value) == 0 else _points(value, what)
 
     return check
 
 
 def parse_count_or_path(text: str) -> int | str:
-    """Return the number or the path in a text of the command line."""
+    """Return the whole number that a text of the command line contains, or the text itself if it is a path."""
     return int(text) if text.lstrip("-").isdecimal() else text
 
 
-def check_cells_at(what: str) -> Callable[[Any], Any]:
-    """Return a function that checks a number of random cells, a CSV file of points, or an array of points."""
-
-    def check(value: Any) -> Any:
-        if isinstance(value, str | os.PathLike):
-            return check_path(value, what, "a file")
-        return check_integer(value, what=what, least=0) if np.ndim(value) == 0 else _points(value, what)
-
-    return check
-
-
 def check_network(value: Any) -> str:
-    """Return the description of a network. Different texts that describe a perfect network give the same result."""
+    """Return the text that describes a network. The result is "perfect" for each text without models."""
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"
-
-
-def dump_faults(value: tuple[Fault, ...]) -> list[str]:
-    """Return faults for JSON."""
-    return [fault_text(fault) for fault in value]

@@ -11,7 +11,7 @@ _SHORTEST, _LONGEST = 16, 4096  # bytes
 
 
 def read_key(path: str) -> bytes:
-    """Return the key that a file contains, without line ends before and after it.
+    """Return the key in a file, without line ends before and after the key.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The class `MissionOptions`: settings for writing a plan's missions and keeping vehicles apart."""
+"""MissionOptions: settings for writing the missions of a search and for keeping vehicles apart."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _check_names(value: Any) -> tuple[str, ...]:
 
 
 def parse_separation(text: str) -> tuple[float, ...]:
-    """Return the distances in metres that a text of the command line gives: HORIZONTAL or HORIZONTAL,VERTICAL.
+    """Return the separation in metres from a text of the command line: HORIZONTAL or HORIZONTAL,VERTICAL.
 
     Raises
     ------
@@ -119,7 +119,7 @@ class MissionOptions(Problem):
         return Separation(horizontal, vertical, self.delay_tolerance) if horizontal else None
 
     def check_for(self, problem: SearchProblem) -> None:
-        """Refuse options that are impossible for the missions of a given search. This opens the region.
+        """Refuse options that are impossible for the missions of a given search. The check opens the region.
 
         Raises
         ------

@@ -17,7 +17,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """One copy of a message on its way, with its delay, a mark if it is damaged, and a message that may replace it."""
+    """A copy of a message on its way: its delay, whether it is damaged, and whether it is an attacker's replay or forgery."""
 
     delay: float = 0.0
     damaged: bool = False
@@ -112,7 +112,7 @@ class Delay:
 
 @dataclass(frozen=True)
 class Duplicates:
-    """With a probability, each copy arrives a second time, a little later."""
+    """With a probability, a copy arrives a second time, up to one unit of time later."""
 
     probability: float
 
@@ -124,7 +124,7 @@ class Duplicates:
 
 @dataclass(frozen=True)
 class Corruption:
-    """With a probability, each copy is damaged on the way."""
+    """With a probability, a copy is damaged on the way."""
 
     probability: float
 
@@ -135,7 +135,7 @@ class Corruption:
 
 @dataclass(frozen=True)
 class Replays:
-    """With a probability, an attacker sends a recorded message of any robot again."""
+    """With a probability for each message, an attacker sends a recorded message of any robot again."""
 
     probability: float
 
@@ -146,9 +146,9 @@ class Replays:
 
 @dataclass(frozen=True)
 class Forgeries:
-    """With a probability, an attacker without the key sends a message under a robot's number.
+    """With a probability for each message, an attacker without the key sends a message in the name of a robot.
 
-    The message declares that all cells are searched.
+    The attacker's message declares that all cells are searched.
     """
 
     probability: float
@@ -178,7 +178,7 @@ class RadioNetwork:
 
 
 def damage(data: bytes, rng: Generator) -> bytes:
-    """Return a message with some bytes changed."""
+    """Return a message in which one to three random bytes are changed."""
     array: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8).copy()
     places = rng.integers(0, len(array), size=int(rng.integers(1, 4)))
     array[places] ^= rng.integers(1, 256, size=len(places)).astype(np.uint8)
@@ -205,8 +205,8 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     ----------
     text : str
         ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P``,
-        ``corruption:P``, ``replays:P`` and ``forgeries:P``, with times in units of the time that a robot of speed 1 needs for one
-        cell. "" or "perfect": every message arrives without delay.
+        ``corruption:P``, ``replays:P`` and ``forgeries:P``. Times are in units of the time that a robot of speed 1 needs for one
+        cell. With the text "" or "perfect", every message arrives without delay.
     loss : float
         Additional probability that a message is lost.
 
