@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from shoal.search import Arc, TourCost, allocate, make_tour
-from shoal.search.allocation.allocate import work_time
+from shoal.search.allocation.arcs import work_time
 
 
 def all_borders(n, m):

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from shoal.core.registry import loaded_on_use
 
 if TYPE_CHECKING:
-    from shoal.search.allocation.allocate import Allocation, Arc, allocate
+    from shoal.search.allocation.allocate import Allocation, allocate
+    from shoal.search.allocation.arcs import Arc
     from shoal.search.allocation.plan import SearchPlan, plan_search
     from shoal.search.allocation.tour_cost import TourCost
     from shoal.search.cells.grid import CellGrid, cells_of
@@ -27,7 +28,8 @@ if TYPE_CHECKING:
     from shoal.search.tours.codec import hilbert_decode, hilbert_encode, moore_decode, moore_encode
 
 _HOMES = {
-    "allocation.allocate": ("Allocation", "Arc", "allocate"),
+    "allocation.allocate": ("Allocation", "allocate"),
+    "allocation.arcs": ("Arc",),
     "allocation.plan": ("SearchPlan", "plan_search"),
     "allocation.tour_cost": ("TourCost",),
     "cells.grid": ("CellGrid", "cells_of"),

@@ -99,7 +99,7 @@ def test_ways_between_layers_lead_around_walls_and_up(bands):
     places = bands.plan.positions(np.arange(len(cells)))
     west = int(np.argmin(places[:, 0] + 1e3 * cells[:, 0]))
     east = int(np.argmax(places[:, 0] + 1e3 * cells[:, 0]))
-    level = bands.plan.paths.leg(places[west, :2], places[east, :2])[:, :2]
+    level = bands.plan.paths.legs(places[[west, east], :2]).points[:, :2]
     assert np.hypot(*np.diff(level, axis=0).T).sum() > 1.05 * np.hypot(*(places[east] - places[west])[:2])
     expected = (np.hypot(*np.diff(level, axis=0).T).sum() + 20 * bands.plan.grid.climb) / bands.plan.grid.size
     assert cost.length(west, east) == cost.length(east, west) == pytest.approx(expected)

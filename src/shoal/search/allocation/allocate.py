@@ -18,8 +18,6 @@ from shoal.search.allocation.viewpoint_selection import gain_of, select_viewpoin
 from shoal.search.cells.footprint import check_widths
 from shoal.search.kernels.shares import Team
 
-__all__ = ["Allocation", "Arc", "allocate", "arcs_of", "work_time"]
-
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
@@ -28,16 +26,17 @@ class Allocation:
     Parameters
     ----------
     allocator : str
+        Name of the rule that made the allocation.
     arcs : tuple of tuple of Arc
-        For each robot, its arcs in the order in which it searches them. A robot in reserve has no arcs.
+        The arcs that are assigned to each robot, in the order in which it searches them. A robot in reserve has no arcs.
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to the first cell. The unit is the time in which a robot of speed 1
         searches one cell.
     lower_bound : float
-        Lower bound on the makespan of every allocation. It is the number of cells, times the required visits per cell, divided by
-        the sum of speed times footprint width over all robots.
+        Lower bound on the makespan of every allocation: the number of visits to cells that are necessary, divided by the sum of
+        speed times footprint width over all robots.
     work : tuple of tuple of Arc
-        For each robot, all arcs that it searches: its own arcs and, if several robots search each cell, the arcs of the robots
+        All arcs that each robot searches. These are its own arcs and, if several robots must search each cell, also arcs of robots
         ahead.
     """
 
@@ -71,16 +70,17 @@ def allocate(
         Tour index of each robot's start cell; m is at least 1. Several robots may start in the same cell.
     allocator : str
         "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": all robots first
-        move along the tour, each at most a common distance, and then search. "individual-shift": each robot moves along the tour by
-        its own optimal distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves
-        straight to the beginning of an arc.
+        move along the tour by at most a common distance. "individual-shift": each robot first moves along the tour by its own
+        distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves straight to the
+        beginning of an arc. Or ``module:attribute``, a function with the arguments of the functions in
+        `shoal.search.allocation.allocators`.
     rates : array_like of float, shape (m,), optional
         Relative speed of each robot, both in motion and in search. The default is 1 for all robots.
     places : array_like of float, shape (m, d), optional
-        Positions of the robots in the units of `TourCost.points`. By default robots are at the centres of their cells.
+        Positions of the robots in the units of `TourCost.points`. By default, each robot is at the viewpoint of its start cell.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot in cells, odd. The default is 1 for all robots. A robot's share of the cells depends on its
-        search rate along this tour (`gain_of`). The time for its path to these cells depends on its speed.
+        Footprint width of each robot in cells, odd. The default is 1 for all robots. A robot with a wide footprint gets more cells
+        (`gain_of`).
 
     Raises
     ------
@@ -89,8 +89,8 @@ def allocate(
 
     Notes
     -----
-    "stay" is paper H, p. 5. The other allocators answer an open question of this paper ("slightly more initial configuration
-    movement").
+    "stay" is the rule of paper H, p. 5. The other rules answer an open question of this paper, how much time "slightly more initial
+    configuration movement" saves.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def allocate(
 def arcs_of(
     tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
 ) -> tuple[tuple[Arc, ...], ...]:
-    """Return the arcs that `allocate` assigns, without their times."""
+    """Return the arcs that `allocate` assigns to each robot, without computing times."""
     return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
@@ -159,7 +159,7 @@ def _team(
 
 
 def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
-    """Return the cost of some arcs for a robot."""
+    """Return the cost in cells of searching arcs with a footprint of ``width`` cells; see `work_time`."""
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)
     cells = numbers_of(work, len(tour_cost))

@@ -1,7 +1,4 @@
-"""Allocators: rules that assign arcs of a tour to robots.
-
-Around the tour, the robots' parts have the same order as their starts.
-"""
+"""Allocators: rules that assign arcs of a tour to robots. Each rule returns one list of arcs for each robot of a `Team`."""
 
 from __future__ import annotations
 
@@ -37,9 +34,9 @@ def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("common-shift")
 def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """All robots move at most a distance D along the tour, and then search at most G cells, at the speed of the slowest robot.
+    """Let all robots move at most a distance D along the tour, and then search at most G cells each.
 
-    The rule minimizes D + G.
+    The rule minimizes D + G, as if all robots had the same speed.
     """
     starts = team.starts
     n, m = len(tour_cost), len(starts)
@@ -65,13 +62,13 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("individual-shift")
 def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot moves along the tour to the beginning of its cells."""
+    """Let each robot move along the tour by its own distance. The rule minimizes the time until the last robot finishes."""
     return _arcs_between(_bisected(False, tour_cost, team))
 
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot searches the shorter part of its cells, behind or ahead of its start. Then the robot searches the other part."""
+    """Let each robot search the cells behind its start and the cells ahead of its start, in the cheaper order of the two."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []
@@ -88,9 +85,9 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("hop")
 def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Each robot moves on the shortest way to an arc of the tour, and searches it.
+    """Let each robot move straight to an arc of the tour, and search the arc. A robot with a longer way gets a shorter arc.
 
-    The robots keep their order around the tour. A robot with a longer way to its arc gets a shorter arc.
+    Around the tour, the arcs have the same order as the robots' starts.
     """
     n, m = len(tour_cost), len(team.starts)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))

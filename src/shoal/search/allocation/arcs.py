@@ -19,8 +19,9 @@ class Arc:
     Parameters
     ----------
     first : int
-        Tour index of the first cell.
+        Tour index of the cell that the robot searches first.
     count : int
+        Number of cells.
     step : int
         1 for forwards along the tour, -1 for backwards.
     """
@@ -64,18 +65,18 @@ class Arc:
 
 
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
-    """Return the distance from a position to a cell.
+    """Return the straight distance from a position to the cell ``first``, in cell sides.
 
-    If ``start`` is given, the result is at least the distance from the cell ``start``.
+    If ``start`` is given, the result is at least the length of the path from the cell ``start`` to the cell ``first``.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))
 
 
 def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: int | None = None) -> float:
-    """Return the cost of some arcs for a robot at ``place``.
+    """Return the cost in cells of searching arcs one after another, for a robot at ``place``.
 
-    The robot moves straight to the first arc, or from the cell ``start`` if that is given.
+    The cost of the path to the first arc is computed by `way_to`.
     """
     total, n = 0.0, len(tour_cost)
     here: int | None = None

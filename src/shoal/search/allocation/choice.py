@@ -1,4 +1,4 @@
-"""Choice of the allocation with the smallest planned time, including flights home to recharge."""
+"""Choice of the allocation with the shortest planned time, including the flights home to recharge."""
 
 from __future__ import annotations
 
@@ -27,20 +27,21 @@ def best_allocation(
     energy: float = inf,
     recharge: float = 0.0,
 ) -> tuple[Allocation, dict[str, float]]:
-    """Return the fastest allocation, and the completion times of all compared allocations, fastest first, in cell times.
+    """Return the fastest allocation, and the completion time of each compared allocation by name, fastest first.
+
+    All times are in units of the time in which a robot of speed 1 searches one cell.
 
     Parameters
     ----------
     tour_cost : TourCost
     starts, rates, places, widths : ndarray
-        Arguments of `allocate`.
+        As in `allocate`.
     allocators : sequence of str
-        Names of the allocators that are compared. If several allocations are equally fast, the first name is chosen.
+        Names of the allocators that are compared. If several allocations are equally fast, the first one is chosen.
     energy : float
-        Endurance of a robot in units of the time in which a robot of speed 1 searches one cell. Within this time, a robot must
-        return to its start.
+        The time within which a robot must return to its start, because its battery is then empty.
     recharge : float
-        Duration of recharging at the start, in the same unit as ``energy``.
+        Duration of recharging at the start.
 
     Examples
     --------
@@ -59,7 +60,7 @@ def best_allocation(
 
 
 def time_with_sorties(allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float) -> float:
-    """Return the approximate completion time of all robots in cell times, including the necessary flights home to recharge."""
+    """Return the approximate time until all robots finish, with the flights home to recharge; see `best_allocation`."""
     if energy == inf:
         return allocation.makespan
     latest = 0.0

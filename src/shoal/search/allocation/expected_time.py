@@ -37,8 +37,7 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     robots : int
         Number of robots. The robots start in independent random cells.
     dead : int
-        Number of robots that never start. The robot behind a dead robot also searches its part. The waiting time before this
-        takeover is not counted.
+        Number of robots that never start. The part of a dead robot is searched by the robot behind it, without any waiting time.
     trials : int
         Number of random trials, at least 2.
     seed : int
@@ -83,9 +82,8 @@ def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Gen
 def stay_share(robots: int, *, dead: int = 0) -> float:
     """Return the limit of `expected_time` for many cells.
 
-    The limit is H_k/k for k working robots, where H_k is the sum of 1/1 to 1/k.
-
-    This is the mean of the longest of the k arcs into which k random points divide a circle.
+    For k working robots, the limit is H_k/k, where H_k is the sum of 1/1 to 1/k. It is the mean length of the longest of the k arcs
+    into which k random points divide a circle of length 1.
 
     Raises
     ------

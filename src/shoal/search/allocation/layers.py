@@ -13,7 +13,7 @@ from shoal.core.dataclass import dataclass
 from shoal.search.cells.distances import CellDistances, CellPlane, Distances
 from shoal.search.cells.footprint import Footprint
 from shoal.search.cells.grid import CellGrid
-from shoal.search.cells.routing import RegionPaths, Route, leg_lengths
+from shoal.search.cells.routing import RegionPaths, Route
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour
@@ -32,7 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Horizontal distance in metres that a vehicle flies along the rows in the time of one metre of climb or descent, on average.
+        Mean horizontal distance in metres that a vehicle flies along the rows in the time in which it climbs or descends one metre.
     """
 
     layers: tuple[CellGrid, ...]
@@ -41,7 +41,7 @@ class LayeredGrid:
 
     @property
     def region(self) -> SearchRegion:
-        """The region seen from the lowest layer."""
+        """The region of the lowest layer, without the area that no robot sees from this layer."""
         return self.layers[0].region
 
     @cached_property
@@ -78,12 +78,8 @@ class LayeredGrid:
     @cached_property
     def cells(self) -> Numbers:
         """The cells as (layer, row, col), sorted by layer; int64, shape (n_cells, 3)."""
-        return np.column_stack([self.layer_of_cells, np.concatenate([layer.cells for layer in self.layers])])
-
-    @property
-    def layer_of_cells(self) -> Numbers:
-        """The layer of each of `cells`."""
-        return np.repeat(np.arange(len(self.layers)), np.diff(self.starts))
+        numbers = np.repeat(np.arange(len(self.layers)), np.diff(self.starts))
+        return np.column_stack([numbers, np.concatenate([layer.cells for layer in self.layers])])
 
     @cached_property
     def viewpoints(self) -> Points:
@@ -98,7 +94,7 @@ class LayeredGrid:
         return np.concatenate([*found, before[-1:]])
 
     def ordinals(self, cells: ArrayLike) -> Numbers:
-        """Return the index of each cell (layer, row, col) in `cells`; int64, shape (n,)."""
+        """Return the numbers of given cells (layer, row, col) in the order of `LayeredGrid.cells`; int64, shape (n,)."""
         array = np.asarray(cells)
         return np.asarray(self._ordinal[array[:, 0], array[:, 1], array[:, 2]])
 
@@ -109,7 +105,7 @@ class LayeredGrid:
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
-        """Return the cell of a layer above or below each ground point; int64, shape (n, 3)."""
+        """Return the cell of a layer that lies above each point on the ground; int64, shape (n, 3)."""
         found = self.layers[layer].cell_of(points)
         return np.column_stack([np.full(len(found), layer), found])
 
@@ -122,10 +118,7 @@ Grid = CellGrid | LayeredGrid
 
 
 def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
-    """Return the layers of a grid in order, beginning with the lowest layer. Robots start in the lowest layer.
-
-    A grid without layers counts as a single layer.
-    """
+    """Return the layers of a grid from the lowest to the highest. A grid without layers counts as a single layer."""
     return (grid,) if isinstance(grid, CellGrid) else grid.layers
 
 
@@ -135,9 +128,9 @@ def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
 
 
 def with_climb_cost(grid: Grid, points: Points) -> Points:
-    """Return points in metres whose altitudes are scaled, so that a climb is as long as a horizontal path of the same duration.
+    """Return points in metres with scaled altitudes, so that a climb is as long as a horizontal path of the same duration.
 
-    Points without an altitude belong to the lowest layer.
+    In a grid of several layers, points without an altitude belong to the lowest layer.
     """
     if isinstance(grid, CellGrid):
         return points
@@ -159,7 +152,13 @@ class LayeredPaths:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through stops, as float64 points of shape (n, 3), or of shape (n, 2) in the lowest layer."""
+        """Return the path through stops in their order.
+
+        Parameters
+        ----------
+        stops : array_like of float, shape (n, 3) or (n, 2)
+            Points in metres. Points without an altitude lie in the lowest layer.
+        """
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])
@@ -177,10 +176,6 @@ class LayeredPaths:
         stops = flat.stops + np.searchsorted(np.sort(at), flat.stops, side="right")
         transit = np.insert(flat.transit, np.concatenate([flat.stops[rises], flat.stops[sinks + 1]]), False)
         return Route(np.insert(at_altitude(flat.points, ups), at, turns, axis=0), stops, transit)
-
-    def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the path from one point to another; float64, shape (k, 3)."""
-        return self.legs([np.asarray(start), np.asarray(end)]).points
 
     def route(self, cells: ArrayLike) -> Route:
         """Return the path through all viewpoints of the cells (layer, row, col), in their order."""
@@ -223,7 +218,7 @@ class LayerNumbers:
     layers: tuple[Tour, ...]
 
     def whole(self, layer: int, cells: Numbers) -> Numbers:
-        """Return the indices of a layer's cells on the tour through all layers."""
+        """Return the indices on the tour through all layers of cells that are given by their indices on the tour of one layer."""
         return np.asarray(self.tour.position[layer][tuple(self.layers[layer].cells[cells].T)])
 
     def own(self, number: int) -> tuple[int, int]:
@@ -233,20 +228,20 @@ class LayerNumbers:
 
 
 class LayeredFootprint:
-    """Cells seen from a cell. The tour with its costs. A robot sees only cells of its own layer.
+    """Visibility between the cells of several layers. A robot sees only cells of its own layer.
 
     Parameters
     ----------
     numbers : LayerNumbers
     layers : sequence of Footprint
-        Footprint of each layer.
+        Visibility inside each layer.
     """
 
     def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
         self._numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot that stands in ``cell`` sees, as increasing tour indices."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
         layer, own = self._numbers.own(cell)
         return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
 
@@ -259,7 +254,7 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances between the cells of each layer. It is empty if all horizontal paths are straight.
+        Distances between the cells of each layer. The sequence is empty if all horizontal paths are straight.
     """
 
     stepwise = False
@@ -280,7 +275,7 @@ class LayeredDistances:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0."""
+        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0, because no cell can be closed."""
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
         if length is None:
@@ -295,12 +290,12 @@ class LayeredDistances:
         (layer, one), (above, other) = self._numbers.own(here), self._numbers.own(cell)
         if layer == above:
             return self._layers[layer].length(one, other) * self._sizes[layer]
-        return float(leg_lengths(self._paths.leg(*places)).sum()) / size + up
+        return self._paths.legs(places).length / size + up
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells.
+        """Return approximate distances from a cell to all cells, in cell sides.
 
-        For cells of another layer, the distance starts from the cell above or below in that layer.
+        For another layer, horizontal distances start from the cell of that layer above or below the given cell.
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
@@ -313,13 +308,22 @@ class LayeredDistances:
 
 
 def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
-    """Return a layer for `CellDistances`: its cells by their indices on a tour, and the length of a step."""
+    """Return the cells of a grid as a layer for `CellDistances`.
+
+    Parameters
+    ----------
+    grid : CellGrid
+    position : ndarray of int64, shape (H, W) or larger
+        Tour index of each cell, and -1 for positions without a cell.
+    size : float
+        Length of a step to a neighbouring cell, in cell sides.
+    """
     rows, columns = grid.shape
     return CellPlane(position[:rows, :columns], grid.doors_east, grid.doors_south, size)
 
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
-    """Return paths from cell to cell through layers. Robots climb between cells of neighbouring layers above each other.
+    """Return paths from cell to cell through layers. Robots climb between cells above each other in consecutive layers.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ ON_ROWS = ("boustrophedon",)
 """Tours that follow rows. For these tours, border cells get viewpoints on a path with few bends."""
 
 TURN = 1.0
-"""Cost of a turn in cells with which orientations are compared, if turns cost nothing in the search."""
+"""Cost of a turn in cells with which orientations are compared for vehicles whose turns take no time."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -36,17 +36,19 @@ _ROWS = 120  # maximum number of rows for an estimate
 
 @dataclass(frozen=True)
 class Candidate:
-    """One of the options that the planner compares: an angle, a tour and an allocation, with their search time.
+    """An angle, a tour and possibly an allocation that the planner compares with others, with their search time.
 
     Parameters
     ----------
     angle : float
-        Angle of the rows in degrees.
+        Angle of the rows in degrees, counter-clockwise from the x axis.
     tour : str
+        Name of the tour.
     cells : float
-        Time of one robot for one round including turns, in units of the time that a robot of speed 1 needs for one cell. If the
-        candidate has an allocation, the time until all robots finish.
+        Without an allocation, the time in which one robot follows the whole tour, with its turns. With an allocation, the time
+        until all robots finish. The unit is the time that a robot of speed 1 needs for one cell.
     allocation : str, optional
+        Name of the allocation.
     """
 
     angle: float
@@ -55,7 +57,7 @@ class Candidate:
     allocation: str | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return the candidate for JSON."""
+        """Return the candidate as a mapping for JSON."""
         told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
         return told | ({} if self.allocation is None else {"allocation": self.allocation})
 
@@ -70,9 +72,9 @@ class GridTour:
     tour : Tour
     paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
-        The candidates that were compared, with the fastest first. It is empty if there was no choice.
+        The compared candidates, from the fastest to the slowest. The tuple is empty if nothing was compared.
     layers : tuple of GridTour
-        If there are several layers: the grid tour of each layer. Equal layers are the same object.
+        The cells and the tour of each layer, if there are several layers. Equal layers are the same object.
     """
 
     grid: Grid
@@ -118,7 +120,7 @@ def grid_tour(
     turn_cost : float
         Cost of a turn in cells. 0 counts as `TURN`.
     stepwise : bool
-        Whether robots move from cell to neighbouring cell. If true, each cell is seen from a point inside the cell.
+        Whether robots move from cell to neighbouring cell. They then look at each cell from inside the cell.
     transit : bool
         Whether paths may lead outside the region, as in `RegionPaths`.
 
@@ -139,12 +141,12 @@ def grid_tour(
 def in_layers(
     first: GridTour, altitudes: Sequence[float], passes: int, sizes: Sequence[float], tour: str, *, climb: float, **given: Any
 ) -> GridTour:
-    """Return the cells of several layers and the tour through all of them. A single layer is returned unchanged.
+    """Return the cells of several layers and one tour through all of them. A single layer is returned unchanged.
 
     Parameters
     ----------
     first : GridTour
-        The grid tour of the first pass in the lowest layer. All layers have the region and the angle of this grid tour.
+        The cells and the tour of the first pass in the lowest layer. They give the region and the angle of all layers.
     altitudes : sequence of float
         Altitudes in metres, increasing.
     passes : int
@@ -154,9 +156,9 @@ def in_layers(
     tour : str
         Name of the tour for `make_tour`.
     climb : float
-        Cost of climbing, as in `LayeredGrid`.
+        Horizontal distance in metres that takes as long as a climb of one metre, as in `LayeredGrid`.
     given
-        ``turn_cost`` and ``transit``, as in `grid_tour`.
+        ``turn_cost``, ``stepwise`` and ``transit``, as in `grid_tour`.
     """
     if len(altitudes) * passes == 1:
         return first
@@ -190,10 +192,10 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
-    """Return the cells and the tour for which one round costs least, over all angles, shifts and tours.
+    """Return the cells and the tour for which one round costs least, among all angles, shifts and tours.
 
-    First the cost is estimated for all angles, from the number and lengths of their rows. Then complete tours are computed for the
-    best few angles, fewer in large regions.
+    First, the cost of each angle is estimated from the number and the lengths of its rows. Then complete tours are computed for the
+    four angles and shifts with the lowest estimates, and for fewer in large regions.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ def best_grid_tour(
     turn_cost : float
         Cost of a turn in cells. 0 counts as `TURN`.
     angle : float, optional
-        Angle of the rows in degrees, if only the tour must be chosen.
+        Angle of the rows in degrees. If the angle is given, only tours are compared.
     stepwise, transit : bool
         As in `grid_tour`.
     """
@@ -221,7 +223,8 @@ def best_grid_tour(
     found.sort(key=lambda one: one[1])
     best = found[0][0]
     compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
-    kept = replace(best, compared=tuple(sorted(compared.values(), key=lambda one: one.cells)))
+    chosen_among = sorted(compared.values(), key=lambda one: one.cells) if angle is None or len(tours) > 1 else ()
+    kept = replace(best, compared=tuple(chosen_among))
     vars(kept)["route"] = best.route  # known already
     return kept
 

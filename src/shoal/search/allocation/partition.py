@@ -1,4 +1,4 @@
-"""Partition of a tour: the part of each robot, takeovers, and the cost of the remaining cells."""
+"""Partition of a tour into the parts of the robots, and the cost of cells that remain to be searched."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from functools import lru_cache
 import numpy as np
 
 from shoal.core.dataclass import dataclass
-from shoal.search.allocation.allocate import Allocation, Arc, arcs_of, time_of
+from shoal.search.allocation.allocate import Allocation, arcs_of, time_of
+from shoal.search.allocation.arcs import Arc
 from shoal.search.allocation.tour_cost import Floats, TourCost
 from shoal.search.tours.bitset import runs
 
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The part of one robot: its arcs, and the same cells as a bitset. It starts at ``first``. A robot in reserve has no arcs."""
+    """The part of a tour that one robot searches: its arcs, and the cells of these arcs as a bitset.
+
+    ``first`` is the first cell of the part along the tour. For a robot in reserve, which has no arcs, it is the start of the robot.
+    """
 
     robot: int
     first: int
@@ -25,12 +29,13 @@ class Part:
 
 @lru_cache(maxsize=256)
 def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
-    """Return the parts of all robots in the order of the tour. In this order, the position of a robot in reserve is its start.
+    """Return the parts of all robots in the order of their first cells on the tour.
 
     Parameters
     ----------
     tour_cost : TourCost
     allocator : str
+        Name of the allocator, as in `allocate`.
     robots : tuple of (number, start, rate, width)
         The robots in increasing order of their numbers, so that all robots compute the same partition.
     """
@@ -51,16 +56,20 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
 def in_passes(
     tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
 ) -> Allocation:
-    """Return an allocation in which each cell is searched by ``count`` different robots.
+    """Return an allocation in which ``count`` different robots search each cell.
 
     After its own part, each robot also searches the next parts along the tour.
 
     Parameters
     ----------
+    tour_cost : TourCost
+    allocation : Allocation
+        The allocation in which one robot searches each cell.
     robots : tuple of (number, start, rate, width)
         As in `partition`, numbered from 1.
     places : ndarray of float64, shape (m, d)
         Positions of the robots in the units of `TourCost.points`.
+    count : int
     """
     parts = partition(tour_cost, allocation.allocator, robots)
     work = {
@@ -76,7 +85,10 @@ def in_passes(
 
 
 def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost of searching the cells of the bitset ``wanted`` along the tour from ``here``, avoiding ``closed`` cells."""
+    """Return the cost of searching the cells of the bitset ``wanted`` along the tour from the cell ``here``, in cells.
+
+    The parameters ``fresh`` and ``closed`` are those of `TourCost.way`.
+    """
     total, n = 0.0, len(tour_cost)
     for first, count in runs(wanted, here, n):
         total += tour_cost.way(here, first, fresh=fresh, closed=closed)

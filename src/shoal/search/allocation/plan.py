@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
-from shoal.search.allocation.allocate import Allocation, Arc
-from shoal.search.allocation.arcs import numbers_of
+from shoal.search.allocation.allocate import Allocation
+from shoal.search.allocation.arcs import Arc, numbers_of
 from shoal.search.allocation.choice import best_allocation
 from shoal.search.allocation.layers import (
     Grid,
@@ -28,7 +28,7 @@ from shoal.search.allocation.layers import (
     plane_of,
     with_climb_cost,
 )
-from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, grid_tour, in_layers
+from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, in_layers
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.starts import start_points
 from shoal.search.allocation.tour_cost import TourCost
@@ -59,7 +59,7 @@ class SearchPlan:
     ----------
     grid : CellGrid or LayeredGrid
     tour_cost : TourCost
-        The tour with its costs. Its lengths are in sides of a cell.
+        The tour with the cost of searching along it, in cells.
     places : ndarray of float64, shape (m, 2)
         Start positions of the robots in metres, inside or outside the region, and in the lowest of several layers.
     starts : ndarray of int64, shape (m,)
@@ -72,13 +72,14 @@ class SearchPlan:
     transit : bool
         Whether paths may lead outside the region from one of its parts to another.
     landing : ndarray of float64, shape (m, 2), optional
-        Landing positions of the robots in metres. The default is their start positions.
+        Landing positions of the robots in metres. By default, robots land at their start positions.
     vehicle : Vehicle
-        The vehicle of all robots, apart from their speeds.
+        The vehicle of all robots. A robot's speed is the vehicle's speed times the robot's rate.
     delays : ndarray of float64, shape (m,)
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
-        The tours that were compared, and then the allocations, each with the fastest first. It is empty if there was no choice.
+        The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. The
+        tuple is empty if nothing was compared.
     """
 
     grid: Grid
@@ -109,12 +110,12 @@ class SearchPlan:
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Convert a search time in cells to seconds, including the initial climb to the lowest layer."""
+        """Return a search time in seconds, from the time in cells and with the climb from the ground to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
     def paths(self) -> Paths:
-        """Paths inside the region."""
+        """The finder of paths inside the region."""
         known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
         paths = [known[layer] for layer in layers_of(self.grid)]
         return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
@@ -130,7 +131,10 @@ class SearchPlan:
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
     def leg_lengths(self, way: Points) -> NDArray[np.float64]:
-        """Return the lengths of a path's legs in metres, with climbs as horizontal lengths of the same duration; shape (k - 1,)."""
+        """Return the lengths of a path's legs in metres; float64, shape (k - 1,).
+
+        A climb counts with the length of a horizontal path of the same duration.
+        """
         return leg_lengths(with_climb_cost(self.grid, way))
 
     @property
@@ -159,9 +163,9 @@ class SearchPlan:
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
-        """Return the path of a robot from its start through cells given by tour indices.
+        """Return the path of a robot (counted from 0) from its start through cells given by tour indices.
 
-        ``detours`` lists, for each cell, the cells that the robot passes before it without searching them.
+        ``detours`` lists for each cell the cells through which the robot moves before, without searching them.
         """
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
@@ -192,7 +196,7 @@ class SearchPlan:
 
     @cached_property
     def ways_out(self) -> WaysOut | None:
-        """Paths from launch points outside the region, or None if all robots start inside."""
+        """The distances from launch points outside the region, or None if all robots start inside."""
         outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
         if not outside:
             return None
@@ -200,9 +204,13 @@ class SearchPlan:
         return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the path from a launch or landing point to a point of a route, or back; inside the region if both are inside."""
+        """Return the path from a launch or landing point to a point of a route, or back; float64, shape (k, 2).
+
+        If both points lie inside the region, the path stays inside.
+        """
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
-        return self.paths.leg(*both)[:, :2] if self.grid.region.contains(both).all() else self._transits.way(*both)
+        inside = bool(self.grid.region.contains(both).all())
+        return self.paths.legs(both).points[:, :2] if inside else self._transits.way(*both)
 
     def _route_round(self, robot: int, numbers: NDArray[np.int64], detours: Sequence[Sequence[int]]) -> Route:
         grid = self.grid
@@ -220,15 +228,15 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     Parameters
     ----------
     problem : SearchProblem
-        The problem. If the footprints differ, the cell size is the smallest footprint, or a smaller size if all robots together
-        then see more per second (`cell_side`). Each footprint counts as the largest odd number of cells that it contains.
+        The problem. If the robots' footprints differ, `cell_side` chooses the cell size. Each footprint then counts as the largest
+        odd number of cells that fits in it.
     seed : int
         Seed for random start positions.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the robots cannot do the search in this region.
+        If the robots cannot search the region as the problem demands.
 
     Examples
     --------
@@ -283,19 +291,16 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
-    """Divide the region into cells and compute a tour through all layers, with the best angle if required."""
+    """Divide the region into cells and compute a tour through all layers, at the best angle unless an angle is given."""
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
-    given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost}
-    angle, tours = problem.chosen_angle, problem.tours_to_compare(turn_cost)
-    if angle is None or len(tours) > 1:
-        first = best_grid_tour(problem.place, sizes[0], tours, angle=angle, stepwise=problem.stepwise, **given)
-    else:
-        first = grid_tour(problem.place, sizes[0], tours[0], angle=angle, stepwise=problem.stepwise, **given)
+    given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "stepwise": problem.stepwise}
+    tours = problem.tours_to_compare(turn_cost)
+    first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
     name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.grid.angle)
-    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, stepwise=problem.stepwise, **given)
+    return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
 
 
 def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:

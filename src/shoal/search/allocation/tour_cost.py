@@ -30,10 +30,9 @@ class TourCost:
     Parameters
     ----------
     tour : Tour
-        The tour. The tour, which robots follow again and again. A closed tour leads back over its closing edge, and an open tour
-        leads straight back to its beginning.
+        The tour, which robots follow again and again. From the last cell, a robot moves to the first cell, even on an open tour.
     points : array_like of float64, shape (N, d), optional
-        Viewpoint of each cell in cell sides. The default is the centres of the cells.
+        Viewpoint of each cell in cell sides. By default, viewpoints are the centres of the cells.
     turn_cost : float
         Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
@@ -41,15 +40,14 @@ class TourCost:
     distances : Distances, optional
         Distances between any two cells. By default, they are straight.
     footprint : Footprint, optional
-        The cells that a robot with a wide footprint sees from each cell. By default, a robot sees all cells that are not hidden
-        behind positions without a cell.
+        The visibility for robots with wide footprints. By default, only positions without a cell block the view.
     turns : array_like of float64, shape (N,), optional
-        Number of changes of direction in each cell and on the path to the next one. By default, each turn of more than a degree in
-        the cell counts.
+        Number of changes of direction in each cell and on the path to the next cell. By default, it is 1 in each cell in which the
+        tour turns by more than a degree, else 0.
     least : float, optional
         Minimum cost of searching all cells, in cells. The default is the number of cells.
     reckoned : bool
-        Whether `allocate` uses exact path lengths for all compared allocations. If false, it uses straight distances.
+        Whether the allocators use the lengths of paths around walls. If false, they use straight distances.
 
     Raises
     ------
@@ -102,22 +100,21 @@ class TourCost:
 
     @cached_property
     def n(self) -> int:
-        """How many cells there are."""
+        """Number of cells of the tour."""
         return len(self.tour)
 
     @cached_property
     def costs(self) -> Floats:
-        """Cost of searching each cell after arriving from the previous one; float64, shape (N,).
+        """Cost of moving to each cell from the previous cell of the tour and searching it, in cells; float64, shape (N,).
 
-        The cost of a cell is one, plus the length of the path to the cell beyond one cell side, plus the cost of the turn in the
-        previous cell.
+        The cost is the length of the path in cell sides, at least one, plus the cost of the turns on the path.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)
 
     @cached_property
     def ahead(self) -> Floats:
-        """Cumulative cost of all cells before a cell, over four rounds of the tour; float64, shape (4 N + 1,)."""
+        """Sum of the costs of all cells before each cell, over four rounds of the tour; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
@@ -127,13 +124,13 @@ class TourCost:
 
     @property
     def whole(self) -> float:
-        """Cost of one whole round."""
+        """Cost of one whole round of the tour, in cells."""
         return float(self.ahead[len(self)])
 
     def search_cost(self, first: int, count: int, step: int = 1) -> float:
-        """Return the cost of searching ``count`` cells from ``first``, along the tour or, with step -1, against it.
+        """Return the cost of searching ``count`` cells from ``first`` on, along the tour or, with step -1, in the other direction.
 
-        The first cell costs one cell; the robot's path to it is not included.
+        The cost does not contain the path to the first cell.
         """
         if count <= 0:
             return 0.0
@@ -150,12 +147,18 @@ class TourCost:
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the cost beyond one cell of moving from one cell to another cell and searching the second cell.
+        """Return the cost of moving from one cell to another cell and searching the other cell, minus the cost of one cell.
 
-        The move is direct or along the tour.
+        The robot moves directly or along the tour, whatever costs less.
 
-        Set ``fresh`` if the robot has not just searched the first cell. Even the step to a neighbouring cell then costs extra.
-        ``closed`` is a bitset of cells known to be blocked. The cost is infinite if no path avoids the blocked cells.
+        Parameters
+        ----------
+        here, cell : int
+            Both cells as tour indices.
+        fresh : bool
+            Whether the robot has not just searched the cell ``here``. The whole path then counts, without a deduction of one cell.
+        closed : int
+            Bitset of cells that are known to be blocked. The cost is infinite if all paths lead through blocked cells.
         """
         if here == cell:
             return 0.0
@@ -216,11 +219,9 @@ class TourCost:
         return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
-        """Return the distances from m given cells to all N cells of the tour; float64, shape (m, N).
+        """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        An array of shape (0, 0) stands for straight distances.
-
-        Distances are straight if no wall is in the way, if ``reckoned`` is false, or if m N is too large.
+        The result has shape (0, 0) if distances are straight: without walls, if ``reckoned`` is false, or if m N is too large.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))

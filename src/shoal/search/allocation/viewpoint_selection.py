@@ -25,12 +25,11 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop with the most new cells per cost of reaching it. The robot sees at least one wanted cell from this stop.
+    """Return the stop from which a robot sees most wanted cells, in relation to the cost of reaching the stop.
 
     Parameters
     ----------
     tour_cost : TourCost
-        The tour with its costs. A robot sees only cells of its own layer.
     width : int
         Width of the footprint in cells, odd.
     here : int
@@ -38,7 +37,7 @@ def best_viewpoint(
     wanted : ndarray of bool, shape (N,)
         The cells that the robot has to see.
     aim : int
-        One of these cells. If no wanted cell is visible near the robot, it stops near this cell.
+        One of the wanted cells. If no stop near the robot sees a wanted cell, the robot stops near this cell.
     cost : callable
         Function that returns the cost of moving to a cell and searching it, or infinity if no path exists.
     shut : int
@@ -109,16 +108,17 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
 def select_viewpoints(
     tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
 ) -> tuple[NDArray[np.int64], float]:
-    """Return a robot's stops from which it sees the given cells, as tour indices.
+    """Return the stops from which a robot sees given cells, as tour indices, and the cost of searching from stop to stop.
 
-    Return also the cost of the path after the first stop.
+    The cost does not contain the path to the first stop.
 
     Parameters
     ----------
     tour_cost : TourCost
     width : int
+        Width of the footprint in cells, odd.
     cells : ndarray of int64, shape (k,)
-        Tour indices in the order in which a robot with a footprint of one cell searches them; k at least 1.
+        The given cells as tour indices, in the order in which a robot with a footprint of one cell searches them; k at least 1.
     here : int, optional
         The robot's previous cell. The default is the first cell of ``cells``.
     """
@@ -142,9 +142,9 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 
 @lru_cache(maxsize=256)
 def gain_of(tour_cost: TourCost, width: int) -> float:
-    """Return the search rate of a wide footprint relative to a footprint of one cell, at least 1.
+    """Return how many times faster a robot searches with a footprint of ``width`` cells than with one of one cell, at least 1.
 
-    The rate is measured on a few sections of the tour. Every robot can compute this rate by itself.
+    The factor is measured on three sections of the tour. Every robot computes the same factor by itself.
 
     Examples
     --------

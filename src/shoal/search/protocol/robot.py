@@ -19,7 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from math import inf
 
-from shoal.search.allocation.allocate import Arc
+from shoal.search.allocation.arcs import Arc
 from shoal.search.allocation.partition import cost_of_all, partition
 from shoal.search.allocation.viewpoint_selection import best_viewpoint
 from shoal.search.cells.distances import CellDistances
