@@ -1,9 +1,9 @@
 """Claims: a paper's statement, Shoal's result, and a verdict (agrees, differs or not comparable).
 
 One rule decides all claims. The rounding of the printed value gives a range. The statistical error of Shoal's result gives an
-interval. The claim agrees if the interval lies in the range. The claim differs if the interval and the range are disjoint. A
-partial overlap is not comparable, because more trials are needed. A claim is also not comparable if its printed value belongs to
-unpublished data.
+interval. The claim agrees if the interval lies in the range. The claim differs if the interval and the range are disjoint. If the
+interval and the range overlap partly, the claim is not comparable, because more trials are needed. A claim is also not comparable
+if its printed value belongs to unpublished data.
 """
 
 from __future__ import annotations
@@ -114,9 +114,10 @@ def _range_words(least: float, most: float) -> str:
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
     """Return the claim that a curve of means agrees with the published curve within a relative margin.
 
-    The means are compared by the logarithms of their ratios, with the errors of both curves. The curves agree under two conditions.
-    The 95 % interval of the mean ratio over all n (numbers of particles) must lie within the margin, and no single n may have an
-    interval outside it. The intervals of single n are so wide that chance refutes only one in twenty correct curves.
+    The comparison uses the logarithms of the ratios of the means, and the errors of both curves. The curves agree under two
+    conditions. The 95 % interval of the mean ratio over all n (numbers of particles) must lie within the margin, and no interval of
+    a single n may lie outside the margin. The intervals of single n are so wide that chance refutes only one in twenty correct
+    curves.
 
     Parameters
     ----------

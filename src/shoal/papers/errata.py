@@ -1,6 +1,7 @@
 """Errata of the papers: the printed statement, the correct statement, and the result of a check.
 
-The checks are in ``docs/errata`` of the repository. An installed Shoal without the repository shows their recorded results.
+The checks are in ``docs/errata`` of the repository. An installed Shoal without the repository shows the recorded results of the
+checks.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ def trials_table(trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *,
 
 @cache
 def published_table(name: str) -> tuple[dict[str, str], ...]:
-    """Return the rows of a file with published data. Shoal contains such files."""
+    """Return the rows of a file with published data, which is a part of Shoal."""
     text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
     return tuple(csv.DictReader(io.StringIO(text)))
 
@@ -206,7 +206,7 @@ def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published
 
 
 def ends(found: Estimate) -> tuple[float, float]:
-    """Return the two ends of an interval. Both ends of an exact number equal the number."""
+    """Return both ends of the confidence interval of an estimate. Both ends of an exact number equal the number."""
     return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
 
 

@@ -102,11 +102,11 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: the final error divided by the initial error, or by the contact tolerance (1e-9 of the size).
+        """Amplification of errors: the largest ratio of a final error to an error of the start or of the contact tolerance.
 
         For most plans, the condition is between a few and a few hundred. A plan is sensitive if the condition times the contact
-        tolerance exceeds the tolerance of the goals. A sensitive plan reaches its goals only in floating-point arithmetic with the
-        same rounding.
+        tolerance (1e-9 of the size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only in floating-point
+        arithmetic with the same rounding.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
@@ -161,7 +161,7 @@ class SteeringEpisode(Episode):
         return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON. If the workspace was read from a file, the episode contains it.
+        """Write the episode as JSON. If the workspace was read from a file, the written episode contains the workspace.
 
         Raises
         ------

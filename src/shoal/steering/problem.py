@@ -145,7 +145,7 @@ class SteeringProblem(Problem):
         parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
     )  # fmt: skip
     tolerance: float = option(
-        1e-6, help="Largest distance of a particle from its goal at the end; at least 1e-8 of the size.", least=0
+        1e-6, help="Largest distance of a particle from its goal at the end; at least 1e-8 of the workspace's size.", least=0
     )
     interchangeable: bool = option(False, help="Goals are interchangeable: any particle may go to any goal.")
     planner: Any = option(
@@ -155,7 +155,8 @@ class SteeringProblem(Problem):
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Time limit of planning. Then the best plan so far is used, never longer than the plan of greedy.",
+        None,
+        help="Time limit of planning. At the limit, the best plan so far is used, which is never longer than the plan of greedy.",
         unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
@@ -174,7 +175,7 @@ class SteeringProblem(Problem):
     goal_x: float | None = option(
         None, help="X coordinate of one particle's goal, which replaces that goal; it may lie outside the workspace."
     )
-    goal_y: float | None = option(None, help="Y coordinate of the same goal.")
+    goal_y: float | None = option(None, help="Y coordinate of the goal that goal_x replaces.")
     varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first particle has number 1.", least=1)
 
     def check_together(self) -> None:
@@ -199,7 +200,7 @@ class SteeringProblem(Problem):
 
     @property
     def noisy(self) -> bool:
-        """Whether runs with different seeds differ with every planner, because of the disturbances."""
+        """Whether disturbances make runs with different seeds differ for every planner."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property

@@ -151,7 +151,7 @@ def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float)
         return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
     if not len(inputs):
         return "no plan was found"
-    too_far = f"and more than {problem.tolerance:g} is too far"
+    too_far = f"farther than the tolerance of {problem.tolerance:g}"
     if problem.noisy:
         return f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
     return f"the best plan of at most {problem.max_moves} moves comes within {error:.3g}, {too_far}"

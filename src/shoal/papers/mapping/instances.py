@@ -32,7 +32,7 @@ STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
     """Return the map of figure 3, and particles that fill its corridor.
 
-    The map consists of n by n cells and a corridor of n cells above their right end.
+    The map consists of a square of n by n cells and a corridor of n cells above the right end of the square.
     """
     free = np.zeros((2 * n, n), dtype=np.bool_)
     free[n:], free[:, -1] = True, True
@@ -52,7 +52,7 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return the numbers of moves that map figure 3: by closest-frontier, and by a plan.
+    """Return the numbers of moves for mapping the instance of figure 3: by the policy closest-frontier, and by a plan.
 
     The plan drives all particles into the square at once.
     """

@@ -29,10 +29,10 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time to move to the left ends of equal strips, in the order of the rows, and to search them (paper H, Fig. 1).
+    """Return the time that robots need to move to the left ends of equal strips and to search the strips (paper H, Fig. 1).
 
-    A strip of several rows is searched back and forth. If the number of rows is not a multiple of the number of strips, some strips
-    are one row wider.
+    Robots get their strips in the order of the rows of their starts. A strip of several rows is searched back and forth. If the
+    number of rows is not a multiple of the number of strips, some strips are one row wider than the others.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
@@ -43,8 +43,8 @@ def strip_time(starts: NDArray[np.int64]) -> float:
 def spiral_time(starts: NDArray[np.int64]) -> float:
     """Return the time until all cells are searched by robots that spiral outwards from their starts independently.
 
-    The spiral is square. Where a spiral leaves the region, the robot moves along the border instead, and the distance in cells
-    counts.
+    The spiral is square. Where a spiral leaves the region, the robot moves along the border instead. The time is the distance in
+    cells.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)

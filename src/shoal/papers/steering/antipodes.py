@@ -69,9 +69,9 @@ class AntipodeSwap:
 def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
     """Steer two particles on a disk of diameter 1 towards antipodal goals, with algorithm 1 of paper W.
 
-    Each cycle brings the particles' difference as near as possible to the goals' difference. If the initial difference Δ is exactly
-    opposite and one diameter long, the nearest difference is Δ = 0. No move changes Δ = 0 any more. Therefore the particles start
-    with a distance below one diameter.
+    Each cycle brings the particles' difference as near as possible to the goals' difference. If the initial difference Δ is one
+    diameter long and exactly opposite to the goals' difference, the nearest difference is Δ = 0. No move changes Δ = 0. Therefore
+    the particles start with a distance below one diameter.
 
     Parameters
     ----------

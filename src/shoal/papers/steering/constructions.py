@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random point of the wall that a particle can touch first, and both positions at this contact, shape (2, 2)."""
+    """Return a random point of the wall that a particle can touch first, and the positions of both particles then, shape (2, 2)."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -49,9 +49,10 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
     """Simulate random pairs of moves, the first one to a wall and the second one along the wall or away from it.
 
-    Return how many of them end outside the computed set of differences that two moves can produce.
+    Return the number of simulated pairs, and how many of the pairs end outside the computed set of differences.
 
-    ``widest`` is the largest angle between a contact of particle 1 and the direction from particle 2 to it.
+    ``widest`` is the largest angle in radians between two directions: from the centre to a contact of particle 1, and from particle
+    2 to particle 1.
     """
     rng, (place, start) = np.random.default_rng(seed), STARTS[workspace]
     world, before = ContactWorld(place), start[1] - start[0]

@@ -1,7 +1,7 @@
 """Fraction of the Δ configuration space that moves reach: the data for figures 4 and 8 of paper W.
 
-As on a disk (`shoal.steering.delta_space.disk_reach`), the reachable set on a polygon is described by its radii: its extents in
-many directions. Areas are therefore sums over directions, without random sampling.
+The outline of a reachable set on a polygon is computed from the extents of the set in many directions, as for a disk
+(`shoal.steering.delta_space.disk_reach`).
 """
 
 from __future__ import annotations

@@ -35,8 +35,8 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is a reflection.
 
-    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible contact.
-    The path is then not a reflection. The result is None if no wall is suitable.
+    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible contact. A
+    path over a moved contact is not a reflection. The result is None if no wall is suitable.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -60,7 +60,7 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 
 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
-    """Return the three moves: to the wall, the other particle to the difference of the goals, and the final translation."""
+    """Return three moves: the toucher to the wall, the other particle to the goals' difference, and both to their goals."""
     change = (goal[1] - goal[0]) - (start[1] - start[0])
     return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
 

@@ -1,10 +1,11 @@
 """Limits due to finite friction on changes of the difference Δ of two particles, proved by gauges and barriers of Δ.
 
 A wall acts on a particle with a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
-directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. If no single reaction can increase a gauge of Δ,
-the value of the gauge never increases. A barrier is a closed curve around 0 and the initial Δ that no possible reaction crosses. A
-barrier is a bound for one start. The longer Δ is, the fewer walls the particles can touch. The barrier therefore follows the
-outermost reactions in both directions around 0.
+directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. A gauge is a measure of the length of Δ, with a
+convex polygon as its unit ball. If no single reaction can increase a gauge of Δ, the value of the gauge never increases. A barrier
+is a closed curve around Δ = 0 and the initial Δ. No possible reaction moves Δ across the barrier. Each barrier belongs to one
+initial Δ. The longer Δ is, the fewer walls the particles can touch. In both directions around Δ = 0, the barrier therefore follows
+at each angle the reaction that moves Δ farthest outwards.
 """
 
 from __future__ import annotations
@@ -26,13 +27,13 @@ _ANGLES = 3000  # number of corners of a barrier
 
 
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
-    """Return the reason why friction prevents a change of Δ from ``before`` to near ``after``, or None without a proof.
+    """Return the reason why friction keeps Δ from changing from ``before`` to a value near ``after``, or None if no proof is found.
 
-    On a disk of radius r, with the friction coefficient μ, consider |Δ| >= 2 r sin(atan μ). The two particles are then so far apart
-    that no reaction on the toucher has a component along Δ. Therefore |Δ| never exceeds the larger one of this limit and the
-    initial |Δ|. Above the limit, Δ can turn only while it shrinks. On a polygon, the function uses a barrier and several gauges.
-    The unit ball of a gauge is a polygon, with the walls' normals as its side normals or as its corners. A gauge counts only if no
-    reaction increases it.
+    On a disk of radius r with the friction coefficient μ, the limit of |Δ| is 2 r sin(atan μ). If |Δ| is above this limit, no
+    reaction of the wall on either particle makes Δ longer. Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the
+    initial |Δ|. While |Δ| is above the limit, Δ can turn only while |Δ| shrinks. On a polygon, the function uses a barrier and
+    several gauges. In the unit ball of each gauge, the walls' normals are either the normals of the sides or the corners. The
+    function ignores a gauge if a reaction can increase the gauge.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -69,11 +70,11 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
-    """Return the largest angle by which a difference can turn while it shrinks, if friction does not allow it to grow.
+    """Return the largest angle in radians by which Δ can turn while |Δ| shrinks from ``large`` to ``small``.
 
-    The largest turn results from reactions at the edge of the friction cone: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius
-    cos φ. This expression has a closed integral. The result is infinite if φ + cone reaches a right angle, because the difference
-    can then turn without shrinking.
+    The friction is so low that |Δ| cannot grow. The largest turn results from reactions at the edge of the friction cone, whose
+    half-angle is ``cone``: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ. The integral of this expression has a closed
+    form. The result is infinite if φ + cone reaches a right angle, because the difference can then turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

@@ -13,7 +13,7 @@ PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """Gaussian belief about the gain g(p) = a + b p. Each move without contact (free flight) improves the belief."""
+    """Gaussian belief about the coefficients a and b of the gain a + b p at a point p. Moves without contact improve the belief."""
 
     def __init__(self, room: Any, noise: Any) -> None:
         d = room.dimensions
@@ -40,12 +40,12 @@ class GainBelief:
         return float(np.sqrt(features @ self.spread @ features))
 
     def ahead(self, point: Points, move: Points) -> Points:
-        """Return the expected point where a move ends for a free particle."""
+        """Return the expected end point of a move for a particle that touches no wall."""
         middle = point + self.at(point) * move / 2
         return np.asarray(point + self.at(middle) * move)
 
     def behind(self, point: Points, move: Points) -> Points:
-        """Return the expected start point of a free particle that a move brings to ``point``."""
+        """Return the expected start point of a particle that a move brings to ``point`` without wall contact."""
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)
 

@@ -20,11 +20,11 @@ from shoal.steering.workspaces.region import Region
 class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    An edge with inward normal N holds a particle on it while ``N u <= 0`` for the displacement u. At a convex corner (narrower than
-    180 degrees), either edge can hold the particle. At a wider corner, such as the corner of an obstacle, the particle is held only
-    if both edges would hold it. Therefore the particle moves whenever free space lies strictly ahead. During a straight move, a
-    particle stops where it first meets an edge that would hold it, and stays there until the end of the move. The other particles
-    continue. Particles do not collide with each other.
+    An edge with inward normal N holds a particle that touches the edge while the displacement u satisfies ``N u <= 0``. At a convex
+    corner (narrower than 180 degrees), either edge can hold the particle. At a wider corner, such as the corner of an obstacle, the
+    particle is held only if both edges would hold it. At a wider corner, the particle therefore moves whenever there is free space
+    in the direction of the displacement. During a straight move, a particle stops where it first meets an edge that would hold it,
+    and stays there until the end of the move. The other particles continue. Particles do not collide with each other.
 
     Parameters
     ----------

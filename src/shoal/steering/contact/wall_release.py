@@ -34,7 +34,10 @@ def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> boo
 
 
 def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
-    """Return moves that translate all particles by ``move``, after a small move off the walls if necessary, or None."""
+    """Return one or two moves that together translate all particles by ``move``, or None if a wall blocks them.
+
+    If a wall would block a single move, the first of the two moves is a small move off the walls.
+    """
     if is_released(workspace, points, move):
         return [move]
     for length in RELEASE_LENGTHS:
@@ -46,9 +49,10 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves that take one particle off its walls while another particle is held, each with the state after it.
+    """Return small moves that take one particle off its walls while a wall holds the other particle, each with the resulting state.
 
-    These moves are needed if no single move takes both particles off their walls, for example if they lie on opposite walls.
+    These small moves are needed if no single move takes both particles off their walls, for example if the particles lie on
+    opposite walls.
     """
     found = []
     for held in (0, 1):
@@ -66,9 +70,10 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose smallest scalar product with given unit vectors is largest, or None if it is about 0.
+    """Return the unit vector whose smallest scalar product with given unit vectors is largest, or None if this product is about 0.
 
-    The result lies in the span of at most d given vectors (d dimensions), and has equal scalar products with them.
+    The result is a linear combination of at most d of the given vectors, where d is the number of dimensions. The scalar products
+    of the result with these vectors are equal.
     """
     d = rows.shape[1]
     if not len(rows):

@@ -94,14 +94,14 @@ class SteeringWorld(ABC):
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    A wall with inward normal N holds a particle on it while ``N u <= 0`` for the displacement u. The wall therefore also holds a
-    particle that is pushed along the wall. In a corner, either wall can hold the particle. During a straight move, a particle stops
-    where it first meets a wall and stays there until the end of the move. The other particles continue.
+    A wall with inward normal N holds a particle that touches the wall while the displacement u satisfies ``N u <= 0``. The wall
+    therefore also holds a particle that is pushed along the wall. In a corner, either wall can hold the particle. During a straight
+    move, a particle stops where it first meets a wall and stays there until the end of the move. The other particles continue.
 
     With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|``, if this value is
     positive. Here T is the tangential direction of the push. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 +
-    gradient (p - c)`` and c is the centre. For example, particles closer to a coil move faster. Particles with a radius are
-    spheres. Their centres stay at least a radius away from the walls, and a sphere that meets a held sphere stops.
+    gradient (p - c)`` and c is the centre of the workspace. For example, particles closer to a coil move faster. Particles with a
+    radius are spheres. Their centres stay at least a radius away from the walls, and a sphere that meets a held sphere stops.
 
     Parameters
     ----------
@@ -204,9 +204,9 @@ class ContactWorld(SteeringWorld):
 
 
 def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
-    """Stop spheres that collide with a stopped sphere, in the order of the collisions. Changes the state in place.
+    """Stop spheres that collide with a stopped sphere, in the order of the collisions. ``after`` changes in place.
 
-    Until a wall stops the first sphere, all spheres move alike so no spheres collide. ``shares`` holds the fraction of the move at
+    Until a wall stops the first sphere, all spheres move alike and cannot collide. ``shares`` holds the fraction of the move at
     which each sphere stopped.
     """
     shares = shares.copy()

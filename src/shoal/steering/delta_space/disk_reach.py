@@ -1,11 +1,11 @@
 """The differences Δ of two particles that k moves reach on a disk, and their fraction of all differences.
 
-Each two further moves begin with a contact at a point c of the wall. Each two further moves can bring the other particle to any
-point q whose depth below the wall at c is not larger than before. The reachable set is therefore a union of convex sets { q - c }
-that contain Δ = 0. The set is described by its *radii*: its extent in each direction. At a contact where the other particle can
-have depth H, Δ can extend in direction e to min(distance to the far wall, H / N·e), where N is the inward normal of the wall. The
-radius is the largest of these extents, and the depths for the next two moves follow from the radii. On a disk, contacts of either
-particle give the same sets.
+Two further moves begin with a contact of one particle with the wall at a point c. The two moves can bring the other particle to any
+point q whose depth is not larger than before. The depth of a point is its distance from the tangent of the wall at c. The reachable
+set is therefore a union of convex sets { q - c } that contain Δ = 0. The set is described by its *radii*: its extent in each
+direction. At a contact where the other particle can have depth H, Δ can extend in direction e to min(distance to the far wall, H /
+N·e), where N is the inward normal of the wall. The radius in direction e is the largest of these extents over all contacts. The
+depths for the next two moves follow from the radii. On a disk, contacts of either particle give the same sets.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """The differences that an even number of moves reaches on a disk.
+    """The differences Δ of two particles that an even number of moves reaches on a disk.
 
     The frame is rotated so that the initial difference Δ points to the right.
 
@@ -39,8 +39,8 @@ class DiskReach:
     moves : int
         2, 4, 6, ...
     radii : ndarray of float64, shape (n,)
-        Extent of the set of differences Δ in n directions. These are the midpoints of n equal intervals from 0 to π. The set is
-        symmetrical, so the other directions follow.
+        Extent of the set of differences Δ in n directions. The directions are the midpoints of n equal intervals of angles from 0
+        to π. The set is symmetrical, so the radii in the other directions follow.
     """
 
     radius: float

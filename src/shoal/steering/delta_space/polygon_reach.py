@@ -1,8 +1,8 @@
 """The differences Δ of two particles that k moves reach on a polygon, and their fraction of all differences.
 
-As on a disk, the greatest depth of the other particle at each contact determines the set that k moves reach. Let particle 1 (σ = 1)
-or particle 2 (σ = -1) be at a contact c of a wall. H_k(c) is the largest depth that the other particle can then have below that
-wall. The sets that k + 2 moves reach are
+While one particle touches a wall, the other particle can have a certain largest depth below this wall. The largest depths at all
+contacts determine the set that k moves reach. Let particle 1 (σ = 1) or particle 2 (σ = -1) be at a contact c of a wall. H_k(c) is
+the largest depth below the wall that the other particle can have at this contact after k moves. The sets that k + 2 moves reach are
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
 
@@ -33,7 +33,7 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PolygonReach:
-    """The differences that an even number of moves reaches in a polygon.
+    """The differences Δ of two particles that an even number of moves reaches in a polygon.
 
     Parameters
     ----------
@@ -60,8 +60,8 @@ class PolygonReach:
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
         """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
 
-        The result is exact for two moves. For more moves, the method uses the lower depth of two neighbouring `contacts`. Therefore
-        the result can wrongly be False near the boundary. `reaches` is exact.
+        The result is exact for two moves. For more moves, depths are known only at `contacts`, and the method uses the lower of two
+        neighbouring depths. Therefore the result can wrongly be False near the boundary. `reaches` is exact.
         """
         given = np.asarray(differences, dtype=np.float64)
         points = given.reshape(-1, 2)
@@ -77,10 +77,10 @@ class PolygonReach:
         return found.reshape(given.shape[:-1])
 
     def reaches(self, after: ArrayLike) -> bool:
-        """Return exactly whether a difference can be reached. The test searches all kinds of chains for a feasible one.
+        """Return whether a difference can be reached. The result is exact for any number of moves.
 
-        The computing time grows as (2 walls) ** (moves / 2), where walls is the number of walls. Use this method for up to six
-        moves.
+        The method tries all sequences of walls and of particles that touch them. The computing time grows as (2 n) ** (moves / 2),
+        where n is the number of walls. Use this method for up to six moves.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The Δ configuration space: changes of the difference between two particles by two moves and walls.
+"""The Δ configuration space: how two moves and the walls change the difference Δ between two particles.
 
 Δ is the position of particle 2 minus the position of particle 1. The first move brings one particle, the toucher, into contact with
 a wall. The second move displaces the other particle while the wall holds the toucher. Moves without contact do not change Δ.
@@ -55,7 +55,7 @@ class Crossing:
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return the cycle that changes one difference Δ into another one with the largest margin, or None if there is no such cycle.
+    """Return the cycle of two moves with the largest margin that changes Δ from ``before`` to ``after``, or None if no cycle does.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for each side, the interval along its length from which all shifted points lie inside, as fractions of the length."""
+    """Return the part of each side whose points stay in the polygon under all shifts, as two fractions of the side's length."""
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))
@@ -147,10 +147,11 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return the feasible arc of contact angles of particle 1 on a disk as start, end and half-width, or None without one.
+    """Return start, end and half-width in radians of the arc where particle 1 can touch the wall of a disk, or None without an arc.
 
     A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. The arc is the intersection of
-    three arcs. In two of them, one of the differences fits inside the disk. In the third, the wall holds the toucher.
+    three arcs. At the contacts of the first two arcs, ``before`` and ``after`` fit inside the disk. At the contacts of the third
+    arc, the wall holds particle 1.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):

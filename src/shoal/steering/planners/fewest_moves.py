@@ -29,9 +29,9 @@ class FewestMoves:
     Among plans with equally many moves, the planner prefers shorter plans.
 
     A chain of m contacts takes 2 m + 1 moves. A straight move that continues after a contact is a contact and an adjustment at
-    once. Therefore fewer moves are often enough. The planner tries plans of three moves in many directions and lengths. The planner
-    draws random plans of four to six moves, and repairs the plans that almost succeed. The planner compares the results with the
-    plans of chains, and with plans that begin like a chain.
+    once. Therefore fewer than 2 m + 1 moves are often enough. The planner tries plans of three moves in many directions and
+    lengths. The planner draws random plans of four to six moves, and repairs the plans that almost succeed. The planner compares
+    the results with the plans of chains, and with plans that begin like a chain.
     """
 
     name = "fewest-moves"

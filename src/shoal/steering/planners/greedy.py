@@ -60,8 +60,8 @@ def misses(task: SteeringTask, moves: Points) -> bool:
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return the chain of algorithm 1, or None if the chain stalls far from the goal or needs more than ``cycles`` cycles.
 
-    The last difference that the chain states is the goals' difference. The difference that the chain really reaches is within
-    ``tolerance`` of the goals' difference, unless the chain stops after ``cycles``.
+    The difference at the end of the chain is within ``tolerance`` of the goals' difference, unless the chain ends after ``cycles``
+    cycles.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -113,9 +113,9 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
 
 
 def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
-    """Return a chain that ends exactly with the goal's difference, or None.
+    """Return a chain that ends exactly with the goals' difference, or None if the search finds no chain.
 
-    If ``roadmap`` is true, the chain may have any length.
+    If ``roadmap`` is true, the search includes chains of more than three cycles.
     """
     if query.walls.round and query.friction == inf:
         backward = antipodal_chain(query, cycles=_BACKWARD)

@@ -41,10 +41,10 @@ class Sampling:
 
     The tree is complete when a translation leads from one of its states to the goal.
 
-    A manoeuvre brings one particle to a wall and then moves another particle. The second move corrects the relative error
-    completely, corrects it partly, or is random. Every manoeuvre is simulated, and its result becomes the next node of the tree.
-    Around obstacles, particles with the correct relative positions take the shortest translation path without wall contact. With
-    more than two particles, this planner is experimental.
+    A manoeuvre brings one particle to a wall and then moves another particle. The second move corrects the relative positions of
+    the particles completely or partly, or the second move is random. Every manoeuvre is simulated, and its result becomes the next
+    node of the tree. Around obstacles, particles with the correct relative positions take the shortest translation path without
+    wall contact. With more than two particles, this planner is experimental.
 
     Notes
     -----
@@ -120,7 +120,7 @@ class Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
-        """Return the first plan found, or None. A long plan has no unnecessary moves."""
+        """Return the first plan found, or None. The method removes unnecessary moves from a long plan."""
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
@@ -199,7 +199,7 @@ class Translations:
 
 @dataclass
 class FreeOffsets:
-    """The offsets without collision from which a path leads to the goal; see `Translations`.
+    """The common displacements (offsets) of all particles from their goals from which a path without collision leads to the goals.
 
     Attributes
     ----------
@@ -254,7 +254,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets with a path to the goal on which all particles keep a margin to the walls, or None."""
+    """Return the offsets with a path to the goal that keeps all particles away from the walls by a margin, or None."""
     import shapely
     from shapely import affinity
 

@@ -1,4 +1,4 @@
-"""Shortening of plans for two particles around obstacles: many plans are changed at random, the shortest again."""
+"""Shortening of plans for two particles around obstacles: many plans are changed at random, and the shortest plans again."""
 
 from __future__ import annotations
 
@@ -56,9 +56,9 @@ class Shortening:
         self._ends = task.start, np.ascontiguousarray(task.goal), task.tolerance, self._most
 
     def shortest(self, found: list[Points]) -> Points:
-        """Return the shortest plan that changes of plans lead to.
+        """Return the shortest plan that random changes of the given plans lead to.
 
-        All plans are changed at random for a while, and then the shortest of them again.
+        All plans are changed at random first. Then the shortest plans are changed further.
 
         Parameters
         ----------
@@ -73,7 +73,10 @@ class Shortening:
         return min(whole, key=path_length)
 
     def changed(self, plan: Plan, *, changes: int, noise: Any = QUIET) -> Plan:
-        """Return the best plan that so many random changes lead to; in noise, the one with the smallest mean number of moves."""
+        """Return the best plan that random changes of ``plan`` lead to.
+
+        Without noise, the best plan is the shortest plan. With noise, the best plan has the smallest mean number of moves.
+        """
         if plan.count > MOST_STEPS:
             return plan
         best = new_steps()
@@ -107,7 +110,7 @@ def new_steps() -> kernels.Steps:
 
 
 def steps_of(task: SteeringTask, moves: Points) -> Plan:
-    """Divide a plan into steps without idle ones. Their number exceeds ``MOST_STEPS`` if there is no room for all of them."""
+    """Divide a plan into steps. If the number of steps exceeds ``MOST_STEPS``, the result contains only the first steps."""
     parts, state = [], task.start
     for move in moves[np.hypot(*moves.T) > 0]:
         after = task.world.step(state, move)

@@ -34,7 +34,7 @@ _WIDER = (1e-7, 1e-6, 1e-5)  # margins of chains with sensitive moves
 
 @dataclass(frozen=True, eq=False)
 class SteeringTask(StartAndGoal):
-    """The task of a planner: from one state to another in a world.
+    """The task of a planner: to bring particles from their starts to their goals in a world.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class SteeringTask(StartAndGoal):
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
         """Return the moves of a chain, with small moves off a wall before translations that start on this wall.
 
-        The result is None if such a small move is impossible.
+        The result is None if a necessary small move is impossible.
 
         If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. The chain is then optimized again
         at a larger distance from all walls.
@@ -178,7 +178,7 @@ class SteeringTask(StartAndGoal):
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan in which the move before each tiny move replaces the tiny move, where this is possible.
+        """Return a plan without its tiny moves, as far as longer moves before them have the same effect.
 
         In a chain, the particle that touches no wall keeps a margin from the walls. If this particle touches a wall in the next
         cycle, the move to this wall is only as long as the margin.
@@ -251,7 +251,8 @@ def why_approachable(task: SteeringTask) -> str | None:
         circles = [float(room.circle_distance(point)) for point in task.goal]
         if min(circles) > near:
             return (
-                "the goals lie on opposite parallel walls, neither in a corner: no wall could hold one while the other comes there"
+                "the goals lie on opposite parallel walls, neither in a corner: "
+                "no wall can hold one particle while the other reaches its goal"
             )
     return None
 

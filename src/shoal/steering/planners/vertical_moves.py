@@ -16,7 +16,7 @@ _OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles fr
 
 
 def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
-    """Return the plan of a planner in the plane with vertical components added, or None if this gives no plan."""
+    """Return the plan of a planner in the plane with vertical components added, or None if there is no plan."""
     below = planar_task(task)
     if why_unreachable(below) is not None:
         return None
@@ -36,7 +36,7 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     """Add a vertical component to each move of a plan in the plane, so that both particles reach the heights of their goals.
 
     Whether a side wall holds a particle depends only on the move's component in the plane. Therefore the fraction of each move that
-    a particle makes is known. The final height of the particle is a linear function of the vertical components. A linear program
+    a particle makes is known. The final height of each particle is a linear function of the vertical components. A linear program
     minimizes the sum of the vertical components.
 
     Parameters

@@ -69,10 +69,11 @@ def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
 
 
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
-    """Return the amplification of errors: the final error divided by the initial error, or by the contact tolerance.
+    """Return the amplification of errors: the largest ratio of a final error to an error of the start or of the contact tolerance.
 
-    For the measurement, each coordinate of each particle's start is displaced by 1e-12 of the size. Another run reduces the contact
-    tolerance to 1e-12 of the size. The amplification is large if a wall no longer holds a particle after such a change.
+    The function simulates the moves once for each coordinate of each start, which it displaces by 1e-12 of the size in both
+    directions. In another simulation, the contact tolerance is 1e-12 of the size. The amplification is large if a wall no longer
+    holds a particle after such a change.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

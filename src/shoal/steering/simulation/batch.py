@@ -29,14 +29,14 @@ class SteeringBatch:
     ----------
     problem : SteeringProblem
     worlds : int
-        How many.
+        Number of worlds.
 
     Attributes
     ----------
     states, seen : ndarray of float64, shape (worlds, particles, dimensions)
         The positions of the particles, and their positions as the camera sees them.
     goals : ndarray of float64, shape (worlds, orders, particles, dimensions)
-        The goals. For interchangeable particles, they are given in every order, otherwise in one order.
+        The goals of the particles: in every order if the particles are interchangeable, otherwise in one order.
     errors : ndarray of float64, shape (worlds,)
         The largest distance of a particle from its goal, for the best order of the goals.
     moves, seeds : ndarray of int64, shape (worlds,)

@@ -55,7 +55,7 @@ class SteeringWorkspace(ABC):
 
     @cached_property
     def shape(self) -> Any:
-        """The outline without the obstacles as a Shapely polygon."""
+        """The area inside the outline and outside the obstacles, as a Shapely polygon."""
         from shapely import Polygon
 
         return Polygon(self.rings[0], self.rings[1:])

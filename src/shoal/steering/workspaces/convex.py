@@ -141,12 +141,12 @@ class ConvexWorkspace(SteeringWorkspace):
         return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
 
     def inset(self, margin: float) -> ConvexWorkspace:
-        """Return the workspace reduced by ``margin`` at every wall. In three dimensions, the range of z stays unchanged.
+        """Return a plane workspace reduced by ``margin`` at every wall.
 
         Raises
         ------
         InvalidInputError
-            If no area is left.
+            If no area is left, or the workspace is not plane.
 
         Examples
         --------

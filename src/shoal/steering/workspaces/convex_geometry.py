@@ -17,8 +17,8 @@ _STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn 
 def convex_outline(vertices: ArrayLike) -> Points:
     """Return the corners of a convex polygon in counter-clockwise order; float64, shape (n, 2).
 
-    The given vertices may be in either order, and the first vertex may be repeated at the end. Repeated vertices and vertices on a
-    straight side are left out.
+    The given vertices may be clockwise or counter-clockwise. The first vertex may be repeated at the end. Repeated vertices and
+    vertices on a straight side are left out.
 
     Raises
     ------

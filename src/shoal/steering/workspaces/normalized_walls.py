@@ -24,7 +24,7 @@ class NormalizedWalls:
     frames : ndarray of float64, shape (walls, d, d)
         For each flat wall, its midpoint and d - 1 unit vectors along the wall.
     reaches : ndarray of float64, shape (walls,)
-        Half of each flat wall's largest extent along these vectors.
+        Half of each flat wall's largest extent along its unit vectors in ``frames``.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
         Which flat walls may interfere with a contact on a flat wall (one row for each) or on the circle (last row).
@@ -130,8 +130,8 @@ def _with_frames(
 def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
     """Return the walls with only ``count`` of the sides, or None if these sides enclose no area.
 
-    The boundary is divided into equal parts. Their size is half the share of the length plus half the share of the turning angle.
-    The longest side of each part is kept.
+    The boundary is divided into ``count`` equal parts. The size of a part is the mean of its fraction of the length and its
+    fraction of the turning angle. The longest side of each part is kept.
     """
     flat = walls.normals[: walls.sides, :2]
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)

@@ -21,7 +21,7 @@ _FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # attr
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
-    """Return the closed lines of a path's ``d`` attribute, with short sides for curves; each float64, shape (n, 2).
+    """Return the closed lines of a path's ``d`` attribute, in which short sides approximate curves; each float64, shape (n, 2).
 
     Raises
     ------

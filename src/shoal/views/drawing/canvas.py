@@ -68,7 +68,10 @@ class Canvas:
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
     def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
-        """Draw several lines at once. One call for all lines is faster, and crossings are not darker than the lines."""
+        """Draw several lines at once.
+
+        One call for all lines is faster than a call for each line, and does not darken crossings of transparent lines.
+        """
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
 

@@ -109,7 +109,7 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 def palette_of(frames: list[Frame]) -> bytes:
     """Return up to 256 colours, as bytes of red, green and blue, for a GIF of the given frames.
 
-    The most frequent colours stay exactly the same.
+    The palette contains the most frequent colours of the frames exactly.
     """
     from PIL import Image as Pillow
 

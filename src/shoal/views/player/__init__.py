@@ -2,8 +2,8 @@
 
 Styles, scripts and the page template are in ``shared/``, and files for a single part in the folder of that part. The page of a
 swarm episode simulates the episode from its start and its commands. Therefore the file is small: about 70 kB, of which the
-episode's data are a few kB. A page cannot simulate noise. With noise, it contains the observable data of each move instead. The
-pages of steering episodes and searches contain trajectories of straight segments.
+episode's data are a few kB. A page cannot simulate noise. Therefore the page of an episode with noise contains the observable data
+of each move. The pages of steering episodes and searches contain trajectories of straight segments.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ def render(part: str, data: Mapping[str, Any]) -> str:
 def served_page(part: str, *, volume: bool = False, recorded: bool = False, more: tuple[str, ...] = (), files: str = "") -> str:
     """Return the player's page for a server, without an episode.
 
-    Its styles and scripts are links to ``files``. A script supplies the episode, and can do so while the episode runs.
+    The styles and scripts of the page are links to addresses that begin with ``files``. A script supplies the episode, even while
+    the episode runs.
 
     Parameters
     ----------

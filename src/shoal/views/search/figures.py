@@ -35,8 +35,8 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     """Return the figure of a search: the region and the path of each robot in its colour.
 
     A square with a number marks a robot's start, a cross the place where the robot failed, and a diamond a finding with its
-    confidence. A cell has the colour of the robot that searched it first. Cells that it searched for another robot are darker, with
-    an outline, and its path through them is thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
+    confidence. A cell has the colour of the robot that searched it first. Cells that a robot searched for another robot are darker
+    and have an outline. Paths through these cells are thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
     """
     history = SearchHistory(episode)
     left, right, bottom, top = history.sides

@@ -54,8 +54,8 @@ class Activity:
 class SearchHistory:
     """An episode with derived data for drawing.
 
-    The parts are those that the robots compute when all of them know one another. A robot that was dead from the beginning has no
-    part.
+    The parts of the tour are those that the robots compute if all robots know one another. A robot that was dead from the beginning
+    has no part.
 
     Parameters
     ----------
@@ -79,7 +79,7 @@ class SearchHistory:
     def owners(self) -> tuple[Numbers, dict[int, int]]:
         """The robot to whose part each cell belongs (0: none), by tour index.
 
-        The property also contains the order of the robots around the tour.
+        The second item of the property is the rank of each robot around the tour, by its number.
         """
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
@@ -106,7 +106,7 @@ class SearchHistory:
         """For each cell where a robot stopped, return the robot to whose part it belongs, or 0 for its own part; int64, shape (k,).
 
         With a footprint wider than one cell, a stop counts as own work if the robot sees any new cell of its own part there. If the
-        robot sees none, the part with the most newly seen cells counts.
+        robot sees no new cell of its own part, the part with the most newly seen cells counts.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -127,7 +127,7 @@ class SearchHistory:
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """For each cell, the time of the first search by a robot that does not lie (or infinity), and its number (or 0)."""
+        """For each cell, the time of its first search by a robot that does not lie (or inf), and this robot's number (or 0)."""
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.trace.robots, start=1):
             if number not in self.liars and log.cells.size:
@@ -137,7 +137,7 @@ class SearchHistory:
         return times, by
 
     def seen_at(self, robot: int) -> Floats:
-        """Return the time at which a robot first saw each cell that it searched, increasing; float64, shape (k,)."""
+        """Return the increasing times at which a robot first saw the cells that it searched; float64, shape (k,)."""
         log = self.episode.trace.robots[robot]
         return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
@@ -217,7 +217,10 @@ class SearchHistory:
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return an array of the panels' shape from values in tour order, one value per cell."""
+        """Return values for the squares of the panels from ``values``, one per cell in tour order.
+
+        Squares without a cell are ``empty``.
+        """
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 

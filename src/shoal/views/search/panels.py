@@ -24,7 +24,7 @@ _FINE = 2  # squares per side of the smallest cell, if layers have different cel
 class LayerPanels:
     """The positions of the cells of all layers in a drawing. Cells are squares in rows.
 
-    If the layers differ in cell size or orientation, they are divided into smaller squares.
+    If the layers differ in cell size or orientation, the drawing consists of squares that are smaller than cells.
 
     Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. The panels are ordered from left to
     right, and then downwards.
@@ -118,7 +118,7 @@ class LayerPanels:
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
-        """Label and upper left corner of each panel; without labels for a single layer."""
+        """Label, x and y of the upper left corner of each panel in metres. A single layer has no label."""
         if len(self.layers) == 1:
             return []
         ups, (left, _, _, top) = self.plan.altitudes, self.extent

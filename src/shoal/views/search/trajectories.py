@@ -66,8 +66,8 @@ class RobotWays:
     def of(self, robot: int) -> Floats:
         """Return a robot's route in metres, with a third column if there are several layers; float64, shape (k, 2) or (k, 3).
 
-        Between two cells, a point is in the layer of the nearer altitude. If both altitudes are equally near, it is in the layer of
-        the second cell.
+        Between two cells, a point is in the layer whose altitude is nearer. If both altitudes are equally near, the point is in the
+        layer of the second cell.
         """
         plan, route, log = self.episode.plan, self.episode.routes[robot], self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):

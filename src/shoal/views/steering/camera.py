@@ -18,7 +18,7 @@ ABOVE = 0.42  # elevation of the camera in radians
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A central projection, from a camera that points at a centre.
+    """A central projection, seen from a camera that points at ``center``.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class Frame3D:
         return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
 
     def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-        """Return the edges behind the contents of the workspace, and the edges in front of them; each float64, shape (2, 3)."""
+        """Return the edges behind and the edges in front of the contents of the workspace; each float64, shape (2, 3)."""
         facing = self.facing(eye)
         above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
         behind: list[NDArray[np.float64]] = []

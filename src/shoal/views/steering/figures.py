@@ -85,7 +85,7 @@ def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
 def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None) -> Figure:
     """Return a figure of the sets that 2, 4, ... moves reach in the Δ configuration space.
 
-    The workspace with the start is beside it.
+    If ``points`` is given, the workspace with the start points is on the left.
 
     Parameters
     ----------

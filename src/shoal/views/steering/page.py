@@ -50,7 +50,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     problem, trajectories = episode.problem, trajectories_of(episode)
     points = sum(trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories)
     if points > LARGEST:
-        raise InvalidInputError(f"the HTML player: expected ways of at most {LARGEST} points, got {points} (use .gif or .mp4)")
+        raise InvalidInputError(f"the HTML player: expected paths of at most {LARGEST} points, got {points} (use .gif or .mp4)")
     schedule = FilmSchedule(trajectories, size=problem.place.size)
     names = {2: "Two", 3: "Three", 4: "Four", 5: "Five"}
     count = names.get(problem.n_particles, str(problem.n_particles))

@@ -66,7 +66,7 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
 
 
 class Panel:
-    """Base class of the panels. ``unit`` is the length in pixels of one unit of line widths and text sizes."""
+    """Base class of the panels. Line widths and text sizes are multiples of ``unit`` pixels."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit

@@ -157,7 +157,7 @@ class FilmMoment:
 class FilmSchedule:
     """The schedule of a film. In a film, the duration of a move is proportional to its length.
 
-    A pause follows each move and the end.
+    A pause follows each move, and a longer pause follows the last move.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ class FilmSchedule:
         return FilmMoment(move, part * part * (3 - 2 * part))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
-        """Return the moments of a film's frames, and the frame rate: the rate is ``rate``, or less for long films."""
+        """Return the moments of a film's frames, and the frame rate, which is lower than ``rate`` for long films."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
@@ -220,7 +220,8 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
     """For each move, return the set of differences that two moves reach from its start, as rings for the even-odd fill rule.
 
-    The set is valid only in the ideal world. If particles can slip along walls, the result is empty.
+    The set is correct only if particles never slide along walls. If the friction is finite, the list of rings of each move is
+    empty.
     """
     from shapely import Polygon, union_all
 

@@ -71,7 +71,7 @@ def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return the colour code of each cell without noise, a code of `PLAIN`; uint8, with a rim of one cell on each side."""
+    """Return the colour code (an index of `PLAIN`) of each cell in an episode without noise; uint8, with a rim of one cell."""
     codes = belief.states
     codes[state.occupied.mask] = PLAIN.particle
     return codes

@@ -132,7 +132,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 
 
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
-    """Return a figure of frontier cells by move, as in paper M, Fig. 8: a line per episode, and the median of several.
+    """Return a figure of frontier cells by move, as in paper M, Fig. 8: a line per episode, and the median if there are several.
 
     Raises
     ------

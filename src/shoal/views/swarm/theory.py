@@ -108,14 +108,15 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return the figure that checks theorem 1 of paper M: the larger of both ratios against the largest distance, 10^k.
+    """Return the figure for theorem 1 of paper M: the larger of move ratio and scan ratio against the largest distance, 10^k.
 
     Parameters
     ----------
     decades : sequence of int
         Exponents k of the distances 10^k.
     ours, best, growth : array_like of float, shape (k,)
-        The worst of both ratios of i^i, the smallest of any schedule, and log D / log log D.
+        The larger of move ratio and scan ratio in the worst case: of the schedule i^i, and the smallest of any schedule. ``growth``
+        is log D / log log D for the largest distance D.
     """
     figure = new_figure(7.6, 3.8)
     left, right = figure.subplots(1, 2)
@@ -134,7 +135,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the move ratios and scan ratios of schedules against the wall's distance, which can have any size.
+    """Return a figure of the move ratios and scan ratios of schedules against the distance of the wall.
 
     Parameters
     ----------
@@ -172,9 +173,9 @@ def _float(ratio: Fraction) -> float:
 def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
     """Return the distances at which a chart shows a schedule's ratios.
 
-    The result contains the distances just before and just after each scan. If there are many scans, only the distances with the
-    worse ratio are used, so that the line connects the peaks. If there are still too many distances, ten distances per decade are
-    used.
+    The result contains the distances just before and just after each scan. If there are more than 40 scans, the result contains
+    only one distance per scan, so that the line connects the peaks of the ratios. If there are more than 400 scans, the result
+    contains ten distances per decade.
     """
     scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), _POINTS + 1)]
     if len(scans) <= _TEETH:

@@ -16,12 +16,13 @@ TURN = 0.9  # fraction of the largest turn that a cycle allows
 def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
     """Return a chain on a disk to a difference that is nearly as long as the diameter.
 
-    The result is None if the goal's difference is shorter, or if it needs too many cycles.
+    The result is None if the goals' difference is much shorter than the diameter, or if more than ``cycles`` cycles are necessary.
 
     On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' has the length sqrt(2 r
-    |Δ|) and is turned by acos(|Δ'| / 2 r). Backwards, the difference before Δ' therefore has the length |Δ'| cos(turn), and is
-    turned back to either side. The algorithm repeats this backward step until the difference is short enough for a chain of a few
-    cycles. ``sides`` gives the side of each turn.
+    |Δ|) and is turned by acos(|Δ'| / 2 r). Seen backwards, the difference before Δ' therefore has the length |Δ'| cos(turn), and
+    its direction is turned back to either side. The algorithm repeats this backward step until the difference is short enough for a
+    chain of a few cycles. ``sides`` contains the signs of two successive backward turns, which repeat. A positive turn is
+    counter-clockwise.
 
     Notes
     -----

@@ -50,7 +50,7 @@ class Chain:
 
     @property
     def cycles(self) -> int:
-        """How many contacts there are."""
+        """Number of contacts."""
         return len(self.walls)
 
     def contacts(self, walls: NormalizedWalls) -> Points:
@@ -126,7 +126,7 @@ class ChainQuery(StartAndGoal):
     deadline: float = inf
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return the parameters of the kernels for cycles. Their margin and push are multiplied by ``inside``."""
+        """Return the parameters of the kernels for cycles, with margin and push multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -148,7 +148,7 @@ class ChainQuery(StartAndGoal):
         rounds: NDArray[np.float64] | None = None,
         bound: float = inf,
     ) -> float:
-        """Make a guess feasible and short, in place.
+        """Change the unknowns of a chain in ``guess`` in place, so that the chain becomes feasible and short.
 
         Return the length of the resulting chain, or infinity if the guess cannot be made feasible.
         """
@@ -174,7 +174,7 @@ class ChainQuery(StartAndGoal):
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return the shortest chain of the same kind. If the optimization fails or the chain is very long, return the chain itself."""
+    """Return the shortest chain with the touchers and walls of ``chain``, or ``chain`` itself if it is very long or this fails."""
     if chain.cycles > _DEEPEST:
         return chain
     if chain.last is not None:  # use the difference that the chain really reaches

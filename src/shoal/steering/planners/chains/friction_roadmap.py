@@ -1,4 +1,4 @@
-"""Roadmap nodes for a disk with friction: differences near a large goal difference, and on a path around the centre."""
+"""Roadmap nodes for a disk with friction: differences Δ close to the difference of distant goals, and on a path around Δ = 0."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ BETWEEN = 300  # number of differences on a path around the centre
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
     """Return the smallest differences from which one, two, three, ... cycles reach ``after``; float64, shape (nodes, 2).
 
-    Each cycle can turn Δ by the same angle to either side. The nodes belong to chains that always turn to one side, and to chains
-    that alternate.
+    Each cycle can turn Δ by the same angle to either side. The nodes belong to chains that always turn Δ to one side, and to chains
+    that turn Δ to both sides in turn.
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()
@@ -56,7 +56,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return intermediate differences between two differences if their length can only shrink on the way. Otherwise return none."""
+    """Return differences on the way from ``before`` to ``after`` if |Δ| can only shrink on this way, otherwise no differences."""
     large, small = float(np.hypot(*before)), float(np.hypot(*after))
     most = float(np.arctan(friction))
     begin = float(np.arctan2(before[1], before[0]))

@@ -68,7 +68,7 @@ class ChainPool:
         return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
 
     def add(self, chain: Chain) -> bool:
-        """Add a chain if it is one of the shortest. Return whether it was added."""
+        """Add a chain unless it is too long or as long as a chain of no more cycles. Return whether it was added."""
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
             return False
@@ -84,7 +84,7 @@ class ChainPool:
         self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
 
     def tried(self, one: _Candidate) -> int:
-        """Make a candidate feasible and short, and add it. Return 1, or 0 if the candidate's lower bound already excludes it."""
+        """Make a candidate feasible and short, and add it. Return 1, or 0 if an equal candidate was tried before."""
         query, guess, round_ = self.query, one.guess, self.query.walls.round
         kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
         if kind in self._known:

@@ -1,9 +1,9 @@
 """Kinds of chains (sequences of touchers and walls) and lower bounds on their lengths.
 
-A particle that touches walls travels at least as far as the distance to its goal mirrored in these walls. Only moves during which a
-particle is held change the difference. If only one particle touches walls, the chain is therefore at least as long as its path plus
-|Dg - Ds|, where Dg and Ds are the differences at goal and start. If both particles touch walls, the chain is at least as long as
-half the sum of both paths and |Dg - Ds|.
+The path of a particle that touches walls is at least as long as the distance between its start and the mirror image of its goal in
+these walls. Only moves during which a particle is held change the difference. If only one particle touches walls, the chain is
+therefore at least as long as its path plus |Dg - Ds|, where Dg and Ds are the differences at goal and start. If both particles
+touch walls, the chain is at least as long as half the sum of both paths and |Dg - Ds|.
 """
 
 from __future__ import annotations

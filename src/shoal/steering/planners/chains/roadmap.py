@@ -30,8 +30,8 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     Notes
     -----
     This method of Shoal is a probabilistic roadmap in the Δ configuration space. A link between two differences means that two
-    moves lead from one to the other. Its nodes lie where these sets extend farthest: the largest reachable differences in each
-    direction from the start, and the smallest differences from which the goal can be reached. With friction, only paths along these
+    moves lead from one to the other. The nodes are extreme differences: in each direction, the largest differences that can be
+    reached from the start, and the smallest differences from which the goal can be reached. With friction, only paths along these
     nodes may exist. For polygons with many corners, the roadmap uses only a few of their sides.
     """
     few = between_few_sides(query)

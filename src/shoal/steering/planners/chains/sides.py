@@ -1,4 +1,4 @@
-"""Chains over polygons with many corners: search over a few sides first, and then over the sides near its contacts."""
+"""Chains over polygons with many corners: a search over a few sides, and then over the sides near the contacts of its result."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 
 
 def between_few_sides(query: ChainQuery) -> ChainQuery:
-    """Return the query with only a few of its walls. Return the query itself if it has few walls, or if these enclose no area."""
+    """Return the query with only `FEW` sides of its polygon.
+
+    A query with few sides remains unchanged. A query also remains unchanged if the chosen sides enclose no area.
+    """
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found)
 
@@ -26,7 +29,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     """Move a chain's contacts from the few walls of the first search to the nearest walls of the polygon.
 
-    The result keeps the old stored length, which is then wrong.
+    The length stored in the result is the length of ``chain``, and is not correct.
     """
     walls, d = query.walls, query.walls.dimensions
     sides, on = walls.sides, chain.walls.copy()
@@ -68,7 +71,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts were moved to neighbouring sides while this shortened the chain."""
+    """Return a chain whose contacts have moved to neighbouring sides as long as this shortened the chain."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

@@ -1,4 +1,4 @@
-"""Planner robust, a closed loop."""
+"""Planner robust: a closed loop of moves and observations, for worlds with noise."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # relative to the tolerance: noise levels
 class Robust:
     """A planner for noise that works in a closed loop: make one move, observe, and plan again.
 
-    In the plane, the planner compares plans by simulations with noise (`Replanning`). In three dimensions, in an uneven field and
-    in slight noise, the loop makes one cycle at a time (`Cycles`).
+    In the plane, the planner compares plans by simulations with noise (`Replanning`). In three dimensions, in an uneven field, or
+    in slight noise, the planner makes one cycle at a time (`Cycles`).
 
     Notes
     -----
@@ -39,14 +39,14 @@ class Robust:
     obstacles = True
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return short moves, because no closed loop is necessary in a world without noise."""
+        """Return a short plan for a world without noise, where no closed loop is necessary."""
         return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Return the moves that were sent and the resulting states.
 
         In a world without noise, the method sends the shortest plan. If this plan fails, the loop runs with a small assumed noise.
-        The method stores a remark in the apparatus: the noise that the loop tolerates.
+        Afterwards, the method stores a remark in the apparatus about the noise that the loop tolerates.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()

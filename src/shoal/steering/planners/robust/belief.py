@@ -55,7 +55,7 @@ class PositionBelief:
     def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
         """Return whether the particles are at their goals with enough certainty.
 
-        The more moves are used up, the less is required.
+        The required certainty decreases with the number of used moves.
         """
         near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
         return bool(near >= SURE - (SURE - SATISFIED) * share)

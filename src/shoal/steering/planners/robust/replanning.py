@@ -30,9 +30,9 @@ CYCLE = 3  # moves that mend a wrong difference, at the least
 class Replanning:
     """One run of the closed loop in the plane.
 
-    A plan is a sequence of steps. Each step leads to its target from any positions of the particles, so that it corrects the
-    effects of noise. Plans are compared by their mean number of moves in simulations with noise. If a plan ends before the goals,
-    an estimate of the remaining moves is added.
+    A plan is a sequence of steps. Each step leads to its target from any positions of the particles. Therefore each step corrects
+    the effects of noise. Plans are compared by their mean number of moves in simulations with noise. If a plan ends before the
+    goals, an estimate of the remaining moves is added.
 
     Parameters
     ----------
