@@ -331,12 +331,8 @@ def open_rig(
         ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud. The spec may end with
         another speed, as in ``serial:/dev/ttyUSB0@9600``. A command is a program that uses the protocol on its standard input and
         output.
-    repeat_after : float
-        Seconds to wait for an answer before the request is sent again.
-    end_after : float
-        Seconds without any answer after which the rig counts as lost.
-    on_event : callable, optional
-        Function that is called with connection events.
+    repeat_after, end_after, on_event
+        Options of `RemoteRig`.
 
     Raises
     ------

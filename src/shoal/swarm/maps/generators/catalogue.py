@@ -17,7 +17,7 @@ from shoal.swarm.maps.generators.vessels3d import draw_vessel_net, draw_vessel_t
 from shoal.swarm.maps.reading import MAX_CELLS
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Generator:
     """A generator of maps of any size.
 
@@ -71,73 +71,25 @@ def draw_rectangle(rows: int, columns: int) -> NDArray[np.bool_]:
 GENERATORS = Registry[Generator]("map generator", open_to_others=False)
 
 for _generator in (
+    Generator("line", "A straight corridor one cell wide.", ("CELLS",), "line:5000", draw_line, seeded=False),
+    Generator("rectangle", "An empty room.", ("ROWS", "COLUMNS"), "rectangle:50x100", draw_rectangle, seeded=False),
     Generator(
-        name="line",
-        summary="A straight corridor one cell wide.",
-        axes=("CELLS",),
-        example="line:5000",
-        function=draw_line,
+        "htree", "A tree of corridors one cell wide, made of bars that fork at right angles.", ("CELLS",), "htree:5000", draw_htree,
         seeded=False,
     ),
     Generator(
-        name="rectangle",
-        summary="An empty room.",
-        axes=("ROWS", "COLUMNS"),
-        example="rectangle:50x100",
-        function=draw_rectangle,
-        seeded=False,
+        "vessels", "A vascular network with forks, loops and dead ends, like the veins of a leaf.", ("CELLS",), "vessels:5000:7",
+        draw_vessels, slow=True, smallest=30, largest=1_000_000,
     ),
     Generator(
-        name="htree",
-        summary="A tree of corridors one cell wide, made of bars that fork at right angles.",
-        axes=("CELLS",),
-        example="htree:5000",
-        function=draw_htree,
-        seeded=False,
+        "vessels3d", "A 3-D tree of vessels whose radii follow Murray's law.", ("CELLS",), "vessels3d:5000:7",
+        draw_vessel_tree, slow=True, smallest=30, largest=5_000_000,
     ),
     Generator(
-        name="vessels",
-        summary="A vascular network with forks, loops and dead ends, like the veins of a leaf.",
-        axes=("CELLS",),
-        example="vessels:5000:7",
-        function=draw_vessels,
-        slow=True,
-        smallest=30,
-        largest=1_000_000,
+        "vessels3d-loops", "A 3-D network of vessels with loops: the tree with some twigs joined.", ("CELLS",),
+        "vessels3d-loops:5000:7", draw_vessel_net, slow=True, smallest=60, largest=5_000_000,
     ),
-    Generator(
-        name="vessels3d",
-        summary="A 3-D tree of vessels whose radii follow Murray's law.",
-        axes=("CELLS",),
-        example="vessels3d:5000:7",
-        function=draw_vessel_tree,
-        slow=True,
-        smallest=30,
-        largest=5_000_000,
-    ),
-    Generator(
-        name="vessels3d-loops",
-        summary="A 3-D network of vessels with loops: the tree with some twigs joined.",
-        axes=("CELLS",),
-        example="vessels3d-loops:5000:7",
-        function=draw_vessel_net,
-        slow=True,
-        smallest=60,
-        largest=5_000_000,
-    ),
-    Generator(
-        name="maze",
-        summary="A perfect maze: exactly one path between any two cells.",
-        axes=("WIDTH", "HEIGHT"),
-        example="maze:61x41:3",
-        function=draw_maze,
-    ),
-    Generator(
-        name="cave",
-        summary="A cave with smooth, irregular walls.",
-        axes=("WIDTH", "HEIGHT"),
-        example="cave:120x80",
-        function=draw_cave,
-    ),
-):
+    Generator("maze", "A perfect maze: exactly one path between any two cells.", ("WIDTH", "HEIGHT"), "maze:61x41:3", draw_maze),
+    Generator("cave", "A cave with smooth, irregular walls.", ("WIDTH", "HEIGHT"), "cave:120x80", draw_cave),
+):  # fmt: skip
     GENERATORS.add(_generator.name, _generator)
