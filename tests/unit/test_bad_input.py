@@ -327,7 +327,7 @@ NAMES = [
         "cannot import the policy 'no_such_module:x': ModuleNotFoundError: No module named 'no_such_module'",
     ),
     (f"{LINE} --policy builtins:map", "the policy 'builtins:map': expected a class without arguments"),
-    (f"{LINE} --policy math:pi", "policy: expected an object with a name and a method decide, got 3.14"),
+    (f"{LINE} --policy math:pi", "policy: expected a name, or an object with a name and a method decide, got 3.14"),
     (
         f"{LINE} --policy closest-frontier:tie=row-major",
         "policy 'closest-frontier' has no option 'tie' (it has ties, neighbours)",
@@ -344,8 +344,11 @@ NAMES = [
     (f"{LINE} --policy elect-particle --rule tilt", "policy elect-particle: expected rule block or merge, got tilt"),
     (f"{LINE} --placement unifrom", "unknown placement 'unifrom': did you mean 'uniform'? | left-wall"),
     (f"{LINE} --placement math:nope", "cannot import the placement 'math:nope'"),
-    (f"{LINE} --placement math:pi", "placement math:pi: expected a function (workspace, n, rng) -> cells, got 3.14"),
-    (f"{LINE} --placement math:sqrt", "placement math:sqrt: expected a function (workspace, n, rng) -> cells"),
+    (f"{LINE} --placement math:pi", "placement: expected a name, or a function (workspace, n, rng) -> cells, got 3.14"),
+    (
+        f"{LINE} --placement math:sqrt",
+        "placement: expected a name, or a function (workspace, n, rng) -> cells, got",
+    ),
     (f"{LINE} --rule blok", "rule: expected one of block, merge, tilt, got 'blok' (did you mean 'block'?)"),
     (f"{LINE} --rule math:pi", "rule: expected one of block, merge, tilt, got 'math:pi'"),
     ("mpa line:5", "No such command 'mpa' | Did you mean 'map'"),

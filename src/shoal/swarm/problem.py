@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from functools import cached_property, partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -12,7 +12,7 @@ from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, option
-from shoal.core.registry import Registry, configured, name_of
+from shoal.core.registry import Registry, name_of
 from shoal.swarm.grid.board import GridLayout
 from shoal.swarm.grid.commands import RULES
 from shoal.swarm.grid.scans import DEAREST, MOVE_COST, SCAN_COST, ScanRule
@@ -60,27 +60,18 @@ def _named(kind: str) -> dict[str, Any]:
 
             return TASKS, make_task
         if kind == "placement":
-            from shoal.swarm.grid.placements import PLACEMENTS
+            from shoal.swarm.grid.placements import PLACEMENTS, make_placement
 
-            return PLACEMENTS, partial(configured, PLACEMENTS)
+            return PLACEMENTS, make_placement
         from shoal.swarm.policies import POLICIES, make_policy
 
         return POLICIES, make_policy
 
     def check(given: Any) -> Any:
         known, make = registry()
-        if isinstance(given, str):  # objects in third-party modules are not imported yet
-            if given != "auto" and (given.partition(":")[0] in known or ":" not in given):
-                make(given)
-        elif kind == "task":
+        # objects in third-party modules are not imported yet
+        if not isinstance(given, str) or (given != "auto" and (given.partition(":")[0] in known or ":" not in given)):
             make(given)
-        elif kind == "placement" and not callable(given):
-            raise InvalidInputError(
-                f"placement: expected a name or a function (workspace, n, rng) -> cells, got {shortened(given)}"
-            )
-        elif kind == "policy" and not (hasattr(given, "name") and callable(getattr(given, "decide", None))):
-            expected = "a name, or an object with a name and a method decide"
-            raise InvalidInputError(f"policy: expected {expected}, got {shortened(given)}")
         return given
 
     return {"check": check, "dump": lambda given: name_of(given, registry()[0])}
@@ -282,7 +273,7 @@ class SwarmProblem(Problem):
             If the policy is unknown, or a budget or a time per move is given for a policy that does not plan.
         """
         from shoal.swarm.grid.tasks import Mapping
-        from shoal.swarm.policies import Policy, make_policy, with_budget
+        from shoal.swarm.policies import make_policy, with_budget
 
         thinking = {"budget": self.budget, "milliseconds": self.time_per_move}
         wanted = {name: value for name, value in thinking.items() if value is not None}
@@ -290,10 +281,7 @@ class SwarmProblem(Problem):
         if isinstance(policy, str) and policy == "auto":
             plannable = self.rule != "tilt" and self.scanning.every_move and not self.noise
             policy = "best" if isinstance(self.chosen_task, Mapping) and (plannable or wanted) else "closest-frontier"
-        made = make_policy(policy)
-        if not isinstance(made, Policy):
-            raise InvalidInputError(f"policy: expected an object with a name and a method decide, got {made!r}")
-        return with_budget(made, **wanted)
+        return with_budget(make_policy(policy), **wanted)
 
     def open_place(self) -> GridWorkspace:
         """Open the map."""

@@ -100,7 +100,7 @@ def test_places_have_keys():
         ({"scan_every": "sometimes"}, "scan-every: expected 1 to"),
         ({"scan_cost": 0, "move_cost": 0}, "expected a scan or a move that costs something"),
         ({"policy": 3}, "policy: expected a name, or an object with a name and a method decide, got 3"),
-        ({"placement": 3}, "placement: expected a name or a function"),
+        ({"placement": 3}, "placement: expected a name, or a function"),
         ({"rule": "blok"}, "did you mean 'block'?"),
         ({"map": {"rows": ["..", "x."]}}, "map: expected rows of . and #, got 'x.'"),
     ],

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.random import Generator
 from numpy.typing import NDArray
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.swarm.grid.commands import offsets_of
@@ -49,14 +50,13 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     """
     if not 1 <= n <= workspace.n_free:
         raise InvalidInputError(f"particles: expected 1 to {workspace.n_free} (the free cells of {workspace.name}), got {n}")
-    function = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
+    function = make_placement(placement)
     try:
         cells = function(workspace, n, rng)
     except TypeError:
         if _takes(function, workspace, n, rng):
             raise
-        expected = f"placement {_name(placement)}: expected a function (workspace, n, rng) -> cells"
-        raise InvalidInputError(f"{expected}, got {function!r}") from None
+        raise _no_placement(function) from None
     try:
         checked = check_start(workspace, cells)
     except InvalidInputError as error:
@@ -66,13 +66,23 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     return checked
 
 
-def _takes(function: object, *arguments: object) -> bool:
+def make_placement(placement: str | Placement) -> Placement:
+    """Return a placement by name, or return a given function. Other values raise InvalidInputError."""
+    made: Placement = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
+    if not callable(made):
+        raise _no_placement(made)
+    return made
+
+
+def _no_placement(given: object) -> InvalidInputError:
+    return InvalidInputError(f"placement: expected a name, or a function (workspace, n, rng) -> cells, got {shortened(given)}")
+
+
+def _takes(function: Placement, *arguments: object) -> bool:
     """Return whether a function accepts the placement arguments.
 
     Functions without a signature, such as some functions of Python, are accepted.
     """
-    if not callable(function):
-        return False
     try:
         inspect.signature(function).bind(*arguments)
     except TypeError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
@@ -40,7 +41,10 @@ def make_policy(policy: str | Policy) -> Policy:
     ------
     UnknownNameError, InvalidInputError
     """
-    return configured(POLICIES, policy) if isinstance(policy, str) else policy
+    made = configured(POLICIES, policy) if isinstance(policy, str) else policy
+    if not isinstance(made, Policy):
+        raise InvalidInputError(f"policy: expected a name, or an object with a name and a method decide, got {shortened(made)}")
+    return made
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
