@@ -57,8 +57,8 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
     """Return start and end points (segments, 2) and the width (segments,) of every straight vessel segment.
 
-    By Murray's law, the width is a power of the demand that a vessel supplies. Here the demand is the total vessel length behind
-    the segment.
+    The width is a power of the total vessel length behind the segment. The power is chosen so that the widest segment has the width
+    ``trunk_width`` and the ends of twigs have the width ``TIP_WIDTH``.
     """
     points, parents = network.points, network.parents
     size = subtrees(parents)[1]
