@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by the least time of one robot alone."""
+        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by the least time of a single robot."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -253,7 +253,7 @@ class SearchEpisode(Episode):
     def verify(self) -> Verification:
         """Repeat the search from its plan, and compare the new trace with the stored trace.
 
-        A live search cannot be repeated. Its stored makespan is compared with the stored times of its cells instead.
+        A live search cannot be repeated. For a live search, the stored makespan is compared with the stored times of the cells.
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at

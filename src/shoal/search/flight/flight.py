@@ -14,9 +14,10 @@ import numpy as np
 from shoal.core.checks import check_choice, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
+from shoal.search.flight.dubins import dubins_way
 from shoal.search.flight.terrain import Floats, Profile, Terrain, followed, limited_climbs, profile_of
 from shoal.search.flight.timing import Trajectory, climbs_apart, leg_seconds, trajectory, whole_way
-from shoal.search.flight.turning import NEAR, KnownCurves, circled, room_beside, turned_way
+from shoal.search.flight.turning import NEAR, KnownCurves, room_beside, turned_way
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.regions.outline_checks import Points, text_of
 from shoal.search.regions.projection import LocalFrame
@@ -205,7 +206,8 @@ class Flight:
             )
         lasting = float(self.vehicle.vertical_seconds(top - place[2]))
         length = lasting * (self.vehicle.cruise * self.rate + self.vehicle.wind)
-        way = circled(start, sense, max(1, ceil(length / (2 * pi * self.radius))), self.radius)
+        circles = max(1, ceil(length / (2 * pi * self.radius)))
+        way = dubins_way(start, sense, [2 * pi * circles], self.radius)
         far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
         return np.column_stack([way, place[2] + (top - place[2]) * far / far[-1]])
 

@@ -29,7 +29,7 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 
 def working_seconds(vehicle: Vehicle) -> float:
-    """Return the time in seconds that the battery allows at the search altitude, besides climb, descent and reserve."""
+    """Return the usable endurance in seconds minus the time for the climb to the search altitude and the descent."""
     return vehicle.usable_seconds - climbing_seconds(vehicle)
 
 

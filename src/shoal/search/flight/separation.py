@@ -75,8 +75,8 @@ def nearest_approach(
 ) -> Approach | None:
     """Return the nearest approach of two vehicles in flight, or None if the vertical separation always holds.
 
-    A vehicle is in flight from the beginning to the end of its trajectory. The distance of two legs is convex, so its minimum over
-    all moments and all delays has a closed form.
+    A vehicle is in flight from the beginning to the end of its trajectory. The distance between two vehicles on straight legs is
+    convex, so its minimum over all moments and delays has a closed form.
 
     Parameters
     ----------
@@ -228,9 +228,9 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
     """Return the intervals of start time differences for which two vehicles come too close; float64, shape (k, 2).
 
-    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals
-    increase and do not overlap. For time differences outside all intervals, the vehicles always keep the horizontal or the vertical
-    separation.
+    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals are
+    in increasing order and do not overlap. For time differences outside all intervals, the vehicles always keep the horizontal or
+    the vertical separation.
 
     Parameters
     ----------

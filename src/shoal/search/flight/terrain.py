@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return by how many metres, at most, the fourth corner of a grid cell lies off the plane through the other three."""
+        """Return by how many metres, at most, a corner of a grid cell lies off the plane through the other three corners."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
@@ -147,7 +147,7 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Return the ground below a path: at its vertices, at every crossed grid line, and at points between them.
+    """Return the ground below a path, sampled at the path's vertices, at every crossed grid line, and at points between them.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
 
 
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
-    """Return a path above the ground: its vertices, and additional points for a nearly constant height above ground.
+    """Return a path with a nearly constant height above the ground. Points are added between the path's vertices.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class _Room:
 
 @dataclass
 class KnownCurves:
-    """A cache of curves between points, which all candidate sorties of a mission share.
+    """A cache of curves that all candidate sorties of a mission share.
 
     Parameters
     ----------
@@ -102,10 +102,11 @@ def turned_way(
 ) -> list[Floats]:
     """Return a path that follows the legs of a given path, and turns outside these legs with at least a minimum radius.
 
-    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. A curve may replace a shorter leg.
-    If the first or the last point is given twice, the leg at this point is flown straight. Headings (`HEADINGS` choices at free
-    points) and curves are chosen for the smallest total length. If all curves from the end of a leg are blocked, the straight leg
-    ends earlier. The vehicle then passes points on the rest of the leg, at most a footprint apart, in any direction.
+    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. A curve may replace a leg of length
+    ``link`` or less. If the first or the last point is given twice, the leg at this point is flown straight. Headings (`HEADINGS`
+    choices at free points) and curves are chosen for the smallest total length. If all curves from the end of a leg are blocked,
+    the straight leg ends earlier. A shortened leg continues as points, at most a footprint apart, that may be passed in any
+    direction.
 
     Parameters
     ----------
@@ -339,12 +340,7 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list
     return [np.asarray(way[begin : end + 1]) for begin, end in pairwise(borders)]
 
 
-def circled(start: Floats, sense: str, count: int, radius: float) -> Floats:
-    """Return a path of several full circles to the left ("L") or right ("R"), from a given position and heading back to them."""
-    return dubins_way(start, sense, [count * 2 * pi], radius)
-
-
 def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
     """Return the side on which a vehicle with a given position and heading has room for a circle: "L", "R", or an empty text."""
     room = _Room.of(blocked, area)
-    return "".join(sense for sense in "LR" if not room.crossing([circled(start, sense, 1, radius)]))[:1]
+    return "".join(sense for sense in "LR" if not room.crossing([dubins_way(start, sense, [2 * pi], radius)]))[:1]

@@ -193,7 +193,7 @@ class Vehicle(Problem):
 
     @property
     def ground_radius(self) -> float:
-        """The minimum turning radius over ground in metres that the vehicle can hold in its wind. A tailwind is the worst case."""
+        """The minimum radius in metres of turns over ground. Any wind direction is allowed, and a tailwind is the worst case."""
         return self.radius * (1.0 + self.wind / self.cruise) ** 2
 
     @property
@@ -261,8 +261,8 @@ class Vehicle(Problem):
     def row_spacing(self) -> float | None:
         """The distance between neighbouring rows in metres (the footprint's width), or None without a camera or a detector.
 
-        For a camera, this distance is the width of an image minus the overlap. The row spacing is at most the length of an image,
-        because at the end of a row only half an image is seen.
+        For a camera, this distance is the width of an image minus the overlap. The row spacing never exceeds the length of an
+        image, because only half an image extends beyond the end of a row.
         """
         if self.image_size is None:
             return self.detector_width

@@ -1,4 +1,4 @@
-"""Missions for real vehicles: how to create them from routes, write and read six formats, and check them."""
+"""Missions for real vehicles, which are created from routes, written and read in six formats, and checked."""
 
 from __future__ import annotations
 

@@ -161,7 +161,7 @@ class _Flights:
         return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach in two missions, or None if they never fly at the same time or height."""
+        """Return the nearest approach in two missions, or None if the vehicles are never in the air at the same time and height."""
         there, here, apart = self.flown[one], self.flown[other], self.separation
         later = self.starts[other] - self.starts[one]
         if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
@@ -207,7 +207,7 @@ class Clearance:
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
     """Return the heights above ground of vehicles that follow missions, or None if none flies.
 
-    The height of the ground is evaluated at every waypoint, where a leg crosses a grid line, and at points between them.
+    The height of the ground is evaluated at every waypoint, at every grid line that a leg crosses, and at points between them.
 
     Parameters
     ----------

@@ -42,9 +42,9 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, assuming that no fault occurs.
 
-    The first sorties of all robots begin at the same time, apart from their delays. The delays are at least as long as the delays
-    of the plan. Each later sortie begins when its vehicle is back and recharged, and when it can keep the separation from the other
-    vehicles.
+    The first sorties of all robots begin at the same time, apart from their delays. The delay of each robot is at least as long as
+    its delay in the plan. Each later sortie begins when its vehicle is back and recharged, and when it can keep the separation from
+    the other vehicles.
 
     Parameters
     ----------

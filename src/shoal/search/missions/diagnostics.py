@@ -120,8 +120,8 @@ class Diagnostic:
 class Sheet:
     """The raw content of a mission file before it is checked. Readers fill the sheet, and rules add diagnostics.
 
-    ``points`` are (longitude, latitude) for any order in the file, or (x, y) if ``geographic`` is false. ``places`` are the
-    locations of the points in the file, for messages. Missing content is None.
+    ``points`` are (longitude, latitude), whatever the order in the file, or (x, y) in metres if ``geographic`` is false. ``places``
+    are the locations of the points in the file, for messages. Missing content is None.
     """
 
     file: str

@@ -51,12 +51,13 @@ class Fence:
 
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
-    """Return the fence around a region and all vehicles' paths, in metres, or in degrees if the region is in degrees.
+    """Return the fence around a region and all vehicles' paths, in degrees for a region in degrees and otherwise in metres.
 
     The fence contains the whole region, and a margin `ROOM` around each path outside the region. No-go zones, and holes without
-    paths, become exclusion zones. The fence has a single outline, if necessary a convex hull, because autopilots differ in how they
-    interpret several outlines. If there are too many corners, the outline is simplified so that it only grows. An exclusion zone is
-    also simplified, but it grows only where no path enters it. If there are still too many corners, a notice says so.
+    paths, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines differently. If
+    necessary, the outline is a convex hull. If there are too many corners, the outline is simplified so that it only grows. An
+    exclusion zone is also simplified, but it grows only where no path enters it. A fence that still has too many corners causes a
+    notice.
 
     Parameters
     ----------

@@ -67,8 +67,8 @@ def write_missions(
 ) -> list[Path]:
     """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for the robot's second sortie, and so on.
 
-    The file ``missions.json`` lists all written files. The mission files that it listed before this call are removed, so that the
-    folder contains a single search. Other files are kept.
+    The file ``missions.json`` lists all written files. Mission files that ``missions.json`` listed before this call are removed, so
+    that the folder contains a single search. Other files are kept.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add data from other files of the folder to sheets. All sheets get start times.
+    """Add data from other files of a folder to the sheets of its missions. All sheets get start times.
 
     Sheets of WPL files get fence and rally points.
 
@@ -242,9 +242,9 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
 def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read a mission from a file in any format.
 
-    ``.plan`` and WPL files do not contain the robot and the sortie. The file name gives both. For any other file name, the mission
-    counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of vehicle. For a WPL file, the
-    autopilot is assumed to be PX4, and the vehicle counts as flying if any waypoint is above ground.
+    ``.plan`` and WPL files do not contain the numbers of the robot and the sortie. The file name gives both numbers. A mission
+    whose file name gives no numbers counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of
+    vehicle. For a WPL file, the autopilot is assumed to be PX4, and the vehicle counts as flying if any waypoint is above ground.
 
     Parameters
     ----------

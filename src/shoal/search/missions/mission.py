@@ -178,7 +178,7 @@ class Mission:
 
     @property
     def vertical_climb(self) -> float | None:
-        """Height in metres above home of the vertical climb after take-off, or None if it is the height of the first waypoint."""
+        """Height in metres above home of the vertical climb after take-off, or None for the height of the first waypoint."""
         if self.kind == "fixed-wing":
             return 0.0
         return None if self.take_off is None else self.take_off - self._base
@@ -244,7 +244,7 @@ class Mission:
 
 
 def circle_around(place: tuple[float, float], radius: float | None, frame: LocalFrame | None) -> Points:
-    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2), which is empty if there is no radius."""
+    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2). Without a radius, the ring is empty."""
     angles = np.linspace(0.0, 2 * np.pi, _RING if radius else 0)
     middle = np.array([place]) if frame is None else frame.to_metres(np.array([place]))
     return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))

@@ -159,7 +159,7 @@ def _check_acceptance(sheet: Sheet) -> None:
 
 
 def way_of(sheet: Sheet) -> Points | None:
-    """Return home, the waypoints and the end in metres, or None if they are too far apart (diagnostic home-far)."""
+    """Return home, the waypoints and the end in metres, or None if these points are too far apart for a local frame."""
     assert sheet.home is not None
     way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
     try:
@@ -266,7 +266,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 
     Paths from a home outside the region and to an end outside the region are allowed.
 
-    Turns of fixed wings may leave the region, but by at most ``airspace`` metres if this is given.
+    Turns of fixed wings may leave the region by at most ``airspace`` metres, or by any distance if ``airspace`` is None.
     """
     way = metres_of(sheet, region)
     if region.frame is not None:

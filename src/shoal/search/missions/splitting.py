@@ -264,7 +264,7 @@ class _Splitter:
 
 
 def merged(points: Points, tolerance: float) -> Points:
-    """Return a path without the points that lie on straight legs. The algorithm passes once over the points.
+    """Return a path without the points that lie on straight legs between other points. The algorithm passes once over the points.
 
     The algorithm starts a cone at each waypoint that is kept. The cone contains all directions in which a straight line passes
     every later point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all points
@@ -317,7 +317,7 @@ class _Cone:
         self.low, self.high = -math.pi, math.pi
 
     def takes(self, x: float, y: float) -> bool:
-        """Add a point if the leg may end there. Return whether it was added."""
+        """Add a point if the leg may end at this point. Return whether it was added."""
         east, north = x - self.x, y - self.y
         distance = math.hypot(east, north)
         if distance < self.far:

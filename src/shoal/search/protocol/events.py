@@ -30,7 +30,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """The robot has reached its target cell and searched it. ``found`` is true if the robot found something there.
+    """The robot has reached its target cell and searched it. ``found`` is true if the robot found something in the target cell.
 
     ``beside`` lists the cells around the target in which a robot with a wider footprint found something.
     """
@@ -92,7 +92,7 @@ class Send:
 
 @dataclass(frozen=True, slots=True)
 class WakeAt:
-    """Wake the robot at a given time. This request replaces the previous request."""
+    """Wake the robot at a given time. A new request replaces the previous request."""
 
     time: float
 

@@ -1,9 +1,9 @@
 """Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
 
 The remaining cells of a robot's part form runs: sequences of neighbouring cells that no robot is known to have searched. A robot
-may be searching a run from its front, the first cell of the run. A helper enters the run behind this robot's cells, so that both
-robots finish at the same time, and searches in the same direction. Every helper computes the entries of all helpers in the same
-order. Therefore few helpers choose the same entry.
+may be searching a run from its front, the first cell of the run. A helper enters a run at the cell from which the helper and the
+robot at the front finish at the same time. Both robots search in the same direction. Few helpers choose the same cell, because
+every helper computes the choices of all helpers in the same order.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _WORTH = 1.0  # cells: minimum gain of helping
 class Stretch:
     """A run of remaining cells in search order.
 
-    ``pace`` is the search rate of the robot that searches the run, or 0 without a robot.
+    ``pace`` is the search rate of the robot that searches the run, or 0 if no robot searches the run.
 
-    ``late`` is the time until this robot arrives at the first cell.
+    ``late`` is the time until the robot that searches the run arrives at the first cell of the run.
     """
 
     first: int
@@ -42,7 +42,7 @@ class Stretch:
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the cell at which the robot should help in a part of a dead or late robot or in its own part, or None."""
+    """Return the cell that the robot should search to help, in its own part or the part of a dead or late robot, or None."""
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
     offered = [
@@ -84,7 +84,7 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
     """Return whether the robot itself is late while another robot is idle and not late.
 
-    The robot then continues its own work, but does not help others.
+    A robot that is late while another robot is idle continues its own work, but does not help others.
     """
     return is_late(robot, robot.number, time) and any(
         peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)

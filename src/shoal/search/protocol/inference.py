@@ -20,7 +20,7 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost in cells of moving from cell ``here`` to another cell and searching the other cell.
+    """Return the cost in cells of moving from ``here`` to ``cell`` and searching ``cell``.
 
     ``fresh`` is true if the robot has not just searched ``here``. ``closed`` is the bitset of the blocked cells.
     """
@@ -50,7 +50,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the time without a message after which a robot is presumed dead. It is longer if many messages are lost."""
+    """Return the time without a message after which a robot is presumed dead. The time is longer if many messages are lost."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -130,7 +130,7 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return a bitset of the cells known to be free: the robot passed them, or a robot that sees only one cell searched them."""
+    """Return a bitset of the cells known to be free: passed by this robot, or searched by a robot with a footprint of one cell."""
     wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)

@@ -1,7 +1,7 @@
 """Content and encoding of the robots' messages. Numbers have a variable length, and sets of cells are stored as intervals.
 
-Every message contains complete facts, which a robot understands without any other message. Therefore messages may be lost,
-duplicated or reordered. A beacon that is too long for one message is divided into several messages.
+Every message contains complete facts. Messages may be lost, duplicated or reordered, because a robot understands each fact without
+any other message. A beacon that is too long for one message is divided into several messages.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Later beacons repeat its content, so that no single message is essential.
+    """The regular broadcast of a robot. Later beacons repeat the content of a beacon, so that no single message is essential.
 
     Parameters
     ----------

@@ -3,15 +3,15 @@
 The same state machine runs in the simulation (`shoal.search.simulation`) and in processes with radios
 (`shoal.search.simulation.live`).
 
-The robot first listens. Then it divides the tour among all robots that it knows, and searches its own part. Next, it searches the
-remaining cells of the silent robots ahead, up to the part of the next live robot. If this live robot is idle, it searches the same
-cells from the other side. A robot without work waits while other robots work. It waits only as long as it could still search all
-unsearched cells alone within the time of one complete round. Therefore a single surviving robot searches all cells in that time,
-even if all messages and all other robots are lost (paper H, p. 4 to 7: "As long as at least one robot remains alive, the search
-should complete").
+The robot first listens. Then the robot divides the tour among all robots that it knows, and searches its own part. A robot that has
+searched its own part searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next
+live robot is idle, it searches the cells of the silent robots from the other side. A robot without work waits while other robots
+work. A robot waits only as long as it could still search all unsearched cells alone within the time of one complete round.
+Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other robots are lost
+(paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should complete").
 
-A robot that moves from cell to cell may find a blocked cell. It reports the blocked cell, and all robots avoid this cell from then
-on. Cells that no robot can reach any more are left out.
+A robot that moves from cell to cell may find a blocked cell. A robot that finds a blocked cell reports the cell, and all robots
+avoid it from then on. Cells that no robot can reach any more are left out.
 """
 
 from __future__ import annotations

@@ -78,8 +78,8 @@ class Brief:
 class Peer:
     """What a robot knows about another robot: its latest heartbeat, the time of arrival, and its lag at two earlier moments.
 
-    ``since`` is the time at which the other robot first reported its destination. ``way`` is the length of its path to this
-    destination in cell sides.
+    ``since`` is the time at which the other robot first reported its destination. ``way`` is the length in cell sides of the other
+    robot's path to its destination.
     """
 
     heartbeat: Heartbeat
@@ -218,7 +218,7 @@ class Robot:
     def but(self, **changes: Any) -> Robot:
         """Return a copy of the state in which some fields have other values.
 
-        Every message needs this method. Therefore it is written to be faster than `dataclasses.replace`.
+        The method avoids the slower `dataclasses.replace`, because every message needs a copy of the state.
         """
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)

@@ -1,7 +1,7 @@
-"""Content of a beacon: the new facts, and a part of all known facts. Several beacons repeat a new fact; the parts take turns.
+"""Content of a beacon: the new facts, which several beacons repeat, and one part of all known facts.
 
-All facts stay true. Therefore no message depends on an earlier message. If a robot misses a fact, it receives the fact later from
-any robot that knows it.
+Consecutive beacons contain different parts of the known facts. All facts stay true, so no message depends on an earlier message. If
+a robot misses a fact, it receives the fact later from any robot that knows it.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Avoid a blocked cell for a while. Otherwise two robots that want to pass each other would wait forever."""
+    """Avoid a blocked cell for a while, because two robots that want to pass each other would otherwise wait forever."""
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)

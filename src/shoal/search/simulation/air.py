@@ -49,7 +49,7 @@ class Air:
         return list(found)
 
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
-        """Yield the copies of a message that arrive at one receiver, with their delays. ``reaches`` is false if it is dead."""
+        """Yield the copies of a message that arrive at one receiver, with their delays. Without ``reaches``, no copy arrives."""
         self.sent += 1
         copies = self._scenario.network.send(link, self._rng) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)

@@ -226,8 +226,8 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
     """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (n,).
 
-    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. At least one of
-    these robots must not be a liar. The time is infinite for a cell that too few robots searched.
+    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. At least one of the
+    required robots must not be a liar. The time is infinite for a cell that too few robots searched.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}

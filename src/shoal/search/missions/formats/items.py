@@ -29,7 +29,10 @@ Params = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class Item:
-    """One mission item. An item has seven parameters. The last three are latitude, longitude and altitude. None means unset."""
+    """One mission item. An item has seven parameters. The last three parameters are latitude, longitude and altitude.
+
+    None means unset.
+    """
 
     command: int
     frame: int
@@ -40,8 +43,8 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the items of a mission, without home.
 
-    The wait and the take-off are the first items, because autopilots begin with these. Then an item sets the speed for the whole
-    mission. Images are taken from the first to the last waypoint. The take-off of a fixed wing has the position of the first
+    The wait and the take-off are the first items, because autopilots begin with these items. Then an item sets the speed for the
+    whole mission. Images are taken from the first to the last waypoint. The take-off of a fixed wing has the position of the first
     waypoint, because the vehicle climbs toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"

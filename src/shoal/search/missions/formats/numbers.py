@@ -1,4 +1,4 @@
-"""Numbers in mission files: they are written with fixed decimals, and read together with their number of decimals."""
+"""Numbers in mission files, written with fixed decimals and read together with their number of decimals."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ class _Form(BaseModel):
 
 
 class ItemForm(_Form):
-    """The form of a mission item in a ``.plan`` file."""
+    """The expected structure of a mission item in a ``.plan`` file."""
 
     type: Literal["SimpleItem"]
     command: StrictInt
@@ -41,7 +41,7 @@ class ItemForm(_Form):
 
 
 class MissionForm(_Form):
-    """The form of the mission in a ``.plan`` file."""
+    """The expected structure of the mission in a ``.plan`` file."""
 
     version: Literal[2]
     firmware_type: StrictInt = Field(alias="firmwareType")
@@ -58,7 +58,7 @@ _Longitude = Annotated[float, Field(strict=True, ge=-180, le=180)]
 
 
 class PolygonForm(_Form):
-    """The form of a fence polygon in a ``.plan`` file."""
+    """The expected structure of a fence polygon in a ``.plan`` file."""
 
     version: Literal[1]
     inclusion: StrictBool
@@ -66,7 +66,7 @@ class PolygonForm(_Form):
 
 
 class FenceForm(_Form):
-    """The form of the fence in a ``.plan`` file."""
+    """The expected structure of the fence in a ``.plan`` file."""
 
     version: Literal[2]
     circles: list[Any]
@@ -74,14 +74,14 @@ class FenceForm(_Form):
 
 
 class RallyForm(_Form):
-    """The form of the rally points in a ``.plan`` file."""
+    """The expected structure of the rally points in a ``.plan`` file."""
 
     version: Literal[2]
     points: list[tuple[_Latitude, _Longitude, _Numbers]]
 
 
 class PlanForm(_Form):
-    """The form of a whole ``.plan`` file."""
+    """The expected structure of a whole ``.plan`` file."""
 
     file_type: Literal["Plan"] = Field(alias="fileType")
     version: Literal[1]

@@ -1,4 +1,7 @@
-"""CSV missions: one line per item. Coordinates are in degrees, or in metres for a region without a position on Earth."""
+"""CSV missions: one line for home, for each waypoint and for the return.
+
+Coordinates are in degrees, or in metres for a region without a position on Earth.
+"""
 
 from __future__ import annotations
 

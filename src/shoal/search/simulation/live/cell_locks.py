@@ -1,7 +1,7 @@
-"""Cell locks: they prevent two live robots from occupying one cell at the same time. The robots do not communicate for this.
+"""Cell locks prevent two robots of a live search from occupying one cell at the same time. The locks need no messages.
 
-Each cell is a byte of an anonymous file. A robot that searches a cell holds the operating system's lock on its byte. Therefore two
-robots are never in one cell. If a process ends for any reason, the operating system releases its lock.
+Each cell is a byte of an anonymous file. A robot that searches a cell holds the operating system's lock on the byte of this cell.
+If a process ends for any reason, the operating system releases its lock.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""The robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ..., started by `process_pool`.
+"""The program of the robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ...
 
-The first process imports all slow modules once and forks one process per robot. This process then waits until its standard input
-closes, and ends the remaining processes. The robots' processes share only the open file with the cell locks. A robot's process
-writes one line of JSON per event to OUT. The process starts its search when it gets a message from IN. When IN closes, the
-supervisor has ended, and the robot's process ends too.
+The `process_pool` starts one process, which imports all slow modules once and forks one process per robot. The first process then
+waits until its standard input closes, and ends the remaining processes. The robots' processes share only the open file with the
+cell locks. A robot's process writes one line of JSON per event to OUT. A robot's process starts its search when it gets a message
+from IN. When IN closes, the supervisor has ended, and the robot's process ends too.
 """
 
 from __future__ import annotations

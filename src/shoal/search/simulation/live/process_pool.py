@@ -1,4 +1,4 @@
-"""The process pool: it starts the processes of all robots, and makes sure that all of them end."""
+"""The process pool starts the processes of all robots, and makes sure that all of them end."""
 
 from __future__ import annotations
 

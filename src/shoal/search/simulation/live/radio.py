@@ -3,7 +3,8 @@
 Messages go to a multicast group, or to each robot's port if multicast is not available.
 
 Every process on the machine can send to the radio. Therefore each message is signed with a key that only the robots of one search
-have, and a robot opens each message only once. All other messages are dropped and counted. Messages that are too long are not read.
+have, and a robot opens each message only once. Messages that are not signed so, or come again, are dropped and counted. Messages
+that are too long are not read.
 """
 
 from __future__ import annotations

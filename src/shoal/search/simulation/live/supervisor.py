@@ -1,4 +1,4 @@
-"""Supervisor of a live search: it starts the robots, kills some of them, records their reports, and ends all processes."""
+"""The supervisor of a live search starts the robots, kills some of them, records their reports, and ends all processes."""
 
 from __future__ import annotations
 
