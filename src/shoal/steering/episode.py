@@ -105,8 +105,8 @@ class SteeringEpisode(Episode):
         """Amplification of errors: the largest ratio of a final error to an error of the start or of the contact tolerance.
 
         For most plans, the condition is between a few and a few hundred. A plan is sensitive if the condition times the contact
-        tolerance (1e-9 of the size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only in floating-point
-        arithmetic with the same rounding.
+        tolerance (1e-9 of the size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds
+        all numbers exactly as the planner did.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 

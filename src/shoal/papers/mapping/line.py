@@ -99,8 +99,8 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
     """Return three ratios for D = 10^k, in an array of shape (3, k).
 
-    The first ratio is the larger of move ratio and scan ratio of the schedule i^i. The second ratio is the smallest value of this
-    larger ratio for any schedule. The third ratio is log D / log log D.
+    The first ratio is the larger of move ratio and scan ratio of the schedule i^i. The second ratio is the smallest value that the
+    first ratio has for any schedule. The third ratio is log D / log log D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]

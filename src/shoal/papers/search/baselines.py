@@ -1,4 +1,4 @@
-"""Paper H: the search methods with which it compares (strips, spirals, random walks), and the curve Hilbert II."""
+"""Paper H: strips, spirals and random walks, with which the paper compares its search method, and the curve Hilbert II."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random point of the wall that a particle can touch first, and the positions of both particles then, shape (2, 2)."""
+    """Return a random point of the wall that a particle can touch first, and the positions of both particles at the contact."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -47,7 +47,7 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Simulate random pairs of moves, the first one to a wall and the second one along the wall or away from it.
+    """Simulate random pairs of moves, the first one to a wall, and the second one along the wall or into the wall.
 
     Return the number of simulated pairs, and how many of the pairs end outside the computed set of differences.
 

@@ -32,7 +32,7 @@ EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
 
 
 def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
-    """Return workspaces, each beside its Δ configuration space with the sets that 2, 4, ... moves reach (paper W, Fig. 4).
+    """Return a figure of workspaces beside their Δ configuration spaces with the sets that 2, 4, ... moves reach (paper W, Fig. 4).
 
     Raises
     ------
@@ -96,7 +96,9 @@ def _colour_key(figure: Figure, moves: Sequence[int]) -> None:
 
 
 def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figure:
-    """Return the sets that 2, 4, ... moves reach on a disk from starts at given distances in diameters (paper W, Fig. 9).
+    """Return a figure of the sets that 2, 4, ...
+
+    moves reach on a disk from starts at given distances in diameters (paper W, Fig. 9).
 
     Raises
     ------
@@ -115,7 +117,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 
 
 def fraction_curves(data: DiskFractions) -> Figure:
-    """Return the fraction of all differences that moves reach on a disk against the initial distance (paper W, Fig. 8).
+    """Return a figure of the fraction of all differences that moves reach on a disk, by initial distance (paper W, Fig. 8).
 
     In the figure, circles mark the numbers that the paper prints. Vertical lines mark the initial distances of Fig. 9.
     """
@@ -142,7 +144,7 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return maps of the costs of plans against the goal of one particle (paper W, Figs. 14 and 16).
+    """Return a figure with maps of the costs of plans by the goal of one particle (paper W, Figs. 14 and 16).
 
     Parameters
     ----------
@@ -259,7 +261,7 @@ def _goal_key(sweep: GoalSweep) -> list[object]:
 
 
 def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
-    """Return the distance of plans from antipodal goals against their length (paper W, Fig. 15).
+    """Return a figure of the distance between the ends of plans and antipodal goals, by the length of the plans (paper W, Fig. 15).
 
     Parameters
     ----------

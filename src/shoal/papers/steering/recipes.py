@@ -45,7 +45,7 @@ CYCLES = (2, 4, 6, 8, 10, 12, 14)
 def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> Points:
     """Return a difference of two points, shape (2,): a random direction, and 2 to 100 % of the distance to the border.
 
-    The logarithm of this fraction is uniform, so short differences are as frequent as long ones.
+    The logarithm of the fraction of the distance is uniform, so short differences are as frequent as long ones.
     """
     angle, share = rng.uniform(0, 2 * pi), float(0.999 * 0.02 ** rng.uniform())
     border: Points = border_point(workspace.differences, (np.cos(angle), np.sin(angle)))
@@ -71,7 +71,10 @@ def disk_share(*, seed: int, distance: float) -> dict[str, float]:
 
 @measuring("length", "error")
 def antipodes(*, seed: int, toucher: str, cycles: int) -> dict[str, float]:
-    """Return the distance of a plan with ``cycles`` cycles from antipodal goals, and its length. The result is deterministic."""
+    """Return how far from antipodal goals a plan with ``cycles`` cycles ends, and the length of the plan.
+
+    The result is deterministic.
+    """
     swap = swap_antipodes(toucher=toucher, cycles=cycles)  # type: ignore[arg-type]  # refused there if it is no toucher
     return {"length": float(swap.lengths[-1]), "error": float(swap.errors[-1])}
 

@@ -29,7 +29,7 @@ _ANGLES = 3000  # number of corners of a barrier
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
     """Return the reason why friction keeps Δ from changing from ``before`` to a value near ``after``, or None if no proof is found.
 
-    On a disk of radius r with the friction coefficient μ, the limit of |Δ| is 2 r sin(atan μ). If |Δ| is above this limit, no
+    On a disk of radius r with the friction coefficient μ, the limit of |Δ| is 2 r sin(atan μ). If |Δ| is above 2 r sin(atan μ), no
     reaction of the wall on either particle makes Δ longer. Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the
     initial |Δ|. While |Δ| is above the limit, Δ can turn only while |Δ| shrinks. On a polygon, the function uses a barrier and
     several gauges. In the unit ball of each gauge, the walls' normals are either the normals of the sides or the corners. The
@@ -73,8 +73,8 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
     """Return the largest angle in radians by which Δ can turn while |Δ| shrinks from ``large`` to ``small``.
 
     The friction is so low that |Δ| cannot grow. The largest turn results from reactions at the edge of the friction cone, whose
-    half-angle is ``cone``: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ. The integral of this expression has a closed
-    form. The result is infinite if φ + cone reaches a right angle, because the difference can then turn without shrinking.
+    half-angle is ``cone``: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ. The integral of d(turn) has a closed form.
+    The result is infinite if φ + cone reaches a right angle, because the difference can then turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

@@ -50,9 +50,9 @@ class GainBelief:
         return np.asarray(point - self.at(middle) * move)
 
     def learn(self, here: Points, there: Points, move: Points) -> None:
-        """Update the belief by one free flight.
+        """Update the belief by a move of a particle without wall contact.
 
-        The travelled distance divided by the length of the move is taken as the gain at the flight's midpoint.
+        The travelled distance divided by the length of the move is taken as the gain at the midpoint of the particle's path.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

@@ -34,7 +34,7 @@ def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> boo
 
 
 def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
-    """Return one or two moves that together translate all particles by ``move``, or None if a wall blocks them.
+    """Return one or two moves that together translate all particles by ``move``, or None if walls prevent it.
 
     If a wall would block a single move, the first of the two moves is a small move off the walls.
     """
@@ -51,8 +51,8 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
     """Return small moves that take one particle off its walls while a wall holds the other particle, each with the resulting state.
 
-    These small moves are needed if no single move takes both particles off their walls, for example if the particles lie on
-    opposite walls.
+    The small moves are needed if no single move takes both particles off their walls, for example if the particles lie on opposite
+    walls.
     """
     found = []
     for held in (0, 1):
@@ -72,8 +72,8 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 def direction_away_from(rows: Points) -> Points | None:
     """Return the unit vector whose smallest scalar product with given unit vectors is largest, or None if this product is about 0.
 
-    The result is a linear combination of at most d of the given vectors, where d is the number of dimensions. The scalar products
-    of the result with these vectors are equal.
+    The result is a linear combination of at most d of the given vectors, where d is the number of dimensions. All vectors of the
+    combination have the same scalar product with the result.
     """
     d = rows.shape[1]
     if not len(rows):

@@ -99,9 +99,9 @@ class ContactWorld(SteeringWorld):
     move, a particle stops where it first meets a wall and stays there until the end of the move. The other particles continue.
 
     With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|``, if this value is
-    positive. Here T is the tangential direction of the push. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 +
+    positive. In ``|T u|``, T is the direction along the wall. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 +
     gradient (p - c)`` and c is the centre of the workspace. For example, particles closer to a coil move faster. Particles with a
-    radius are spheres. Their centres stay at least a radius away from the walls, and a sphere that meets a held sphere stops.
+    radius are spheres. The centres of spheres stay at least a radius away from the walls. A sphere that meets a held sphere stops.
 
     Parameters
     ----------

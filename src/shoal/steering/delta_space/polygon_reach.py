@@ -2,7 +2,8 @@
 
 While one particle touches a wall, the other particle can have a certain largest depth below this wall. The largest depths at all
 contacts determine the set that k moves reach. Let particle 1 (σ = 1) or particle 2 (σ = -1) be at a contact c of a wall. H_k(c) is
-the largest depth below the wall that the other particle can have at this contact after k moves. The sets that k + 2 moves reach are
+the largest depth below the wall that the other particle can have at the contact c after k moves. The sets that k + 2 moves reach
+are
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
 

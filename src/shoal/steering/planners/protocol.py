@@ -20,8 +20,8 @@ class Planner(Protocol):
     -----
     A planner may have four more attributes:
 
-    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without this attribute, a
-      planner gets only problems with two particles in a convex workspace.
+    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without ``general``, a planner
+      gets only problems with two particles in a convex workspace.
     - ``obstacles``: true if the planner supports regions with obstacles, for two particles.
     - ``prefers``: "length" or "moves": the measure by which two plans are compared if goals are interchangeable.
     - ``control(task, apparatus)``: a method that sends moves and observes in a closed loop, in place of a plan. See

@@ -185,7 +185,7 @@ class Translations:
     def around(self, offset: Points) -> Iterator[Points]:
         """Yield paths from an offset to the goal as moves, one path for each margin that is possible.
 
-        In a convex workspace, there are no such paths.
+        In a convex workspace, there are no paths around obstacles.
         """
         room = self._task.world.room
         for margin in self._margins if isinstance(room, Region) else ():

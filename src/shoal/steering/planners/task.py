@@ -106,8 +106,8 @@ class SteeringTask(StartAndGoal):
 
         The result is None if a necessary small move is impossible.
 
-        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. The chain is then optimized again
-        at a larger distance from all walls.
+        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. In this case, the chain is
+        optimized again at a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
@@ -120,7 +120,7 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
-        """Return whether the moves end within the tolerance. They begin at ``start`` if given, otherwise at the task's start."""
+        """Return whether moves from ``start`` end within the tolerance. The default of ``start`` is the task's start."""
         return self.error(self.world.play(self.start if start is None else start, moves)[-1]) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:

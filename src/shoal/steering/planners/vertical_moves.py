@@ -35,9 +35,9 @@ def planar_task(task: SteeringTask) -> SteeringTask:
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     """Add a vertical component to each move of a plan in the plane, so that both particles reach the heights of their goals.
 
-    Whether a side wall holds a particle depends only on the move's component in the plane. Therefore the fraction of each move that
-    a particle makes is known. The final height of each particle is a linear function of the vertical components. A linear program
-    minimizes the sum of the vertical components.
+    Whether a side wall holds a particle depends only on the move's component in the plane. Therefore the plan in the plane
+    determines which fraction of each move a particle makes. The final height of each particle is a linear function of the vertical
+    components. A linear program minimizes the sum of the vertical components.
 
     Parameters
     ----------

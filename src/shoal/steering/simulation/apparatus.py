@@ -73,7 +73,7 @@ def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
 
     The function simulates the moves once for each coordinate of each start, which it displaces by 1e-12 of the size in both
     directions. In another simulation, the contact tolerance is 1e-12 of the size. The amplification is large if a wall no longer
-    holds a particle after such a change.
+    holds a particle after a small change.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

@@ -19,8 +19,8 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, convex_ou
 class ConvexWorkspace(SteeringWorkspace):
     """A convex workspace, bounded by flat walls and optionally by a circle.
 
-    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create it. Points are (x, y) or (x, y, z), with the y axis
-    upwards.
+    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create a workspace. Points are (x, y) or (x, y, z), with the
+    y axis upwards.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ class ConvexWorkspace(SteeringWorkspace):
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return each point's distance to the round wall, negative outside, or infinity without it; float64, shape (...)."""
+        """Return each point's distance to the round wall, negative outside, or infinity without a round wall; float64."""
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 

@@ -39,8 +39,8 @@ class PointMean:
 def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
     """Return the figure of a sweep's means.
 
-    If an axis of the sweep has several numbers, it is the x axis, and each combination of the other axes has a line. Otherwise,
-    each point has a row.
+    If an axis of the sweep has several numbers, it is the x axis, and each combination of the other axes has a line. Without an
+    axis of several numbers, each point has a row.
 
     Raises
     ------

@@ -36,7 +36,8 @@ def routes_figure(episode: SearchEpisode) -> Figure:
 
     A square with a number marks a robot's start, a cross the place where the robot failed, and a diamond a finding with its
     confidence. A cell has the colour of the robot that searched it first. Cells that a robot searched for another robot are darker
-    and have an outline. Paths through these cells are thicker. Paths to distant cells are thin and dashed. Unseen areas are red.
+    and have an outline. Paths through cells that were searched for another robot are thicker. Paths to distant cells are thin and
+    dashed. Unseen areas are red.
     """
     history = SearchHistory(episode)
     left, right, bottom, top = history.sides

@@ -186,7 +186,7 @@ class SearchHistory:
     def on_picture(self, points: Floats) -> Floats:
         """Return points of the region in drawing coordinates in metres, in which rows of cells are horizontal.
 
-        A third column of the points contains the layer. Points without this column are in the lowest layer.
+        A third column of the points contains the layer. Points without a third column are in the lowest layer.
         """
         return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
 

@@ -34,7 +34,7 @@ def player_page(episode: SearchEpisode) -> str:
 
 
 def page_data(episode: SearchEpisode) -> dict[str, object]:
-    """Return the data of the page for JSON. In these data, arrays are base64 texts of little-endian numbers.
+    """Return the data of the page for JSON. Arrays in the data are base64 texts of little-endian numbers.
 
     Returns
     -------

@@ -133,8 +133,8 @@ def _font(width: int) -> ImageFont.FreeTypeFont:
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
     """Return a strip for the bottom of a picture. The strip has one column for each move and a black mark for each scan.
 
-    The current move is in the middle of the strip, with a mark below it. The picture above the strip shows the belief after the
-    last scan. The strip is a uint8 array of shape (rows, width, 3), in colours of the palette.
+    The current move is in the middle of the strip, with a mark below the middle. The picture above the strip shows the belief after
+    the last scan. The strip is a uint8 array of shape (rows, width, 3), in colours of the palette.
 
     Examples
     --------

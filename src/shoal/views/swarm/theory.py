@@ -25,7 +25,7 @@ _POINTS = 400  # maximum number of scans at each of which a chart has a point
 
 
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
-    """Return the distributions of first gap, last gap, largest gap and spread, as in paper M, figure 5.
+    """Return a figure of the distributions of first gap, last gap, largest gap and spread, as in paper M, figure 5.
 
     Lines are exact values. Bars show the Monte Carlo sample, if one is given.
     """
@@ -77,7 +77,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return the distributions of the numbers of moves that find both ends and that cover all cells, as in paper M, figure 6.
+    """Return a figure with the distributions of the moves to find both ends, and of the moves to cover all cells (paper M, Fig. 6).
 
     Parameters
     ----------

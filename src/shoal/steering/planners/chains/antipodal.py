@@ -20,9 +20,9 @@ def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float
 
     On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' has the length sqrt(2 r
     |Δ|) and is turned by acos(|Δ'| / 2 r). Seen backwards, the difference before Δ' therefore has the length |Δ'| cos(turn), and
-    its direction is turned back to either side. The algorithm repeats this backward step until the difference is short enough for a
-    chain of a few cycles. ``sides`` contains the signs of two successive backward turns, which repeat. A positive turn is
-    counter-clockwise.
+    the direction of this difference is turned back to either side. The algorithm repeats the backward step until the difference is
+    short enough for a chain of a few cycles. ``sides`` contains the signs of two successive backward turns, which repeat. A
+    positive turn is counter-clockwise.
 
     Notes
     -----

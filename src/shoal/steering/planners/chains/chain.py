@@ -174,7 +174,10 @@ class ChainQuery(StartAndGoal):
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return the shortest chain with the touchers and walls of ``chain``, or ``chain`` itself if it is very long or this fails."""
+    """Return the shortest chain with the touchers and walls of ``chain``.
+
+    If ``chain`` has very many cycles or the search fails, the result is ``chain`` itself.
+    """
     if chain.cycles > _DEEPEST:
         return chain
     if chain.last is not None:  # use the difference that the chain really reaches

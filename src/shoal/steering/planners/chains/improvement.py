@@ -1,4 +1,4 @@
-"""Improvement of chains: insert or remove a cycle, or exchange its toucher, and shorten the chain again.
+"""Improvement of chains: insert a cycle, remove a cycle or exchange the toucher of a cycle, and shorten the chain again.
 
 Chains of more than three cycles have so many kinds that a search cannot try all of them. Therefore long chains are found by
 inserting cycles into shorter chains. Some optimal long chains alternate between the two walls of a corner, or move along a wall in
@@ -78,13 +78,16 @@ class ChainPool:
         return True
 
     def begin(self, chain: Chain) -> None:
-        """Make a chain feasible and short, and add it."""
+        """Make a chain feasible and short, and add the result to the pool."""
         along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(chain.cycles, -1)
         deltas = list(chain.differences(self.query.before, self.query.after))
         self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
 
     def tried(self, one: _Candidate) -> int:
-        """Make a candidate feasible and short, and add it. Return 1, or 0 if an equal candidate was tried before."""
+        """Make a candidate feasible and short, and add the result to the pool.
+
+        Return 1, or 0 if an equal candidate was tried before.
+        """
         query, guess, round_ = self.query, one.guess, self.query.walls.round
         kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
         if kind in self._known:

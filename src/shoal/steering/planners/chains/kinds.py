@@ -2,8 +2,8 @@
 
 The path of a particle that touches walls is at least as long as the distance between its start and the mirror image of its goal in
 these walls. Only moves during which a particle is held change the difference. If only one particle touches walls, the chain is
-therefore at least as long as its path plus |Dg - Ds|, where Dg and Ds are the differences at goal and start. If both particles
-touch walls, the chain is at least as long as half the sum of both paths and |Dg - Ds|.
+therefore at least as long as the path of this particle plus |Dg - Ds|, where Dg and Ds are the differences at goal and start. If
+both particles touch walls, the chain is at least as long as half the sum of both paths and |Dg - Ds|.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
 
 def way_over_circle(one: Points, other: Points, radius: float) -> float:
-    """Return the length of the shortest path from one point to another that touches a circle around the origin.
+    """Return the length of the shortest path between two points that touches a circle around the origin.
 
     Notes
     -----

@@ -29,7 +29,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     """Move a chain's contacts from the few walls of the first search to the nearest walls of the polygon.
 
-    The length stored in the result is the length of ``chain``, and is not correct.
+    The result keeps the length of ``chain``, although the moved contacts change the length.
     """
     walls, d = query.walls, query.walls.dimensions
     sides, on = walls.sides, chain.walls.copy()
@@ -71,7 +71,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved to neighbouring sides as long as this shortened the chain."""
+    """Return a chain whose contacts have moved to neighbouring sides as long as each move shortened the chain."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

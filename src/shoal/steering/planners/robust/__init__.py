@@ -45,8 +45,8 @@ class Robust:
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Return the moves that were sent and the resulting states.
 
-        In a world without noise, the method sends the shortest plan. If this plan fails, the loop runs with a small assumed noise.
-        Afterwards, the method stores a remark in the apparatus about the noise that the loop tolerates.
+        In a world without noise, the method sends the shortest plan. If the shortest plan fails, the loop runs with a small assumed
+        noise. Afterwards, the method stores a remark in the apparatus about the noise that the loop tolerates.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()

@@ -32,7 +32,7 @@ class Replanning:
 
     A plan is a sequence of steps. Each step leads to its target from any positions of the particles. Therefore each step corrects
     the effects of noise. Plans are compared by their mean number of moves in simulations with noise. If a plan ends before the
-    goals, an estimate of the remaining moves is added.
+    goals, an estimate of the remaining moves is added to its number of moves.
 
     Parameters
     ----------
