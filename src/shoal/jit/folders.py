@@ -34,9 +34,15 @@ def folder_of(sources: Path) -> Path | None:
             return folder
     private = _private_folder()
     if private is None:
-        tell_once(f"kernels are compiled anew by each run: no cache folder can be written (name one with {ENVIRONMENT})")
+        tell_once(
+            f"kernels are compiled anew by each run: no cache folder can be written (the variable {ENVIRONMENT} chooses "
+            "another folder)"
+        )
         return None
-    tell_once(f"compiled kernels are kept in {private}: no other folder can be written (name one with {ENVIRONMENT})")
+    tell_once(
+        f"compiled kernels are kept in {private}: no other folder can be written (the variable {ENVIRONMENT} chooses another "
+        "folder)"
+    )
     return private / subfolder if _is_usable(private / subfolder) else None
 
 

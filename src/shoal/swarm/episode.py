@@ -290,7 +290,8 @@ class SwarmEpisode(Episode):
         """
         if self.observations is not None:
             raise InvalidInputError(
-                f"{path}: expected an episode of a simulation, got a rig episode with noise, which is kept in the rig's log"
+                f"{path}: expected an episode of a simulation, got an episode of a rig with noise, which the log of the rig "
+                "contains"
             )
         told = {name: getattr(self, name) for name in ("policy", "first_frontier", "seed", "trial", "seconds")}
         told |= {"status": str(self.status), "versions": dict(self.versions)}

@@ -208,16 +208,18 @@ class SwarmProblem(Problem):
         assert self.scanning
         if self.start is not None:
             if self.particles not in (100, len(self.start)):
-                raise InvalidInputError(f"particles: expected {len(self.start)}, as many as start cells, got {self.particles}")
+                raise InvalidInputError(f"particles: expected {len(self.start)}, the number of start cells, got {self.particles}")
             object.__setattr__(self, "particles", len(self.start))
         if self.subset is not None and self.task not in ("coverage", "subset-coverage"):
             task = _name_for_people(self.task)
-            raise InvalidInputError(f"subset: expected it only together with the task coverage, got the task {task}")
+            raise InvalidInputError(f"subset: expected the task coverage together with a subset, got the task {task}")
         if self.budget is not None and self.time_per_move is not None:
             raise InvalidInputError("budget: expected a budget or a time per move, got both")
         if not self.noise:
             if self.confidence != type(self).confidence:
-                raise InvalidInputError(f"confidence: expected it together with noise (slip, ...), got {self.confidence:g}")
+                raise InvalidInputError(
+                    f"confidence: expected a confidence only together with noise (slip, misplace or miss), got {self.confidence:g}"
+                )
             return
         object.__setattr__(self, "measures", (*self.measures, *NOISE_MEASURES))
         if self.rule != "block":
@@ -226,7 +228,8 @@ class SwarmProblem(Problem):
             raise InvalidInputError(f"noise: expected the task mapping, got {self.task_name}")
         if isinstance(self.scan_every, str):
             raise InvalidInputError(
-                f"noise: expected scan-every as a number of commands, as no outcome is certain beforehand, got {self.scan_every}"
+                "noise: expected scan-every as a number of commands, because no outcome is certain beforehand, got "
+                f"{self.scan_every}"
             )
 
     @property

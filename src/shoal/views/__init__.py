@@ -110,5 +110,5 @@ def _views_of(episode: Any, room: str) -> Any:
     """Return a view module of the episode's part. The views of other parts and the kernels of other parts are not loaded."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
-        raise InvalidInputError(f"episode: expected one of a swarm, of steering or of a search, got {type(episode).__name__}")
+        raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")
     return import_module(f"shoal.views.{part}.{room}")

@@ -228,9 +228,9 @@ def test_command(tmp_path, capsys):
 
 
 def test_curves_and_frontiers_of_nothing_are_refused():
-    with pytest.raises(InvalidInputError, match="one or more, got none"):
+    with pytest.raises(InvalidInputError, match="at least one curve, got none"):
         mean_curves([], Labels("", "", ""))
-    with pytest.raises(InvalidInputError, match="one trial or more of each group"):
+    with pytest.raises(InvalidInputError, match="at least one trial per group"):
         frontier_curves({"a": []}, title="")
 
 

@@ -412,7 +412,7 @@ def test_figures():
     sets = polygon_reach(SQUARE, (0.3, 0.2), moves=4)
     assert len(reach_figure(sets, points=[(0.1, 0.1), (0.4, 0.3)]).axes) == 2
     assert len(reach_figure(disk_reach(0.2, moves=4)).axes) == 1
-    with pytest.raises(InvalidInputError, match="one set or more"):
+    with pytest.raises(InvalidInputError, match="at least one set"):
         reach_figure([])
 
 

@@ -244,7 +244,10 @@ def ended_batch():
         (lambda batch: batch.step("lux"), r"expected commands out of 'lurd' for a 2-D workspace, got 'x' at position 3"),
         (lambda batch: batch.step([0, 1, 2], repeat=0), "repeat: expected 1 or more, got 0 for world 0"),
         (lambda batch: batch.step([0, 0, 0], where=[1, 1, 1]), r"where: expected 3 booleans, one per world, got int64 \(3,\)"),
-        (lambda _: ended_batch().step("rrr"), r"step: expected worlds whose episodes are running, got world 1, which has ended"),
+        (
+            lambda _: ended_batch().step("rrr"),
+            r"step: expected worlds whose episodes are running, got world 1, whose episode has ended",
+        ),
         (lambda batch: batch.reset(seed=-1), "seed: expected a whole number, 0 or more, got -1"),
         (lambda batch: batch.reset(seed=[1, 2]), "seed: expected 3 seeds, one per world, got 2"),
         (lambda batch: batch.reset(maps=1), "maps: expected 0 to 0, got 1 for world 0"),

@@ -177,7 +177,7 @@ def test_cave_is_smooth():
         ("maze:5x5:", "expected a seed"),
         ("maze:5x5:1.0", "expected a seed"),
         ("maze:5x5:1:2", r"expected maze:WIDTHxHEIGHT\[:SEED\], got 'maze:5x5:1:2'"),
-        ("line:5:1", "expected no seed, as nothing in a map of kind line is random, got 1"),
+        ("line:5:1", "expected no seed, because nothing in a map of kind line is random, got 1"),
         (5, "expected a map name such as 'vessels:5000:7', got int"),
     ],
 )

@@ -280,8 +280,8 @@ def test_open_map_finds_vessels_in_a_photograph(tmp_path):
     [
         ("line:7", {"threshold": 1.5}, "threshold: expected a number from 0 to 1, got 1.5"),
         ("line:7", {"scale": 0.0}, "scale: expected a number, above 0 and at most 64"),
-        ("line:7", {"width": 40}, "width: expected it only together with vessels"),
-        ("line:7", {"vessels": True}, "vessels: expected a photograph to segment, got the generated map 'line:7'"),
+        ("line:7", {"width": 40}, "width: expected no width without the option vessels"),
+        ("line:7", {"vessels": True}, "vessels: expected a photograph, got the generated map 'line:7'"),
         ("lime:7", {}, "did you mean 'line'"),
         ("x" * 5000, {}, "unknown map generator"),
         ("line:" + "1" * 900, {}, "expected from 1 to 268435456 cells"),
@@ -409,5 +409,5 @@ def test_pages_are_counted_no_further_than_the_limit(tmp_path, monkeypatch):
 def test_compressed_zeros_are_no_volume_and_are_not_unfolded(tmp_path):
     pytest.importorskip("nibabel")
     (tmp_path / "bomb.nii.gz").write_bytes(gzip.compress(bytes(1 << 24)))
-    with pytest.raises(InvalidInputError, match="expected a NIfTI volume, got a damaged or cut off one or another kind of file"):
+    with pytest.raises(InvalidInputError, match="expected a NIfTI volume, got a damaged, truncated or other file"):
         read_map(tmp_path / "bomb.nii.gz")

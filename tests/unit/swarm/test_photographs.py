@@ -61,7 +61,7 @@ def noise(kind):
 
 @pytest.mark.parametrize("kind", ["white", "soft", "smooth", "colour", "surround"])
 def test_noise_alone_is_refused(kind):
-    with pytest.raises(InvalidInputError, match="found no network of lines that stands out"):
+    with pytest.raises(InvalidInputError, match="got no network of lines that stands out"):
         find_vessels(noise(kind))
 
 
@@ -71,7 +71,7 @@ def test_a_cat_is_refused():  # other pictures: test_imaging
         picture = data.chelsea()
     except (OSError, ModuleNotFoundError):
         pytest.skip("a picture that this scikit-image does not ship")
-    with pytest.raises(InvalidInputError, match="found no network of lines that stands out"):
+    with pytest.raises(InvalidInputError, match="got no network of lines that stands out"):
         find_vessels(picture)
 
 

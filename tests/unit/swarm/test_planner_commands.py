@@ -31,8 +31,8 @@ def test_closest_frontier_where_planners_have_no_answer(capsys):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--policy", "closest-frontier", "--budget", "50"], "budget: expected a policy that plans"),
-        (["--policy", "sweep", "--time-per-move", "1"], "time-per-move: expected a policy that plans"),
+        (["--policy", "closest-frontier", "--budget", "50"], "budget: expected a planner"),
+        (["--policy", "sweep", "--time-per-move", "1"], "time-per-move: expected a planner"),
         (["--budget", "50", "--time-per-move", "1"], "expected a budget or a time per move, got both"),
         (["--budget", "0"], "budget: expected a number, above 0"),
         (["--budget", "50", "--scan-every", "3"], "scan-every: expected 1 for policy beam-rollout"),

@@ -194,7 +194,7 @@ def test_answers_that_are_none(answer, words):
 def test_a_policy_that_fails_is_named_with_the_line():
     policy = type("Broken", (), {"name": "broken", "decide": lambda self, view, memory, rng: 1 / 0})()
     with pytest.raises(
-        InvalidInputError, match=r"policy broken: its decide failed at .*test_policies.py, line \d+: ZeroDivisionError"
+        InvalidInputError, match=r"policy broken: the method decide failed at .*test_policies.py, line \d+: ZeroDivisionError"
     ):
         run(open_map("line:5"), policy=policy, particles=1)
 

@@ -131,7 +131,7 @@ class Faulty(SimulatedRig):
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        (lambda cells: cells[:-1], "expected every particle in its own line"),
+        (lambda cells: cells[:-1], "expected every particle in its line"),
         (lambda cells: cells[:0], "after 3 moves: expected the cells of particles, got none"),
         (lambda cells: cells - [[0, 0], [0, 0], [1, 0]], "move 3: scan: expected particles 0 to 1 cells further"),
         (lambda cells: np.concatenate([cells[:1], cells[:1], cells[2:]]), "expected cells of one particle each, got (0, 1)"),
@@ -268,7 +268,7 @@ def test_a_rig_that_was_started_anew_is_not_gone_on_with():
         ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [2, 2], "rule": "hop"}, "expected a rule out of"),
         ({"type": "welcome", "protocol": 1, "session": "s", "seq": 0, "shape": [99999, 99999]}, "at most"),
         ({"type": "welcome", "protocol": 1, "session": "other", "seq": 3, "shape": [2, 2]}, "expected a new session"),
-        ({"type": "error", "text": "no magnets today"}, "the rig refuses: no magnets today"),
+        ({"type": "error", "text": "no magnets today"}, "the rig refuses the request: no magnets today"),
         ({"type": "greetings"}, "expected a message of protocol 1"),
     ],
 )

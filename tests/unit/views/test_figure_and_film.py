@@ -53,9 +53,9 @@ def test_options_of_a_kind(episodes):
 
 @pytest.mark.parametrize("wrong", [None, 3, [], "episode.npz"])
 def test_anything_else_is_refused(wrong, tmp_path):
-    with pytest.raises(InvalidInputError, match="episode: expected one of a swarm, of steering or of a search, got"):
+    with pytest.raises(InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"):
         figure(wrong)
-    with pytest.raises(InvalidInputError, match="episode: expected one of a swarm, of steering or of a search, got"):
+    with pytest.raises(InvalidInputError, match="episode: expected an episode of swarm, steering or search, got"):
         film(wrong, tmp_path / "film.gif")
     assert not list(tmp_path.iterdir())
 

@@ -124,7 +124,7 @@ def test_a_drive_is_drawn_as_it_was_seen(tmp_path):
         assert picture.n_frames > 10
     data = page_data(seen)
     assert (data["seen"], data["truth"], data["goal"]) == (True, False, len(driven.belief.known))
-    with pytest.raises(InvalidInputError, match=r"kept in the rig.s log"):
+    with pytest.raises(InvalidInputError, match=r"the log of the rig contains"):
         seen.save(tmp_path / "episode.npz")
     seen.trace.frontier[2] += 1
     assert "frontier differs at move 3" in seen.verify().message

@@ -235,7 +235,8 @@ class WorldBatch(Inspection):
             who = chosen[(ended & (self.moves > 0))[chosen]]
             if len(who):
                 raise InvalidInputError(
-                    f"step: expected worlds whose episodes are running, got world {who[0]}, which has ended (reset it or use where)"
+                    f"step: expected worlds whose episodes are running, got world {who[0]}, whose episode has ended (reset "
+                    "the world or leave it out with where)"
                 )
         if isinstance(repeat, int) and repeat == 1:
             times = self._once[: len(chosen)]

@@ -113,7 +113,7 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
     if len(found) < n:
         raise InvalidInputError(
             f"flood-fill: expected {n} connected free cells around {tuple(start.tolist())} of {workspace.name}, "
-            f"got {len(found)} (its connected part)"
+            f"got only {len(found)}"
         )
     return np.stack(np.unravel_index(found, padded.shape), axis=1) - 1
 

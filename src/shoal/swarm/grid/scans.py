@@ -70,7 +70,7 @@ class ScanRule:
         for name in ("scan_cost", "move_cost"):
             object.__setattr__(self, name, check_number(getattr(self, name), what=name, least=0, most=DEAREST))
         if not self.scan_cost + self.move_cost:
-            raise InvalidInputError("prices: expected a scan or a move that costs something, got 0 for both")
+            raise InvalidInputError("prices: expected a price above 0 for a scan or a move, got 0 for both")
 
     @property
     def every(self) -> str:
@@ -169,12 +169,14 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     moved = sign * (end[:, axis] - start[:, axis]) if start.shape == end.shape else np.array([-1])
     across = np.arange(start.shape[1]) != start.shape[1] + axis
     if start.shape != end.shape or (start[:, across] != end[:, across]).any():
-        raise InvalidInputError(f"scan: expected every particle in its own line after {steps} times {command!r}, got others there")
+        raise InvalidInputError(
+            f"scan: expected every particle in its line after {steps} commands {command!r}, got a particle in another line"
+        )
     if moved.min() < 0 or moved.max() > steps:
         wrong = int(np.argmax((moved < 0) | (moved > steps)))
         raise InvalidInputError(
-            f"scan: expected particles 0 to {steps} cells further after {steps} times {command!r}, "
-            f"got one from {tuple(start[wrong].tolist())} at {tuple(end[wrong].tolist())}"
+            f"scan: expected particles 0 to {steps} cells further after {steps} commands {command!r}, "
+            f"got a particle from {tuple(start[wrong].tolist())} at {tuple(end[wrong].tolist())}"
         )
     return _states(before, after, start, moved * sign, axis, steps)
 

@@ -149,7 +149,7 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
         raise InvalidInputError(
             f"coverage: expected a particle in every connected part of {workspace.name} with cells to cover, got none in a part "
             f"with {np.count_nonzero(lost & (labels == labels[cell]))} of them, at {cell} "
-            "(use more particles or the largest component only)"
+            "(use more particles, or only the largest component of the map)"
         )
 
 

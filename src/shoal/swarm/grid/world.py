@@ -34,7 +34,7 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     twice = (array[1:] == array[:-1]).all(axis=1)
     if rule != "merge" and twice.any():
         cell = tuple(array[1:][twice][0].tolist())
-        raise InvalidInputError(f"start: expected one particle a cell under rule {rule}, got two at {cell}")
+        raise InvalidInputError(f"start: expected at most one particle per cell under rule {rule}, got two at {cell}")
     return array
 
 

@@ -53,7 +53,9 @@ def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> N
         found = np.asarray(array == options.label)
         if not found.any():
             there = ", ".join(f"{value:g}" for value in np.unique(array)[:8])
-            raise InvalidInputError(f"{where}: expected cells of label {options.label}, got none (there are {there})")
+            raise InvalidInputError(
+                f"{where}: expected cells of label {options.label}, got none (the labels in the map are {there})"
+            )
         return found
     other = array[array != 0]
     if other.size and np.isfinite(other).all() and (other != other[0]).any():
@@ -61,6 +63,6 @@ def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> N
         cell = tuple(int(i) for i in np.argwhere(array == odd)[0])
         raise InvalidInputError(
             f"{where}: expected 0 for obstacles and one other number for free cells, got {other[0]} and {odd} at cell {cell} "
-            "(say from which level on cells are free, or which label they have)"
+            "(choose the level from which cells are free, or the label of free cells)"
         )
     return array

@@ -60,7 +60,9 @@ def open_map(
     """
     chosen = MapOptions(**options)  # checks all values, whatever the source of the map
     if width is not None and not vessels:
-        raise InvalidInputError(f"width: expected it only together with vessels (a photograph to segment), got {width}")
+        raise InvalidInputError(
+            f"width: expected no width without the option vessels, which finds vessels in a photograph, got {width}"
+        )
     if isinstance(place, GridWorkspace):
         return place
     if not isinstance(place, str | os.PathLike):
@@ -72,7 +74,7 @@ def open_map(
     named = is_spec(text) and not os.path.isfile(path)  # unlike Path.is_file, it accepts names of any length
     if vessels:
         if named:
-            raise InvalidInputError(f"vessels: expected a photograph to segment, got the generated map {text!r}")
+            raise InvalidInputError(f"vessels: expected a photograph, got the generated map {text!r}")
         found = vessels_in(path, low=low, high=high, bright=bright, thickest=thickest)
         return named_after(path, imaging.map_of_vessels(found.mask, width=width))
     if named or (not path.suffix and not os.path.exists(path)):

@@ -105,7 +105,7 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
                 file.seek(0)
                 raise InvalidInputError(
                     f"{path}: expected a PNG, TIFF, BMP or JPEG picture, "
-                    f"got a damaged one or another format (it begins with {file.read(8)!r})"
+                    f"got a damaged or other file (it begins with {file.read(8)!r})"
                 ) from None
             with image:
                 check_size(path, image.height, image.width)
@@ -131,7 +131,7 @@ def _check_tiles(path: Path, image: Image) -> None:
     tiles: list[Any] = getattr(image, "tile", [])
     told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
     if tiles and told < image.width * image.height:
-        raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got some for {told} only")
+        raise InvalidInputError(f"{path}: expected data for {image.width}x{image.height} pixels, got data for only {told}")
 
 
 def _stacked(layers: list[NDArray[np.bool_]], names: list[str]) -> NDArray[np.bool_]:

@@ -57,7 +57,7 @@ class MapOptions:
         if self.label is not None:
             check_integer(self.label, what="label")
         if self.level is not None and self.label is not None:
-            raise InvalidInputError(f"level: expected a level or a label, got {self.level:g} and {self.label}")
+            raise InvalidInputError(f"level: expected a level or a label, got both: {self.level:g} and {self.label}")
 
 
 def check_layers(where: Path, count: int) -> None:
@@ -98,4 +98,4 @@ def reading(path: Path, what: str) -> Iterator[None]:
             raise
         except Exception as error:  # file readers raise many kinds of exceptions
             why = " ".join(str(error).split())[:160] or type(error).__name__
-            raise InvalidInputError(f"{path}: expected {what}, got a damaged or cut off one: {why}") from None
+            raise InvalidInputError(f"{path}: expected {what}, got a damaged or truncated file: {why}") from None

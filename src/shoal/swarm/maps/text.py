@@ -48,7 +48,7 @@ def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
     cells = _cells(path, body, number + 1, free=".GS", blocked="@OTW")
     for key, got in (("height", cells.shape[0]), ("width", cells.shape[1])):
         if sizes.get(key, got) != got:
-            raise InvalidInputError(f"{path}: expected {key} {sizes[key]} as the header says, got {got}")
+            raise InvalidInputError(f"{path}: expected {key} {sizes[key]} according to the header, got {got}")
     return cells
 
 

@@ -93,7 +93,7 @@ def _check_archive(path: Path, expected: int) -> None:
         while piece := file.read(CHUNK):
             size += len(piece)
             if size > expected + CHUNK:
-                raise InvalidInputError(f"{path}: expected {expected} bytes of a volume, as its header says, got more")
+                raise InvalidInputError(f"{path}: expected {expected} bytes of a volume according to the header, got more")
 
 
 def _kind(path: Path, nibabel: Any) -> Any:
@@ -103,9 +103,7 @@ def _kind(path: Path, nibabel: Any) -> Any:
     for length, kind in ((348, nibabel.Nifti1Image), (540, nibabel.Nifti2Image)):
         if begin in {length.to_bytes(4, "little"), length.to_bytes(4, "big")}:
             return kind
-    raise InvalidInputError(
-        f"{path}: expected a NIfTI volume, got a damaged or cut off one or another kind of file (it begins with {begin!r})"
-    )
+    raise InvalidInputError(f"{path}: expected a NIfTI volume, got a damaged, truncated or other file (it begins with {begin!r})")
 
 
 def _unit(header: Any) -> float:

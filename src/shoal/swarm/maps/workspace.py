@@ -168,7 +168,9 @@ class GridWorkspace:
         """
         rows: Any = told.get("rows")
         if not isinstance(rows, list) or set(told) - {"name", "rows", "spacing"} or not all(isinstance(row, str) for row in rows):
-            raise InvalidInputError(f"map: expected a name, a path, an array or name, rows and spacing, got {shortened(told)}")
+            raise InvalidInputError(
+                f"map: expected a name, a path, an array, or an object with name, rows and spacing, got {shortened(told)}"
+            )
         for row in rows:
             if set(row) - {".", "#"}:
                 raise InvalidInputError(f"map: expected rows of . and #, got {shortened(row)}")

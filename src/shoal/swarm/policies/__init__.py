@@ -59,7 +59,7 @@ def with_budget(policy: Policy, **wanted: float) -> Policy:
         if name not in getattr(policy, "__dataclass_fields__", {}):
             able = "best, beam-rollout, rollout" + (" or offline" if name == "budget" else "")
             option = "budget" if name == "budget" else "time-per-move"
-            raise InvalidInputError(f"{option}: expected a policy that plans ({able}), got {policy.name}")
+            raise InvalidInputError(f"{option}: expected a planner ({able}), got {policy.name}")
         policy = replace(policy, **{name: value})  # type: ignore[type-var]  # a policy with this field is a dataclass
     return policy
 

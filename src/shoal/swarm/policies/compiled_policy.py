@@ -75,10 +75,13 @@ def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:
     if scanning.every_move:
         return
     if rule == "tilt":
-        raise InvalidInputError(f"scan-every: expected 1 under rule tilt, where each command is a run, got {scanning.every}")
+        raise InvalidInputError(f"scan-every: expected 1 under rule tilt, whose commands are runs of pushes, got {scanning.every}")
     if not getattr(policy, "runs", True):
         raise InvalidInputError(
-            f"scan-every: expected 1 for policy {policy.name}, which has to see its particle after each move, got {scanning.every}"
+            f"scan-every: expected 1 for policy {policy.name}, which must see the particles after each move, got {scanning.every}"
         )
     if scanning.kind == "adaptive" and getattr(policy, "kind", "") != "closest-frontier":
-        raise InvalidInputError(f"scan-every: expected the policy closest-frontier for adaptive, got {policy.name}")
+        raise InvalidInputError(
+            f"scan-every: expected a number, or the policy closest-frontier for adaptive scans, got {policy.name} with "
+            "adaptive scans"
+        )

@@ -48,7 +48,7 @@ class DriveLog:
         if self.path.exists():
             raise OutputError(f"cannot write {self.path}: the file exists already, and a log is never overwritten")
         if not self.path.absolute().parent.is_dir():
-            raise OutputError(f"cannot write {self.path}: no folder {self.path.parent}")
+            raise OutputError(f"cannot write {self.path}: the folder {self.path.parent} does not exist")
         self._file: Any = None
         self._began = 0.0
         self._waiting: list[dict[str, Any]] = []

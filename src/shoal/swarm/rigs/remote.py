@@ -245,7 +245,7 @@ class RemoteRig:
 
     def _check_refusal(self, message: Message, seq: int | None) -> None:
         if isinstance(message, Refusal) and (seq is None or message.seq in {None, seq}):
-            raise RigError(f"{self.transport.name}: the rig refuses: {message.text[:200]}")
+            raise RigError(f"{self.transport.name}: the rig refuses the request: {message.text[:200]}")
 
     def _check_silence(self, why: str = "") -> None:
         if time.monotonic() - self._heard > self.end_after:
@@ -311,7 +311,7 @@ class RemoteRig:
             )
         if new:
             if welcome.seq != 0 or welcome.session != self._session:
-                raise RigError(f"{self.transport.name}: expected a new session, got one with {welcome.seq} requests")
+                raise RigError(f"{self.transport.name}: expected a new session, got a session with {welcome.seq} requests")
         elif welcome.session != self._session or welcome.seq not in {self._seq - 1, self._seq}:
             raise RigError(
                 f"{self.transport.name}: expected the rig to continue at request {self._seq}, got {welcome.seq}: the rig has "

@@ -193,7 +193,7 @@ def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[st
         place = traceback.extract_tb(error.__traceback__)[-1]
         what = f"{type(error).__name__}: {' '.join(str(error).split())}"
         raise InvalidInputError(
-            f"policy {policy.name}: its decide failed at {place.filename}, line {place.lineno}: {what}"
+            f"policy {policy.name}: the method decide failed at {place.filename}, line {place.lineno}: {what}"
         ) from error
     if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[0], str):
         raise InvalidInputError(f"policy {policy.name}: expected decide to return (commands, memory), got {answer!r:.80}")

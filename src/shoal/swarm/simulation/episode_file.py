@@ -91,13 +91,13 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, di
     except OSError as error:
         raise InvalidInputError(f"{source}: cannot be read: {error.strerror or error}") from None
     except (InvalidInputError, UnknownNameError) as error:
-        raise InvalidInputError(f"{source}: no episode file (.npz), or a damaged one: {error}") from None
+        raise InvalidInputError(f"{source}: expected an episode file (.npz), got another file or a damaged one: {error}") from None
 
 
 def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
     """Return the arrays of an episode from the file. Other arrays are ignored."""
     if not zipfile.is_zipfile(file):
-        raise InvalidInputError("expected a zip archive of arrays, got another format or one that is cut off")
+        raise InvalidInputError("expected a zip archive of arrays, got another format or a truncated archive")
     file.seek(0)
     _check_sizes(file)
     file.seek(0)
@@ -188,7 +188,7 @@ def _trace(arrays: dict[str, NDArray[Any]], *, commands: int) -> Trace:
         raise InvalidInputError(f"commands: expected codes 0 to {commands - 1}, got {codes.min()} to {codes.max()}")
     for name in _COLUMNS:
         if len(arrays[name]) != len(codes):
-            raise InvalidInputError(f"{name}: expected {len(codes)} entries, one a command, got {len(arrays[name])}")
+            raise InvalidInputError(f"{name}: expected {len(codes)} entries, one per command, got {len(arrays[name])}")
     return Trace(**{name: arrays[name] for name in _COLUMNS}, scanned=_mask(arrays["scanned"], (len(codes),), "scanned"))
 
 

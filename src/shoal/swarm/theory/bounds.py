@@ -58,7 +58,9 @@ def check_case(
 ) -> NDArray[np.int64]:
     """Return the start cells. Refuse a task, targets or a move rule for which no bounds are known."""
     if rule not in ("block", "merge"):
-        raise InvalidInputError(f"rule: expected block or merge, where a particle moves at most one cell a command, got {rule}")
+        raise InvalidInputError(
+            f"rule: expected block or merge, under which a particle moves at most one cell per command, got {rule}"
+        )
     if task not in ("mapping", "coverage"):
         raise InvalidInputError(f"task: expected mapping or coverage (of targets, if given), got {task!r}")
     if targets is not None and (task == "mapping" or np.shape(targets) != workspace.shape):

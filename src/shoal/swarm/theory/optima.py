@@ -74,7 +74,9 @@ def optimum(
     left = world.number(wanted) & ~particles
     balls = {cell: world.balls(cell) for cell in set_bits(left)}
     if any(not steps[-1] & particles for steps in balls.values()):
-        raise InvalidInputError("optimum: expected a particle in every connected part with cells to cover")
+        raise InvalidInputError(
+            "optimum: expected a particle in every connected part with cells to cover, got a part without a particle"
+        )
     n, letters = len(cells), letters_of(workspace.ndim)
 
     def estimate(particles: int, left: int) -> int:
@@ -100,7 +102,7 @@ def optimum(
             if there == here or seen.get(state, MOST_STATES) <= moves + 1:
                 continue
             if len(seen) >= most_states:
-                raise InvalidInputError(f"optimum: expected a case with at most {most_states} states, {workspace.name} has more")
+                raise InvalidInputError(f"optimum: expected at most {most_states} states, got more for {workspace.name}")
             seen[state] = moves + 1
             heapq.heappush(queue, (moves + 1 + estimate(*state), -moves - 1, *state, plan + letter))
     raise AssertionError("a reachable cell was not reached")

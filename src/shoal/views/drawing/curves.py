@@ -80,7 +80,7 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
         If there is no curve.
     """
     if not curves:
-        raise InvalidInputError("curves: expected one or more, got none")
+        raise InvalidInputError("curves: expected at least one curve, got none")
     figure = new_figure(7.4, 4.8)
     draw_curves(figure.add_subplot(), curves, labels, log_x=log_x, log_y=log_y)
     add_note(figure, labels.note)
@@ -186,7 +186,7 @@ def frontier_curves(
         If a group has no trial.
     """
     if not groups or not all(len(curves) for curves in groups.values()):
-        raise InvalidInputError("frontier curves: expected one trial or more of each group, got none")
+        raise InvalidInputError("frontier curves: expected at least one trial per group, got none")
     figure = new_figure(7.4, 4.4)
     axes = figure.add_subplot()
     for (name, curves), colour in zip(groups.items(), COLOURS, strict=False):

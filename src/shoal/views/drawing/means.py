@@ -48,7 +48,7 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
         If there are no means.
     """
     if not means:
-        raise InvalidInputError("means: expected one or more, got none")
+        raise InvalidInputError("means: expected at least one mean, got none")
     axis = _axis_of_numbers([mean.values for mean in means])
     lines: dict[str, list[PointMean]] = {}
     for mean in means:

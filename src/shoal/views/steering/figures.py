@@ -95,7 +95,7 @@ def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None
         Start points of the particles.
     """
     if not sets:
-        raise InvalidInputError("reach figure: expected one set or more, got none")
+        raise InvalidInputError("reach figure: expected at least one set, got none")
     figure = new_figure(11.8 if points is not None else 7.8, 5.2)
     grid = figure.subplots(1, 2 if points is not None else 1, squeeze=False)[0]
     axes = grid[-1]

@@ -86,7 +86,7 @@ def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart
         If there are no maps.
     """
     if not shown:
-        raise InvalidInputError("map panels: expected an episode or more, got none")
+        raise InvalidInputError("map panels: expected at least one episode, got none")
     rows = -(-len(shown) // columns)
     height, width = (side + 2 for side in shown[0][0].workspace.shape)
     tall = rows * (_WIDE / columns * height / width + 0.3) + 0.4

@@ -29,7 +29,8 @@ def player_page(episode: SwarmEpisode) -> str:
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
         raise InvalidInputError(
-            f"the HTML player: expected at most {LARGEST:.0e} cells times moves, got {work:.1e} (use .gif or .mp4)"
+            f"the HTML player: expected a number of cells times a number of moves of at most {LARGEST:.0e}, got {work:.1e} "
+            "(use .gif or .mp4)"
         )
     return render("swarm", page_data(episode))
 

@@ -60,7 +60,7 @@ def generate(spec: str) -> NDArray[np.bool_]:
         raise InvalidInputError(f"expected a seed that is an integer of at least 0, got {_cut(fields[1])} in {_cut(spec)}")
     seed = int(fields[1])
     if not generator.seeded:
-        raise InvalidInputError(f"expected no seed, as nothing in a map of kind {name} is random, got {seed} in {_cut(spec)}")
+        raise InvalidInputError(f"expected no seed, because nothing in a map of kind {name} is random, got {seed} in {_cut(spec)}")
     return np.ascontiguousarray(generator.function(*size, seed=seed))
 
 

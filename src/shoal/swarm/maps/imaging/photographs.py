@@ -68,7 +68,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
         green = channels @ np.array(LUMA)
     grey = _from_0_to_1(green)
     if not grey.any():
-        raise InvalidInputError("expected a picture with vessels in it, got one in a single colour")
+        raise InvalidInputError("expected a picture with vessels, got a picture of a single colour")
     return _at_size_of_filters(grey, _field_of_view(light))
 
 

@@ -129,7 +129,7 @@ class VesselFinder:
                 return Vessels(clearest.mask(low, high, self.shape), confidence, way)
             first = confidence if levels == self.tried[0] else first
         raise InvalidInputError(
-            "expected a picture with vessels in it, found no network of lines that stands out "
+            "expected a picture with vessels, got no network of lines that stands out "
             f"(confidence {first:.2f}, at least {LEAST_CONFIDENCE} is needed)"
         )
 
@@ -224,9 +224,7 @@ def imaging_module(module: str) -> Any:
     try:
         return importlib.import_module(f"skimage.{module}")
     except ImportError:
-        raise MissingExtraError(
-            "expected scikit-image to find vessels in a picture, and it is not installed: run pip install 'shoal[imaging]'"
-        ) from None
+        raise MissingExtraError("finding vessels in a picture needs scikit-image: pip install 'shoal[imaging]'") from None
 
 
 def _levels(picture: Photograph, thickest: float) -> int:

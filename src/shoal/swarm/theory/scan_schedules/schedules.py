@@ -335,5 +335,5 @@ def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction
             raise InvalidInputError(f"{name}: expected 0 or more, got {str(price)[:80]}")
         prices.append(value)
     if not any(prices):
-        raise InvalidInputError("prices: expected a positive price of a scan or a move, got 0 for both")
+        raise InvalidInputError("prices: expected a price above 0 for a scan or a move, got 0 for both")
     return prices[0], prices[1]
