@@ -103,11 +103,11 @@ def _published_coverage() -> tuple[str, bool]:
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
     found = (
-        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and the mean with gaps as differences is "
+        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and the mean with gaps as differences of positions is "
         f"{float(line.published_coverage):.2f}. "
     )
     found += (
-        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, the mean with gaps as differences is {theirs:.2f}, "
+        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, the mean with gaps as differences of positions is {theirs:.2f}, "
         f"and the published mean is {mean} ± {error:.2f}"
     )
     return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
