@@ -136,11 +136,11 @@ def _full() -> tuple[str, bool]:
 @erratum(
     "paper M, Fig. 10",
     "in subset coverage, particles visit 10 % of the free cells",
-    "the published numbers fit a share of 20 %. On the authors' map, which Shoal does not contain, a share of 20 % takes 874, 100 "
-    "and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The numbers of "
+    "the published numbers fit a share of 20 %. On the authors' map, which Shoal does not contain, a share of 20 % takes "
+    "874, 100 and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The numbers of "
     "moves in the paper for n = 100, 1000 and 4000 are 836, 99 and 9.3. On generated vessels with n = 4000, the published "
-    "number also fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided by the published moves of coverage, "
-    "fit a share of 10 %",
+    "number also fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided "
+    "by the published moves of coverage, fit a share of 10 %",
     "a program runs episodes of closest-frontier with coverage, and with subset coverage of 10 % and of 20 % of the cells. The "
     "program runs 120 episodes for each case on three maps of vessels, and 40 episodes for each case on a maze and on a rectangle",
 )

@@ -18,7 +18,9 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
     """
     given = np.asarray(positions)
     if given.ndim < 1 or given.shape[-1] < 1 or not np.issubdtype(given.dtype, np.integer):
-        raise InvalidInputError(f"positions: expected whole numbers, at least one per line, got {given.dtype} of shape {given.shape}")
+        raise InvalidInputError(
+            f"positions: expected whole numbers, at least one per line, got {given.dtype} of shape {given.shape}"
+        )
     array = given.astype(np.int64)
     if array.size and not 1 <= int(array.min()) <= int(array.max()) <= cells:
         raise InvalidInputError(f"positions: expected 1 to {cells}, got {array.min()} to {array.max()}")
