@@ -166,10 +166,8 @@ class Vehicle(Problem):
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
         """Return the preset and the fields that differ from it, or all fields if ``defaults`` is true."""
-        preset = PRESETS[self.preset]
         values = {name: getattr(self, name) for name in self.declarations()}
-        kept = {name: value for name, value in values.items() if defaults or value != preset.get(name)}
-        return {"preset": self.preset} | kept
+        return {name: value for name, value in values.items() if defaults or value != PRESETS[self.preset].get(name)}
 
     @property
     def kind(self) -> str:

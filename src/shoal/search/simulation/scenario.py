@@ -203,7 +203,7 @@ def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64
         if columns:
             allowed = allowed[plan.tour.cells[allowed, 0] == 0]
         if given > len(allowed):
-            where = "one a cell" if what == "targets" else "none where a robot starts"
+            where = "one per cell" if what == "targets" else "no obstacle at the start of a robot"
             raise InvalidInputError(f"{what}: expected a number from 0 to {len(allowed)}, {where}, got {given}")
         chosen = np.random.default_rng(seed).choice(allowed, size=given, replace=False)
         if not columns:

@@ -176,7 +176,7 @@ class _Watch:
     def _take(self, member: Member, report: Report) -> None:
         if report["kind"] == "ended":
             if not any(event.robot == member.number and event.kind in _LAST for event in self._events):
-                self._note(LiveEvent(self._now, member.number, "failed", reason="its process ended without a word"))
+                self._note(LiveEvent(self._now, member.number, "failed", reason="its process ended without a report"))
             return
         told: dict[str, Any] = {name: report[name] for name in ("cell", "found", "reason") if name in report}
         told |= {name: tuple(report[name]) for name in ("place", "through", "around", "beside") if name in report}
