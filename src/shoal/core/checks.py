@@ -249,7 +249,7 @@ def read_polygon(text: str, *, where: str) -> Any:
 
 
 def check_depth(data: Any, *, where: str) -> None:
-    """Refuse data with more than `DEEPEST` nested lists and objects, because many libraries fail on deeper data.
+    """Refuse lists and objects that are nested more than `DEEPEST` levels deep, because many libraries fail on such data.
 
     Raises
     ------
@@ -270,7 +270,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return one sentence about the first error that Pydantic found. The path of the field leaves out the names in ``without``."""
+    """Return one sentence about the first error that Pydantic found. It names the field, without the path parts ``without``."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])

@@ -1,8 +1,8 @@
 """The exceptions that Shoal raises for bad input.
 
-Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message is
-one sentence with the expected value, the given value and its location. If a planner finds no plan, no exception is raised. The
-status of the episode then says that there is no plan.
+Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message of
+an exception is one sentence with the expected value, the given value and the location of the given value. If a planner finds no
+plan, the status of the episode reports this, and no exception is raised.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ _begun: list[bool] = []
 
 
 def begin() -> None:
-    """Start handling the signals that end a process. Call this at the start of a command, before it has done any work."""
+    """Start handling the signals that end a process. Call this function at the start of a command."""
     if _begun or threading.current_thread() is not threading.main_thread():
         return
     _begun.append(True)
@@ -72,7 +72,7 @@ def patient() -> Iterator[None]:
 
 @contextmanager
 def interruption_held() -> Iterator[None]:
-    """Delay Ctrl-C until the block has ended. Use this for short calls of libraries that do not survive an interruption.
+    """Delay Ctrl-C until the block has ended. Use this block for short calls of libraries that do not survive an interruption.
 
     For example, an interrupted write of a zip archive raises an unrelated error when the archive is closed, or loses the Ctrl-C.
     """

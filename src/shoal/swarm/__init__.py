@@ -1,6 +1,6 @@
 """Mapping and coverage by a swarm of particles on a grid. One command moves all particles.
 
-Names are imported when they are first used.
+The names of this package are imported on first use.
 """
 
 from __future__ import annotations

@@ -143,12 +143,12 @@ class SwarmEpisode(Episode):
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean computing time per move in seconds, including the time for planning. The value is 0 without moves."""
+        """Mean computing time per move in seconds, including the time for planning. The value is 0 for an episode without moves."""
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
     def reason(self) -> str:
-        """Why the episode has its status, in one sentence."""
+        """One sentence that explains the status."""
         left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         rest = "" if self else f"; {left} frontier cells left"
         done = REASONS[self.status]
@@ -160,12 +160,12 @@ class SwarmEpisode(Episode):
 
     @property
     def out_of_reach(self) -> str:
-        """Text with the number of free cells that no particle can reach, or an empty text if there are none."""
+        """Text with the number of free cells that no particle can reach, or an empty text if particles can reach all."""
         return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
 
     @cached_property
     def unreachable(self) -> int:
-        """Number of free cells that no particle of a mapping task can reach, because they are not connected to a start cell."""
+        """Number of free cells that no particle of a mapping task can reach, because no free path leads there from a start cell."""
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
@@ -221,8 +221,8 @@ class SwarmEpisode(Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        Without noise, the belief comes from the last scan. If the outcome of all commands since this scan was certain, the belief
-        includes the outcome. With noise, the state holds the most likely positions of the particles.
+        Without noise, the belief contains the information of the last scan and of later commands with a certain outcome. With
+        noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -244,7 +244,7 @@ class SwarmEpisode(Episode):
 
     @cached_property
     def errors(self) -> MapErrors | None:
-        """Classification errors of the final map of a simulation with noise. The value is None for all other episodes."""
+        """Classification errors of the final map, or None if the episode is not a simulation with noise."""
         if self.problem.noise is None or self.observations is not None:
             return None
         return MapErrors.of(self.workspace, self.start, self.final()[1])

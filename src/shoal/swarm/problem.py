@@ -312,7 +312,7 @@ class SwarmProblem(Problem):
         return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
 
     def check_at_place(self) -> None:
-        """Refuse a policy that cannot do the task, or more particles than free cells.
+        """Refuse a policy that does not support the task, and more particles than free cells.
 
         Raises
         ------

@@ -1,7 +1,7 @@
 """The class Problem: all settings of a run. Each setting is declared once, with its type, default, unit, range and help.
 
-These declarations generate the options of commands, the fields of sweeps and problem files, and the tables of the documentation.
-Therefore commands, files and tables have the same defaults.
+The declarations of settings generate the options of commands, the fields of sweeps and problem files, and the tables of the
+documentation. Therefore commands, files and tables have the same defaults.
 """
 
 from __future__ import annotations
@@ -161,11 +161,11 @@ class Problem:
         return None
 
     def place_is_file(self) -> bool:
-        """Return whether the place is a file. Workers on other machines may lack this file."""
+        """Return whether the place is a file. Workers on other machines may lack the file of a place."""
         return False
 
     def place_digest(self) -> bytes:
-        """Return bytes that differ for places with different content. A sweep thereby detects a changed file."""
+        """Return bytes that differ for places with different content, so that a sweep can detect a changed file."""
         return b""
 
     def at_place(self, place: Any) -> Self:

@@ -58,7 +58,7 @@ def check_numbers(
 ) -> NDArray[np.integer[Any]]:
     """Return one whole number for each selected world. With ``single``, a single number counts for all worlds.
 
-    The numbers of other worlds are not checked. ``chosen`` contains the indices of the selected worlds.
+    Numbers of worlds that are not selected are not checked. ``chosen`` contains the indices of the selected worlds.
     """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):

@@ -70,7 +70,7 @@ class Measures(NamedTuple):
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Mean position of each world's particles as indices of the planes; float64, shape (worlds, ndim)."""
+        """Mean position of the particles of each world, in indices of the planes; float64, shape (worlds, ndim)."""
         return self.places / np.maximum(self.particles, 1)[:, None]
 
     @property
@@ -190,7 +190,7 @@ class Inspection:
         return filled
 
     def measures(self, *, where: ArrayLike | None = None) -> Measures:
-        """Return sums over the particles of each world."""
+        """Return sums over the particles of each world; see `Measures`."""
         chosen, ndim = self._chosen(where), self.layout.ndim
         shapes = ((len(chosen), 2 * ndim, 2), (len(chosen), 3, 2), (len(chosen), 3))
         commands, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)

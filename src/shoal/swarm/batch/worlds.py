@@ -204,7 +204,7 @@ class WorldBatch(Inspection):
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
         """Send one command, or a run of equal commands, to each selected world, and then scan.
 
-        If an episode has no frontier cell at its start, it ends with its first command.
+        An episode without frontier cells at the start ends with its first command.
 
         Parameters
         ----------

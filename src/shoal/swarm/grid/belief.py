@@ -45,7 +45,7 @@ class Belief:
 
     @property
     def states(self) -> NDArray[np.uint8]:
-        """State of each cell of the window: UNKNOWN, FRONTIER, FREE or OBSTACLE; uint8, with a rim of one cell on each side."""
+        """Codes of the cells of the window (UNKNOWN, FRONTIER, FREE or OBSTACLE); uint8, with a rim of one cell on each side."""
         states = np.full(self.open.layout.window, UNKNOWN, dtype=np.uint8)
         states[self.known.mask] = OBSTACLE
         states[self.open.mask] = FREE
@@ -61,8 +61,8 @@ class Belief:
     def observed(self, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after one push moved the particles from ``before`` to ``after``.
 
-        The push classifies the unknown cells that particles tried to enter. Such a cell is free if it holds a particle after the
-        push. Otherwise it is an obstacle.
+        The push classifies the unknown cells that particles tried to enter. A cell that a particle tried to enter is free if
+        it holds a particle after the push, and an obstacle otherwise.
         """
         tried = before.shifted(command) - self.known
         if not tried:

@@ -2,7 +2,8 @@
 
 A board covers a window: the workspace and a rim of one cell around it. The rim is necessary because a swarm must find the walls at
 the edge of the map like all other walls. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` in row ``r
-+ 1``. In 3-D, the window also has a rim layer in front and one at the back. The rows of all layers are stored one after the other.
++ 1``. In 3-D, the window also has a rim layer at the front and a rim layer at the back. The rows of all layers are stored one after
+the other.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ class GridLayout:
 
     @cached_property
     def window(self) -> tuple[int, ...]:
-        """Window shape with the rim: (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
+        """The shape of the window with the rim, which is (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
         return tuple(size + 2 for size in self.shape)
 
     @cached_property
@@ -62,7 +63,7 @@ class GridLayout:
 
     @cached_property
     def words(self) -> tuple[int, int]:
-        """Shape of the packed words: (layers x rows, words per row)."""
+        """The shape (layers x rows, words per row) of a packed board."""
         return self.layers * self.rows, -(-self.columns // 64)
 
     def pack(self, mask: NDArray[np.bool_]) -> Words:

@@ -72,7 +72,7 @@ def board_of(layout: GridLayout, flat: Words) -> Board:
 
 
 def state_of(layout: GridLayout, field: moves.Field) -> SwarmState:
-    """Return the current state of the kernel arrays."""
+    """Return the state of the swarm that kernel arrays hold."""
     counts = None
     if field.counts.size:
         counts = field.counts[:, : layout.columns].reshape(layout.window).copy()

@@ -2,9 +2,9 @@
 
 While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
 pushes is therefore also the i-th particle after the run. The displacement of each particle is thus known although particles have no
-labels. If a particle's displacement d is smaller than the number of commands, there are d free cells ahead of the particle. Behind
-these free cells, there is an obstacle or another particle that was stopped. A stopped particle stays stopped. Two scans therefore
-determine the positions after every single command. A scan after a run gives the same information as a scan after each command.
+labels. If a particle's displacement d is smaller than the number of commands, d free cells and then an obstacle or a stopped
+particle lie ahead of the particle. A stopped particle stays stopped. Two scans therefore determine the positions after every single
+command. A scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations
@@ -85,7 +85,7 @@ class ScanRule:
     def interval(self, streak: int) -> int:
         """Return the number of commands in the next run, after ``streak`` runs in the same direction.
 
-        Rules of the kind "adaptive" have no such number.
+        The number is not defined for rules of the kind "adaptive".
 
         Examples
         --------

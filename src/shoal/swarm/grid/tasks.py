@@ -42,7 +42,7 @@ class Task(Protocol):
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``. It depends only on the positions ``before`` and ``after`` the push."""
+        """Return the belief after one push by ``command``. It depends only on ``before`` and ``after``, the occupied cells."""
 
 
 TASKS: Registry[type[Task]] = Registry("task")

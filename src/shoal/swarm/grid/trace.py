@@ -113,7 +113,7 @@ class Recorder:
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return the last ``moves`` commands of the trace. All of them must belong to the last run."""
+        """Return the last ``moves`` commands of the last run as a trace."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

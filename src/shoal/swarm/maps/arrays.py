@@ -37,7 +37,7 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
     """Return the free cells of a numeric array: the cells of at least the level, or the cells with the label.
 
-    Without a level and a label, one of two values must be 0 (obstacle).
+    Without a level or a label, the array may contain only 0 (obstacles) and one other number (free cells).
 
     Raises
     ------

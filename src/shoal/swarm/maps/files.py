@@ -121,7 +121,7 @@ def _suffix(path: Path) -> str:
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file. From this file, `read_map` reads the same cells.
+    """Write a workspace to a map file. The function `read_map` reads the same cells from this file.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
 
 
 def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a folder of pictures, one layer per picture, sorted by the numbers in their names.
+    """Return the free cells of a folder of pictures, one layer per picture, sorted by the numbers in the file names.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8]:
-    """Return the pixels of a picture; uint8, shape (H, W) for greyscale, otherwise (H, W, 3).
+    """Return the pixels of a picture; uint8, shape (H, W) for greyscale, or (H, W, 3) for colour.
 
     Raises
     ------

@@ -113,7 +113,7 @@ class GridWorkspace:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of ``free``: (rows, columns) or (layers, rows, columns)."""
+        """The shape of ``free``, which is (rows, columns) or (layers, rows, columns)."""
         return self.free.shape
 
     @property

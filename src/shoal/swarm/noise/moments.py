@@ -42,7 +42,7 @@ class Moment:
 def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
     """Return the shade of each cell in a picture of a belief; see `Moment`.
 
-    ``truth`` is the mask of the free cells including the rim, if it is known.
+    ``truth`` is the true mask of the free cells with the rim, or None if the true map is unknown.
 
     Examples
     --------

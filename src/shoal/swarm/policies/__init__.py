@@ -48,7 +48,7 @@ def make_policy(policy: str | Policy) -> Policy:
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
-    """Return the policy with a limit on its planning: ``budget`` (simulated moves per move) or ``milliseconds`` per move.
+    """Return the policy with a limit on its planning, either ``budget`` (simulated moves per move) or ``milliseconds`` per move.
 
     Raises
     ------

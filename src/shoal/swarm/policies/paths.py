@@ -18,7 +18,7 @@ _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 
 def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
-    """Return the codes of an order of neighbours. In 3-D, "lurd" means "lurdio"."""
+    """Return the codes of the command letters in ``neighbours``. In 3-D, "lurd" means "lurdio"."""
     text = neighbours + "io" if ndim == 3 and len(neighbours) == 4 else neighbours
     if sorted(text) != sorted(letters_of(ndim)):
         raise InvalidInputError(f"neighbours: expected an order of {letters_of(ndim)!r}, got {neighbours!r}")

@@ -1,4 +1,4 @@
-"""The log of a rig run: a file of JSON lines, written during the run. From this file, the run can be replayed."""
+"""The log of a rig run: a file of JSON lines, written during the run. The function `replay_log` replays this file."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Messages between Shoal and a rig, protocol version 1: one JSON object per line, with a checksum as its last member.
 
-Requests are numbered consecutively. If a rig receives the same request number again, it repeats its answer but does not act again.
+Requests are numbered consecutively. A rig that receives a request number again repeats its answer, but does not act again.
 Therefore a rig never carries out a request twice, even if the request is repeated after a lost connection. docs/concepts/rigs.md
 describes every message.
 """
@@ -108,7 +108,7 @@ _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator=
 
 
 def encode_message(message: Message) -> bytes:
-    r"""Return the line of a message: JSON, checksum, newline.
+    r"""Return the line of a message, which consists of JSON with a checksum, and a newline.
 
     The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Rig(Protocol):
     """A device, or its simulation, that moves particles and observes them.
 
-    A rig is at rest between two commands. Therefore a policy may compute for any time.
+    A rig is at rest between two commands, so that a policy may compute for any time.
     """
 
     @property
@@ -21,7 +21,7 @@ class Rig(Protocol):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the field of view in cells: (rows, columns) or (layers, rows, columns)."""
+        """Shape (rows, columns) or (layers, rows, columns) of the field of view, in cells."""
 
     @property
     def rule(self) -> str:

@@ -163,7 +163,7 @@ class RemoteRig:
             raise RigError(str(error)) from None
 
     def stop(self) -> None:
-        """Stop the rig, even after an error. The request to stop is repeated until the rig confirms it.
+        """Stop the rig, even after an error. The request to stop is repeated until the rig confirms the stop.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""The particles of a rig in the closed loop. Their observed positions are checked, and update the belief."""
+"""The particles of a rig in the closed loop. The observed positions of the particles update the belief."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class RigSwarm(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether the particles can classify no frontier cell any more."""
+        """Whether no particle can classify a further frontier cell."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
@@ -210,7 +210,7 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether the particles can reach no frontier cell any more."""
+        """Whether no particle can reach a further frontier cell."""
         return self._noisy.finished
 
     def predict(self, command: str, steps: int) -> list[Row]:

@@ -83,7 +83,7 @@ class Transport(ABC):
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connection, whatever its state is."""
+        """Close the connection in any state."""
 
 
 @contextmanager

@@ -241,7 +241,7 @@ def is_compiled(task: Any) -> bool:
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return how many moves one call of compiled code may compute. On boards of any size, it takes a fraction of a second."""
+    """Return how many moves one call of compiled code may compute. Such a call takes a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 

@@ -141,8 +141,9 @@ class ReplannedRuns:
     """Runs of commands with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
 
     A scan follows after each ``every`` commands, and after the end of each plan. After a scan, the rest of a plan is discarded if
-    its policy has no memory. If a policy classifies no new cell for too many moves, it is stopped. Therefore every episode ends.
-    The limit is `NOISY_TIMES` times the largest number of moves that closest-frontier may need to cross all known free cells.
+    the policy has no memory. A policy that classifies no new cell for too many moves is stopped. Therefore every episode ends. The
+    limit on these moves is `NOISY_TIMES` times the largest number of moves that closest-frontier may need to cross all known free
+    cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:

@@ -73,7 +73,7 @@ class ExactSwarm:
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
     """Return the number of particles that moved by one cell in a push.
 
-    This number is the change of the sum of all particles' coordinates along the direction of the command.
+    The number of moved particles is the change of the sum of all coordinates along the direction of the command.
     """
     axis, sign = AXES[command]
     return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())

@@ -22,7 +22,7 @@ OnTrace = Callable[[Trace], None]
 class Controlled(Protocol):
     """The swarm that the loop controls. The controlled swarm carries out commands, and knows the map and the particles' cells.
 
-    Policies see ``belief`` and ``state``. For a rig or with noise, the map and the particles' cells are estimates.
+    Policies see ``belief`` and ``state``. For a rig and with noise, the map and the particles' cells are estimates.
     """
 
     @property

@@ -33,7 +33,7 @@ class NoisySwarm:
 
     @property
     def finished(self) -> bool:
-        """Whether the particles can reach no frontier cell any more, and no cell was given up."""
+        """Whether no reachable frontier cell is left, and no cell was given up as undecidable."""
         return self.noisy.finished
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:

@@ -83,8 +83,7 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        The belief comes from the last scan. If the outcome of all commands since this scan was certain, the belief includes the
-        outcome.
+        The belief contains the information of the last scan and of later commands with a certain outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -145,7 +144,7 @@ class _BeliefReplay(ABC):
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
         """Yield the belief, which changes in place, and the particles' cells as an array with the rim.
 
-        For a rig, these cells are the observed cells.
+        For a rig, the particles' cells are the observed cells.
         """
 
     @abstractmethod

@@ -1,10 +1,10 @@
 """H-tree maps: bars that fork at right angles. After every two levels the bars become half as long.
 
 The map of paper M has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells, and its bars have the
-half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. From this tree, one branch after another is removed until 5000 cells remain,
-beginning at one corner. On this map, the mean moves of the closest-frontier policy agree with the published means within 10 %. A
-tree with one more level, of half-length 1, has loops because its bars touch. On a map cut from a tree with loops, the mean moves
-are up to 38 % too low.
+half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. From the tree of 5953 cells, one branch after another is removed until 5000 cells
+remain, beginning at one corner. On the H-tree map of 5000 cells, the mean moves of the closest-frontier policy agree with the
+published means within 10 %. A tree with one more level, of half-length 1, has loops because its bars touch. On a map cut from a
+tree with loops, the mean moves are up to 38 % too low.
 """
 
 from __future__ import annotations

@@ -2,8 +2,8 @@
 
 Attraction points fill the outline of an organ. The network grows towards nearby points and removes the points that it has reached
 (Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with increasingly dense points give
-trunks, branches and twigs. Then twigs that end close to another vessel are joined to this vessel. These joints form the closed
-loops of a leaf or a capillary bed.
+trunks, branches and twigs. Then twigs that end close to another vessel are joined to this vessel. The joints form
+the closed loops of a leaf or a capillary bed.
 
 Coordinates are real (x, y) pairs in units of a cell, with the organ's centre at the origin.
 """
@@ -60,12 +60,12 @@ class OrganOutline:
         return np.asarray(self.radius * (1 + wave))
 
     def at(self, angle: float, share: float) -> Points:
-        """Return the point on the line from the centre to the outline, at the fraction ``share`` of its length."""
+        """Return the point at the fraction ``share`` of the line from the centre to the outline in direction ``angle``."""
         limit = share * self.limit(np.array([angle]))
         return np.array([limit[0] * np.cos(angle) * self.stretch, limit[0] * np.sin(angle) / self.stretch])
 
     def scatter(self, spacing: float, rng: np.random.Generator) -> Points:
-        """Return random points inside the outline, one per square of side ``spacing``."""
+        """Return random points inside the outline, with a mean of one point per square of side ``spacing``."""
         half = 1.6 * self.radius
         points = rng.uniform(-half, half, (int((2 * half / spacing) ** 2) + 8, 2))
         flat = points / (self.stretch, 1 / self.stretch)
@@ -95,7 +95,7 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
     """Return each node's index in depth-first order and the size of its subtree, each of shape (nodes,).
 
-    In this order, a node with index ``first`` and its descendants have the indices ``first`` to ``first + size - 1``.
+    In depth-first order, a node with index ``first`` and its descendants have the indices ``first`` to ``first + size - 1``.
     """
     up = parents.tolist()
     size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)

@@ -1,7 +1,7 @@
 """Vessel segmentation of photographs, and conversion of the vessels to a map of free cells.
 
-The package takes the green channel of a photograph and finds the field of view inside the dark surround. It subtracts the
-background, which is the median over a wide window. Line detectors and ridge filters then respond to vessels. Thresholds with
+The package takes the green channel of a photograph and finds the field of view inside the dark surround. The package subtracts
+the background, which is the median over a wide window. Line detectors and ridge filters then respond to vessels. Thresholds with
 hysteresis select the pixels of vessels, and these pixels are converted to cells. This package needs scikit-image, which the extra
 ``shoal[imaging]`` installs.
 """

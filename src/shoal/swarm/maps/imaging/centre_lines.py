@@ -48,7 +48,7 @@ class Segment(NamedTuple):
         return float(self.along[-1])
 
     def width(self, first: float, last: float) -> float:
-        """Return the mean width in pixels between two distances along the segment, or NaN between fewer than two points."""
+        """Return the mean width in pixels between two distances along the segment, or NaN for fewer than two points."""
         part = np.flatnonzero((self.along >= first) & (self.along <= last))
         if len(part) < 2:
             return float("nan")

@@ -95,7 +95,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return for each pixel the highest mean value along a line through this pixel. The line may have any of `ANGLES` angles."""
+    """Return for each pixel the highest mean value along a line through this pixel. The lines have `ANGLES` angles."""
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 

@@ -73,7 +73,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
 
 
 def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
-    """Return a picture in another size. Before a picture is reduced, it is smoothed."""
+    """Return a picture in another size. A picture is smoothed before its size is reduced."""
     from PIL import Image
 
     floats = Image.fromarray(np.asarray(picture, dtype=np.float32))

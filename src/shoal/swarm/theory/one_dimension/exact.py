@@ -124,8 +124,8 @@ class Line:
     def boundary(self) -> Mean:
         """Expected number of moves until both ends are found.
 
-        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value is that of paper D, eq. 2. The printed
-        value lacks the last term, which counts clumps.
+        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value comes from eq. 2 of
+        paper D, which lacks the last term for clumps.
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -135,7 +135,7 @@ class Line:
     def boundary_float(self) -> float:
         """The exact mean of `boundary` as a float, for lines of any length.
 
-        In large swarms, the term for clumps is smaller than rounding errors.
+        In large swarms, the term for clumps is left out, because it is smaller than rounding errors.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -145,7 +145,7 @@ class Line:
     def coverage(self) -> Mean:
         """Expected number of moves until every cell was visited and both ends are found.
 
-        The printed value is that of the papers' formula.
+        The printed value comes from the formula in the papers.
 
         The computation needs about m sqrt(m) operations on integers of up to m bits. The computation takes a millisecond for m =
         100, and up to half a minute for m = 10,000.
@@ -159,8 +159,8 @@ class Line:
     def published_coverage(self) -> Fraction:
         """The published curve of full coverage: the papers' formula, in which each gap is measured as a difference of positions.
 
-        Each gap is then one cell too long, in addition to the error of the formula. Source: paper M, figure 7 (the 1-D curve). If
-        particles fill all cells, the curve has the correct value of 2 moves.
+        In the published curve, each gap is one cell too long, in addition to the error of the formula. Source: paper M, figure 7
+        (the 1-D curve). If particles fill all cells, the curve has the correct value of 2 moves.
         """
         if self.particles == self.cells:
             return Fraction(2)
@@ -188,7 +188,8 @@ class Line:
     def first_distribution(self) -> Distribution:
         """Distribution of p_1, the position of the first particle.
 
-        This position is the number of moves to the left until the wall is found. The value m + 1 - p_n has the same distribution.
+        The position p_1 is also the number of moves to the left until the wall is found. The value m + 1 - p_n has the same
+        distribution.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))

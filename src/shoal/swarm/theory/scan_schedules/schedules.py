@@ -1,7 +1,7 @@
 """Scan schedules on a line: the numbers of moves after which a particle is scanned on its way to a wall at unknown distance.
 
-The particle is scanned once at the start. A wall at distance D stops it after D moves. A scan after x moves detects a wall at
-distance D if x > D. For a known distance D, the optimum is D + 1 moves and 2 scans.
+The particle is scanned once at the start. A wall at distance D stops the particle after D moves. A scan after x moves detects a
+wall at distance D if x > D. For a known distance D, the optimum is D + 1 moves and 2 scans.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class ScanSchedule(ABC):
         """Yield the number of moves before each scan, in increasing order, without the scan at the start."""
 
     def cost(self, distance: int) -> Cost:
-        """Return the number of moves and scans until a wall at this distance is found.
+        """Return the number of moves and scans until a wall at the given distance is found.
 
         Parameters
         ----------
@@ -236,8 +236,8 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The schedule with the i-th scan after i^i moves: 1, 4, 27, 256, ...
 
-    The move ratio and the scan ratio of this schedule grow as log D / log log D with the distance D. No other schedule lets both
-    ratios grow more slowly.
+    The move ratio and the scan ratio of this schedule grow as log D / log log D with the distance D. No schedule lets both ratios
+    grow more slowly.
 
     Notes
     -----
