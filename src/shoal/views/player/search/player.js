@@ -143,7 +143,7 @@
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / history.end);
       history.robots.forEach((robot, k) => reportRobot(robot, list[k]));
-      if (!playing) announce(done);
+      if (!playing) announce();
     }
 
     /** Only what is new is written: thirty rows are seen sixty times a second. */
@@ -175,21 +175,12 @@
       $("hover").textContent = `${number(Math.round(at))}: robot ${k + 1} ${wordOf(robot.activityAt(at), robot.liar)}`;
     }
 
-    let speaking = 0;
-    function announce(done) {
-      const words = `${number(done)} of ${plural(history.cells, "cell")} searched`;
-      $("scrub").setAttribute("aria-valuetext", words);
-      $("picture").setAttribute("aria-label", `The region with ${plural(history.robots.length, "robot")}, ${words}`);
-      clearTimeout(speaking); // a drag should be read out once, where it ends
-      speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
+    function announce() {
+      const words = `${number(history.searchedAt(time))} of ${plural(history.cells, "cell")} searched`;
+      ShoalDesk.announce(words, `The region with ${plural(history.robots.length, "robot")}, ${words}`, () => playing);
     }
 
-    function reportPlaying() {
-      $("player").classList.toggle("playing", playing);
-      $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
-      if (playing) $("live").textContent = "";
-      else announce(history.searchedAt(time));
-    }
+    const reportPlaying = () => ShoalDesk.reportPlaying(playing, announce);
 
     // ---- colours, sizes, view ----
 
@@ -208,49 +199,25 @@
 
     function resize() {
       resized = false;
-      const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
-      for (const [drawn, box] of [[scene, "stage"], [rows, "chart"]]) drawn.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
+      ShoalDesk.resize([[scene, "stage"], [rows, "chart"]]);
       reportView();
     }
 
-    function reportView() {
-      $("fit").hidden = !view.moved;
-      $("stage").classList.toggle("zoomed", view.zoom > 1);
-      redraw();
-    }
-
-    const moveView = (change) => { change(); reportView(); };
-
     // ---- hands ----
 
-    const toggle = () => (playing ? pause() : play());
-    const setSpeed = (next) => { speed = next; $("speed").value = next; };
-    const changeSpeed = (by) => setSpeed(SPEEDS[ShoalTrack.clamp(SPEEDS.indexOf(speed) + by, 0, SPEEDS.length - 1)]);
-    const fit = () => moveView(() => view.fit());
-    const toggleTheme = () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
-    const stepBy = (n) => goTo(n > 0 ? Math.floor(time + 1e-9) + n : Math.ceil(time - 1e-9) + n);
-    const actions = {
-      play: toggle, theme: toggleTheme, help: ShoalDesk.openKeys, fit,
-      first: () => goTo(0), last: () => goTo(Infinity), back: () => stepBy(-1), forward: () => stepBy(1),
-    };
-    const keys = {
-      " ": toggle, Home: actions.first, End: actions.last, "+": () => changeSpeed(1), "=": () => changeSpeed(1),
-      "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": ShoalDesk.openKeys,
-    };
+    const { reportView, moveView } = ShoalDesk.handleView(scene, redraw);
 
     function listen() {
-      ShoalDesk.listen(actions, keys, stepBy);
-      ShoalDesk.listenToSpeed(SPEEDS, (by) => `× ${by}`, setSpeed);
+      const setSpeed = ShoalDesk.listen({
+        isPlaying: () => playing, play, pause, setTheme, first: () => goTo(0), last: () => goTo(Infinity),
+        stepBy: (n) => goTo(n > 0 ? Math.floor(time + 1e-9) + n : Math.ceil(time - 1e-9) + n), fit: () => moveView(() => view.fit()),
+        speeds: SPEEDS, label: (by) => `× ${by}`, onSpeed: (next) => { speed = next; },
+      });
+      setSpeed(speed);
       $("scrub").addEventListener("input", () => goTo(Number($("scrub").value) / 1000));
       let level = 0;
       $("chart").addEventListener("pointermove", (event) => { level = event.clientY - $("chart").getBoundingClientRect().top; }, true);
       ShoalHands.seekOn($("chart"), (x) => goTo(rows.timeAt(x)), (x) => caption(x, level));
-      ShoalHands.zoomOn($("picture"), {
-        zoom: (factor, x, y) => moveView(() => view.zoomAt(factor, x * scene.ratio, y * scene.ratio)),
-        pan: (x, y) => moveView(() => view.drag(x * scene.ratio, y * scene.ratio)),
-        zoomed: () => view.zoom > 1,
-        held: (on) => $("stage").classList.toggle("dragged", on),
-      });
       let pressed = [0, 0];
       $("picture").addEventListener("pointerdown", (event) => { pressed = [event.clientX, event.clientY]; });
       $("picture").addEventListener("click", (event) => {
@@ -258,14 +225,12 @@
         const k = scene.robotAt(event.offsetX * scene.ratio, event.offsetY * scene.ratio, time);
         if (k >= 0) (player.onRobot ?? choose)(k, time);
       });
-      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
-      for (const box of ["stage", "chart"]) sizes.observe($(box));
+      ShoalDesk.watchSizes(["stage", "chart"], () => { resized = true; redraw(); });
     }
 
     describe(history);
     $("scrub").max = Math.round(1000 * history.end);
     listen();
-    setSpeed(speed);
     ShoalDesk.followTheme(setTheme);
     resize();
     caption();

@@ -63,8 +63,28 @@ const ShoalDesk = (() => {
     if (!$("keys").open) $("keys").showModal();
   }
 
-  /** Have each button do its action (by id), and each key; arrows step by one, with Shift by ten. */
-  function listen(actions, keys, stepBy) {
+  /** Connect buttons, keys, the speed and the theme with a player. Arrows step by one, with Shift by ten.
+   *  `player` has isPlaying(), play(), pause(), stepBy(n), first(), last(), fit(), setTheme(theme), onSpeed(speed, byHand), label(speed),
+   *  `speeds`, and may have `keys` of its own. Return the function that sets the speed. */
+  function listen(player) {
+    const { speeds, stepBy, fit } = player;
+    let speed = speeds[0];
+    const setSpeed = (next, byHand = false) => {
+      speed = next;
+      $("speed").value = next;
+      player.onSpeed(next, byHand);
+    };
+    const change = (by) => () => setSpeed(speeds[Math.max(0, Math.min(speeds.length - 1, speeds.indexOf(speed) + by))], true);
+    const play = () => (player.isPlaying() ? player.pause() : player.play());
+    const theme = () => player.setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
+    const actions = {
+      play, theme, help: openKeys, fit, first: player.first, last: player.last, back: () => stepBy(-1), forward: () => stepBy(1),
+    };
+    const keys = {
+      " ": play, Home: player.first, End: player.last, "+": change(1), "=": change(1), "-": change(-1), _: change(-1),
+      d: theme, f: fit, "?": openKeys, ...player.keys,
+    };
+    listenToSpeed(speeds, player.label, (next) => setSpeed(next, true));
     for (const [id, action] of Object.entries(actions)) {
       $(id).addEventListener("click", action);
       // A mouse click leaves the focus where it was, so Space goes on meaning play or pause.
@@ -80,6 +100,54 @@ const ShoalDesk = (() => {
       event.preventDefault(); // else the scrub bar would move as well
       action();
     });
+    return setSpeed;
+  }
+
+  /** Zoom and pan the view of a scene. Return a function that shows the state of the view, and one that changes the view. */
+  function handleView(scene, redraw, turns = false) {
+    const { view } = scene;
+    const reportView = () => {
+      $("fit").hidden = !view.moved;
+      $("stage").classList.toggle("zoomed", view.zoom > 1);
+      redraw();
+    };
+    const moveView = (change) => { change(); reportView(); };
+    ShoalHands.zoomOn($("picture"), {
+      zoom: (factor, x, y) => moveView(() => view.zoomAt(factor, x * scene.ratio, y * scene.ratio)),
+      pan: (x, y) => moveView(() => view.drag(x * scene.ratio, y * scene.ratio)),
+      zoomed: () => turns || view.zoom > 1,
+      held: (on) => $("stage").classList.toggle("dragged", on),
+    });
+    return { reportView, moveView };
+  }
+
+  /** Give each drawing the size of its box; pairs of a drawing, which may be null, and the id of the box. */
+  function resize(drawings) {
+    const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
+    for (const [drawn, box] of drawings) drawn?.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
+  }
+
+  /** Call a function whenever one of some boxes (by id) changes its size. */
+  function watchSizes(boxes, changed) {
+    const sizes = new ResizeObserver(changed);
+    for (const box of boxes) sizes.observe($(box));
+  }
+
+  /** Show whether the page plays. While it is paused, it announces the moment. */
+  function reportPlaying(playing, announce) {
+    $("player").classList.toggle("playing", playing);
+    $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
+    if (playing) $("live").textContent = "";
+    else announce();
+  }
+
+  let speaking = 0;
+  /** Describe the moment and the picture for a screen reader, which reads the moment aloud unless the page plays by then. */
+  function announce(moment, picture, isPlaying) {
+    $("scrub").setAttribute("aria-valuetext", moment);
+    $("picture").setAttribute("aria-label", picture);
+    clearTimeout(speaking); // a drag should be read out once, where it ends
+    speaking = setTimeout(() => { if (!isPlaying()) $("live").textContent = moment; }, 300);
   }
 
   function listenToSpeed(speeds, label, choose) {
@@ -112,5 +180,7 @@ const ShoalDesk = (() => {
     setTheme(dark.matches ? "dark" : "light");
   }
 
-  return { $, number, plural, open, fillRows, showFacts, openKeys, listen, listenToSpeed, wearTheme, followTheme };
+  return {
+    $, number, plural, open, fillRows, showFacts, listen, handleView, resize, watchSizes, reportPlaying, announce, wearTheme, followTheme,
+  };
 })();

@@ -173,7 +173,7 @@
     // ---- words and numbers ----
 
     function report() {
-      const moment = track.momentAt(time), done = track.doneAt(time), length = track.lengthAt(moment);
+      const moment = track.momentAt(time), length = track.lengthAt(moment);
       const shown = time === 0 || !track.moves ? 0 : moment.move + 1; // the move that is under way or just done
       $("move").textContent = number(shown);
       $("length").textContent = `length ${figure(length)}`;
@@ -184,7 +184,7 @@
       $("scrub").value = Math.round(1000 * time);
       $("scrub").style.setProperty("--done", time / track.seconds);
       if (shown !== current) mark(shown);
-      if (!playing) announce(done);
+      if (!playing) announce();
     }
 
     function mark(shown) {
@@ -208,21 +208,12 @@
       $("hover").textContent = `move ${track.moves ? moment.move + 1 : 0}: ${values.slice(0, 4).join(", ")}${values.length > 4 ? " …" : ""}`;
     }
 
-    let speaking = 0;
-    function announce(done) {
-      const words = `${done} of ${track.moves} moves done`;
-      $("scrub").setAttribute("aria-valuetext", words);
-      $("picture").setAttribute("aria-label", `The workspace with ${track.start.length} particles, ${words}`);
-      clearTimeout(speaking); // a drag should be read out once, where it ends
-      speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
+    function announce() {
+      const words = `${track.doneAt(time)} of ${track.moves} moves done`;
+      ShoalDesk.announce(words, `The workspace with ${track.start.length} particles, ${words}`, () => playing);
     }
 
-    function reportPlaying() {
-      $("player").classList.toggle("playing", playing);
-      $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
-      if (playing) $("live").textContent = "";
-      else announce(track.doneAt(time));
-    }
+    const reportPlaying = () => ShoalDesk.reportPlaying(playing, announce);
 
     /** The dial: the present command, its length in proportion to the longest; in space as the camera sees it. */
     function drawCommand({ move }) {
@@ -260,20 +251,11 @@
 
     function resize() {
       resized = false;
-      const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
-      for (const [drawn, box] of [[scene, "stage"], [delta, "deltaStage"], [chart, "chart"]]) {
-        drawn?.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
-      }
+      ShoalDesk.resize([[scene, "stage"], [delta, "deltaStage"], [chart, "chart"]]);
       reportView();
     }
 
-    function reportView() {
-      $("fit").hidden = !view.moved;
-      $("stage").classList.toggle("zoomed", view.zoom > 1);
-      redraw();
-    }
-
-    const moveView = (change) => { change(); reportView(); };
+    const { reportView, moveView } = ShoalDesk.handleView(scene, redraw, space);
     const turn = (x, y) => space && moveView(() => {
       view.azimuth -= x * STEP;
       view.elevation = ShoalTrack.clamp(view.elevation + y * STEP, 0.04, 1.5);
@@ -281,41 +263,22 @@
 
     // ---- hands ----
 
-    const toggle = () => (playing ? pause() : play());
-    const setSpeed = (rate) => { speed = rate; $("speed").value = rate; };
-    const changeSpeed = (by) => setSpeed(SPEEDS[ShoalTrack.clamp(SPEEDS.indexOf(speed) + by, 0, SPEEDS.length - 1)]);
-    const fit = () => moveView(() => view.fit());
-    const toggleTheme = () => setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
-    const actions = {
-      play: toggle, theme: toggleTheme, help: ShoalDesk.openKeys, fit,
-      first: () => goTo(0), last: () => goTo(Infinity), back: () => stepBy(-1), forward: () => stepBy(1),
-    };
-    const keys = {
-      " ": toggle, Home: actions.first, End: actions.last, "+": () => changeSpeed(1), "=": () => changeSpeed(1),
-      "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": ShoalDesk.openKeys,
-      ...(space ? { j: () => turn(-1, 0), l: () => turn(1, 0), i: () => turn(0, 1), k: () => turn(0, -1) } : {}),
-    };
-
     function listen() {
-      ShoalDesk.listen(actions, keys, stepBy);
-      ShoalDesk.listenToSpeed(SPEEDS, (rate) => `× ${rate}`, setSpeed);
+      const setSpeed = ShoalDesk.listen({
+        isPlaying: () => playing, play, pause, setTheme, stepBy, first: () => goTo(0), last: () => goTo(Infinity),
+        fit: () => moveView(() => view.fit()), speeds: SPEEDS, label: (rate) => `× ${rate}`, onSpeed: (rate) => { speed = rate; },
+        keys: space ? { j: () => turn(-1, 0), l: () => turn(1, 0), i: () => turn(0, 1), k: () => turn(0, -1) } : {},
+      });
+      setSpeed(speed);
       $("scrub").addEventListener("input", () => { pause(); show(Number($("scrub").value) / 1000); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); show(chart.timeAt(x)); }, caption);
-      ShoalHands.zoomOn($("picture"), {
-        zoom: (factor, x, y) => moveView(() => view.zoomAt(factor, x * scene.ratio, y * scene.ratio)),
-        pan: (x, y) => moveView(() => view.drag(x * scene.ratio, y * scene.ratio)),
-        zoomed: () => space || view.zoom > 1,
-        held: (on) => $("stage").classList.toggle("dragged", on),
-      });
-      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
-      for (const box of ["stage", "deltaStage", "chart"]) sizes.observe($(box));
+      ShoalDesk.watchSizes(["stage", "deltaStage", "chart"], () => { resized = true; redraw(); });
     }
 
     describe(data, track);
     listMoves(track, goTo);
     $("scrub").max = Math.round(1000 * track.seconds);
     listen();
-    setSpeed(speed);
     ShoalDesk.followTheme(setTheme);
     resize();
     caption();

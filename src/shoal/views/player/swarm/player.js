@@ -179,32 +179,12 @@
         ? `highest ${number(chart.findHighest())}` : `move ${number(n)}: ${number(timeline.frontier[n])}`;
     }
 
-    let speaking = 0;
     function announce() {
-      const words = `Move ${move} of ${timeline.length}`;
-      $("scrub").setAttribute("aria-valuetext", words);
-      $("picture").setAttribute("aria-label",
-        `The grid at move ${move}: ${timeline.frontier[move]} ${$("frontierWord").textContent.toLowerCase()} cells`);
-      clearTimeout(speaking); // a drag should be read out once, where it ends
-      speaking = setTimeout(() => { if (!playing) $("live").textContent = words; }, 300);
+      const cells = `${timeline.frontier[move]} ${$("frontierWord").textContent.toLowerCase()} cells`;
+      ShoalDesk.announce(`Move ${move} of ${timeline.length}`, `The grid at move ${move}: ${cells}`, () => playing);
     }
 
-    function reportPlaying() {
-      $("player").classList.toggle("playing", playing);
-      $("play").setAttribute("aria-label", playing ? "Pause" : "Play");
-      if (playing) $("live").textContent = "";
-      else announce();
-    }
-
-    function setSpeed(rate) {
-      speed = rate;
-      $("speed").value = rate;
-    }
-
-    function changeSpeed(by) {
-      byHand = true;
-      setSpeed(SPEEDS[Math.max(0, Math.min(SPEEDS.length - 1, SPEEDS.indexOf(speed) + by))]);
-    }
+    const reportPlaying = () => ShoalDesk.reportPlaying(playing, announce);
 
     // ---- colours and sizes ----
 
@@ -222,16 +202,9 @@
       redraw();
     }
 
-    function toggleTheme() {
-      setTheme(document.documentElement.dataset.theme === "dark" ? "light" : "dark");
-    }
-
     function resize() {
       resized = false;
-      const ratio = window.devicePixelRatio || 1, stage = $("stage"), strip = $("chart");
-      const rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
-      picture.resize(stage.clientWidth, stage.clientHeight, ratio, rem);
-      chart.resize(strip.clientWidth, strip.clientHeight, ratio, rem);
+      ShoalDesk.resize([[picture, "stage"], [chart, "chart"]]);
       reportZoom();
       redraw();
     }
@@ -247,47 +220,28 @@
       $("scaleWord").textContent = `${Number(length.toPrecision(1))} mm`;
     }
 
-    function fit() {
-      picture.fit();
-      reportZoom();
-      redraw();
-    }
-
-    function zoom(factor, x, y) {
-      picture.zoomAt(factor, x, y);
-      reportZoom();
-      redraw();
-    }
-
-    function pan(x, y) {
-      picture.panBy(x, y);
+    function moveView(change) {
+      change();
       reportZoom();
       redraw();
     }
 
     // ---- hands ----
 
-    const toggle = () => (playing ? pause() : start());
-    const { openKeys } = ShoalDesk;
-    const actions = {
-      play: toggle, theme: toggleTheme, help: openKeys, fit,
-      first: () => stepBy(-Infinity), last: () => stepBy(Infinity),
-      back: () => stepBy(-1), forward: () => stepBy(1),
-    };
-    const keys = {
-      " ": toggle, Home: actions.first, End: actions.last, "+": () => changeSpeed(1), "=": () => changeSpeed(1),
-      "-": () => changeSpeed(-1), _: () => changeSpeed(-1), d: toggleTheme, f: fit, "?": openKeys,
-    };
+    const setSpeed = ShoalDesk.listen({
+      isPlaying: () => playing, play: start, pause, setTheme, stepBy, first: () => stepBy(-Infinity), last: () => stepBy(Infinity),
+      fit: () => moveView(() => picture.fit()), speeds: SPEEDS, label: (rate) => `${number(rate)}/s`,
+      onSpeed: (rate, chosen) => { speed = rate; byHand ||= chosen; },
+    });
 
     function listen() {
-      ShoalDesk.listen(actions, keys, stepBy);
       $("scrub").addEventListener("input", () => { pause(); goTo(Number($("scrub").value)); });
       ShoalHands.seekOn($("chart"), (x) => { pause(); goTo(chart.moveAt(x)); }, (x) => caption(x));
-      ShoalHands.zoomOn($("picture"), { zoom, pan, zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on) });
-      ShoalDesk.listenToSpeed(SPEEDS, (rate) => `${number(rate)}/s`, (rate) => { byHand = true; setSpeed(rate); });
-      const sizes = new ResizeObserver(() => { resized = true; redraw(); });
-      sizes.observe($("stage"));
-      sizes.observe($("chart"));
+      ShoalHands.zoomOn($("picture"), {
+        zoom: (factor, x, y) => moveView(() => picture.zoomAt(factor, x, y)), pan: (x, y) => moveView(() => picture.panBy(x, y)),
+        zoomed: () => picture.turns || picture.zoom > 1, held: (on) => $("stage").classList.toggle("dragged", on),
+      });
+      ShoalDesk.watchSizes(["stage", "chart"], () => { resized = true; redraw(); });
     }
 
     function snapshot() {
