@@ -291,6 +291,16 @@ def test_bad_files(tmp_path, name):
     assert len(text) < 400 + len(str(path))
 
 
+@pytest.mark.parametrize(
+    "suffix, expected", [("kmz", "a .kml file in the archive, got none"), ("zip", "an archive with one Shapefile, got 0")]
+)
+def test_an_archive_without_a_region_is_not_called_damaged(tmp_path, suffix, expected):
+    path = saved(tmp_path, f"empty.{suffix}", b"PK\5\6" + bytes(18))
+    with pytest.raises(InvalidInputError) as caught:
+        open_region(path)
+    assert str(caught.value) == f"{path}: expected {expected}"
+
+
 def test_shapefile_without_a_system(tmp_path):
     import pyogrio
 
@@ -461,6 +471,10 @@ def test_polygons_are_points_or_shapes_in_metres_or_degrees():
         open_region([(0, 0), (9, 0), (9, 9)], holes=[(20, 20), (21, 20), (21, 21)])
     with pytest.raises(InvalidInputError, match="polygon 1: expected a Shapely polygon or points"):
         open_region([1, 2, 3])
+    with pytest.raises(InvalidInputError, match="polygon 1: expected a Shapely polygon or points"):
+        open_region([(0, 0), (10**400, 0), (9, 9)])
+    with pytest.raises(InvalidInputError, match="footprint: expected a length above 0"):
+        coverage_check(two, [[(1, 1)]], 10**400)
     with pytest.raises(InvalidInputError, match="polygon, vertex 1: expected"):
         open_region([(500, 0), (9, 0), (9, 9)], geographic=True)
     with pytest.raises(InvalidInputError, match="expected polygons together with holes"):

@@ -78,7 +78,7 @@ def test_faults_are_spelled(fault):
         ({"region": {"name": "x"}}, "region: expected name, area and frame"),
         ({"region": {"name": "x", "area": "POLYGON", "frame": None}}, "region: area: expected well-known text"),
         ({"region": region_of(shapely.box(0, 0, 9, 9)), "across_zones": True}, "region: expected a name or a file"),
-        ({"no_go": 5}, "no_go: expected zones, got 5"),
+        ({"no_go": 5}, "no-go zone 1: expected a file, a Shapely polygon or points of shape (n, 2), got 5"),
         ({"no_go": ["a.json", [1, 2]]}, "no-go zone 2: expected a file, a Shapely polygon or points"),
         ({"targets": -1}, "targets: expected a whole number, 0 or more, got -1"),
         ({"robots": True}, "robots: expected a whole number from 1 to 1000, got True"),

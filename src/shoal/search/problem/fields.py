@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from math import inf
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 from shoal.core.checks import FARTHEST, check_integer, check_number, check_points, check_text, read_polygon, shortened
 from shoal.core.errors import InvalidInputError
 from shoal.search.problem.network import network_of
+from shoal.search.regions.builder import list_of
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion, region_of
 
@@ -68,12 +69,7 @@ def dump_region(value: str | SearchRegion) -> Any:
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
     """Return no-go zones as files, Shapely polygons or tuples of points."""
-    alone = isinstance(value, str | os.PathLike) or hasattr(value, "geom_type")
-    if not alone and not isinstance(value, Sequence | np.ndarray):
-        raise InvalidInputError(f"no_go: expected zones, got {shortened(value)}")
-    if not alone and len(value) and np.ndim(value[0]) == 1 and not isinstance(value[0], str | os.PathLike):
-        alone = True  # the points of one zone
-    return tuple(_check_zone(zone, k) for k, zone in enumerate([value] if alone else value, start=1))
+    return tuple(_check_zone(zone, k) for k, zone in enumerate(list_of(value), start=1))
 
 
 def _check_zone(zone: Any, number: int) -> Any:

@@ -90,9 +90,9 @@ def open_region(
     >>> open_region("square:100", no_go=[(20, 20), (40, 20), (40, 40)]).area_m2
     9800.0
     """
-    extra = _several(no_go)
+    extra = list_of(no_go)
     if not isinstance(source, str | os.PathLike):
-        drawn = _drawn(source, _several(holes), geographic=geographic)
+        drawn = _drawn(source, list_of(holes), geographic=geographic)
         return build_region(drawn, extra, name=name or "polygon", across_zones=across_zones, inner=inner)
     if holes is not None or geographic:
         raise InvalidInputError(
@@ -116,7 +116,7 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
     """Return polygons with their holes, from corners or Shapely objects."""
     import shapely
 
-    several = _several(source)
+    several = list_of(source)
     parts = [one for k, part in enumerate(several) for one in _rings(part, f"polygon {k + 1}" if len(several) > 1 else "polygon")]
     for k, hole in enumerate(holes):
         (ring,) = (one.shell for one in _rings(hole, f"hole {k + 1}"))
@@ -271,23 +271,21 @@ def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
         return outlines
     try:
         points = np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         points = np.zeros(0)
     if points.ndim != 2 or points.shape[1] != 2:
         raise InvalidInputError(f"{what}: expected {also}a Shapely polygon or points of shape (n, 2), got {str(given)[:80]}")
     return [RegionOutline(Ring(points, what))]
 
 
-def _several(no_go: Any) -> Sequence[Any]:
-    """Return polygons as a sequence. A single polygon may be a file, a Shapely object or points."""
-    if no_go is None:
+def list_of(polygons: Any) -> list[Any]:
+    """Return one or several polygons as a list. Each polygon may be a file, a Shapely object or points."""
+    if polygons is None:
         return []
-    alone = isinstance(no_go, str | os.PathLike) or hasattr(no_go, "geom_type")
+    alone = isinstance(polygons, str | os.PathLike) or not isinstance(polygons, Sequence | np.ndarray)
     if not alone:
         try:
-            alone = np.asarray(no_go, dtype=np.float64).ndim == 2
-        except (TypeError, ValueError):
+            alone = np.asarray(polygons, dtype=np.float64).ndim == 2
+        except (TypeError, ValueError, OverflowError):
             alone = False
-    if alone or not isinstance(no_go, Sequence | np.ndarray):
-        return [no_go]
-    return list(no_go)
+    return [polygons] if alone else list(polygons)

@@ -245,7 +245,7 @@ def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") 
     """
     try:
         given = np.asarray(footprint, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         given = np.full(1, np.nan)
     if not given.size or not (np.isfinite(given) & (given > 0)).all() or isinstance(footprint, bool):
         raise InvalidInputError(f"footprint: expected a length above 0 in metres, got {footprint!r:.200}")

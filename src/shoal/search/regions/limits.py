@@ -4,7 +4,11 @@ from __future__ import annotations
 
 import zipfile
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
+from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
@@ -28,10 +32,27 @@ MOST_ELEMENTS = 300_000
 DEEPEST = 100
 """Maximum nesting depth of the elements in a KML file."""
 
-ARCHIVE_FAULTS = (
-    zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error,
-)  # fmt: skip
-"""Exceptions that can occur while a damaged archive is read."""
+# exceptions that can occur while a damaged archive is read
+_FAULTS = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error)
+
+
+@contextmanager
+def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
+    """Open a zip archive for reading. ``what`` is the name of the archive in error messages.
+
+    Raises
+    ------
+    InvalidInputError
+        If the archive is missing, too large or damaged. The error can occur when a file in the archive is read.
+    """
+    check_file(path, what="region file", most=LARGEST_FILE)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            yield archive
+    except InvalidInputError:
+        raise
+    except _FAULTS as error:
+        raise InvalidInputError(f"{path}: expected a {what}, got a damaged one or another format: {str(error)[:80]}") from None
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:

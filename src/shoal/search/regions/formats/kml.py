@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from shoal.core.checks import check_file, decode_text, read_text
+from shoal.core.checks import decode_text, read_text
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.marks import is_no_go, names_no_go
 from shoal.search.regions.formats.xml_tree import Element, XmlError, parse_xml
-from shoal.search.regions.limits import ARCHIVE_FAULTS, LARGEST_FILE
+from shoal.search.regions.limits import LARGEST_FILE, opened_zip
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring
 
 _OTHER = ("Point", "LineString", "Track")
@@ -36,16 +35,12 @@ def read_kmz(path: Path) -> RegionOutlines:
     ------
     InvalidInputError
     """
-    check_file(path, what="region file", most=LARGEST_FILE)
-    try:
-        with zipfile.ZipFile(path) as archive:
-            inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
-            if not inside:
-                raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
-            with archive.open(inside[0]) as file:
-                raw = file.read(LARGEST_FILE + 1)
-    except ARCHIVE_FAULTS as error:
-        raise InvalidInputError(f"{path}: expected a KMZ archive, got a damaged one or another format: {str(error)[:80]}") from None
+    with opened_zip(path, what="KMZ archive") as archive:
+        inside = [one for one in archive.infolist() if one.filename.lower().endswith(".kml")]
+        if not inside:
+            raise InvalidInputError(f"{path}: expected a .kml file in the archive, got none")
+        with archive.open(inside[0]) as file:
+            raw = file.read(LARGEST_FILE + 1)
     where = f"{path}: {inside[0].filename[:80]}"
     if len(raw) > LARGEST_FILE:
         raise InvalidInputError(f"{where}: expected at most {LARGEST_FILE} bytes, got more")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import warnings
-import zipfile
 from pathlib import Path, PurePosixPath
 
 from shoal.core.checks import check_file
@@ -12,7 +11,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.formats.crs import to_degrees
 from shoal.search.regions.formats.layers import layer_polygons
 from shoal.search.regions.formats.marks import can_mark
-from shoal.search.regions.limits import ARCHIVE_FAULTS, LARGEST_FILE, MOST_POLYGONS, check_count
+from shoal.search.regions.limits import LARGEST_FILE, MOST_POLYGONS, check_count, opened_zip
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines
 
 _MAGIC = b"\x00\x00\x27\x0a"
@@ -32,27 +31,21 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
     ------
     InvalidInputError
     """
-    check_file(path, what="region file", most=LARGEST_FILE)
-    try:
-        with zipfile.ZipFile(path) as archive, tempfile.TemporaryDirectory() as place:
-            inside = {one.filename: one for one in archive.infolist()}
-            shapes = [name for name in inside if PurePosixPath(name).suffix.lower() == ".shp" and "__MACOSX" not in name]
-            if len(shapes) != 1:
-                raise InvalidInputError(f"{path}: expected an archive with one Shapefile, got {len(shapes)}")
-            stem = str(PurePosixPath(shapes[0]).with_suffix(""))
-            for name, one in inside.items():
-                suffix = PurePosixPath(name).suffix.lower()
-                if suffix in PARTS and str(PurePosixPath(name).with_suffix("")) == stem:
-                    with archive.open(one) as file:
-                        Path(place, f"shapes{suffix}").write_bytes(file.read(LARGEST_FILE + 1))
-            try:
-                return read_shapefile(Path(place, "shapes.shp"), f"{path}: {stem[:80]}.shp")
-            except InvalidInputError as error:
-                raise InvalidInputError(str(error).replace(f"{place}/shapes", f"{path}: {stem[:80]}")) from None
-    except ARCHIVE_FAULTS as error:
-        if isinstance(error, InvalidInputError):
-            raise
-        raise InvalidInputError(f"{path}: expected a zip archive, got a damaged one or another format: {str(error)[:80]}") from None
+    with opened_zip(path, what="zip archive") as archive, tempfile.TemporaryDirectory() as place:
+        inside = {one.filename: one for one in archive.infolist()}
+        shapes = [name for name in inside if PurePosixPath(name).suffix.lower() == ".shp" and "__MACOSX" not in name]
+        if len(shapes) != 1:
+            raise InvalidInputError(f"{path}: expected an archive with one Shapefile, got {len(shapes)}")
+        stem = str(PurePosixPath(shapes[0]).with_suffix(""))
+        for name, one in inside.items():
+            suffix = PurePosixPath(name).suffix.lower()
+            if suffix in PARTS and str(PurePosixPath(name).with_suffix("")) == stem:
+                with archive.open(one) as file:
+                    Path(place, f"shapes{suffix}").write_bytes(file.read(LARGEST_FILE + 1))
+        try:
+            return read_shapefile(Path(place, "shapes.shp"), f"{path}: {stem[:80]}.shp")
+        except InvalidInputError as error:
+            raise InvalidInputError(str(error).replace(f"{place}/shapes", f"{path}: {stem[:80]}")) from None
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
