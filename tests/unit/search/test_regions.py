@@ -291,14 +291,15 @@ def test_bad_files(tmp_path, name):
     assert len(text) < 400 + len(str(path))
 
 
-@pytest.mark.parametrize(
-    "suffix, expected", [("kmz", "a .kml file in the archive, got none"), ("zip", "an archive with one Shapefile, got 0")]
-)
-def test_an_archive_without_a_region_is_not_called_damaged(tmp_path, suffix, expected):
+NOTHING_INSIDE = {"kmz": "a .kml file in the archive, got none", "zip": "an archive with one Shapefile, got 0"}
+
+
+@pytest.mark.parametrize("suffix", NOTHING_INSIDE)
+def test_an_archive_without_a_region_is_not_called_damaged(tmp_path, suffix):
     path = saved(tmp_path, f"empty.{suffix}", b"PK\5\6" + bytes(18))
     with pytest.raises(InvalidInputError) as caught:
         open_region(path)
-    assert str(caught.value) == f"{path}: expected {expected}"
+    assert str(caught.value) == f"{path}: expected {NOTHING_INSIDE[suffix]}"
 
 
 def test_shapefile_without_a_system(tmp_path):
