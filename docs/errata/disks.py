@@ -207,8 +207,8 @@ def _most() -> tuple[str, bool]:
     "the remaining distance from the goals falls as 8.66 / length³",
     "the printed law holds only if particle 2 is always the toucher. If the nearer particle touches the wall, half of the "
     "printed length brings the particles within 0.01 of the goals",
-    "a program computes two kinds of plans, cycle by cycle. Particle 2 is the toucher in one kind, and the nearer particle "
-    "is the toucher in the other kind",
+    "a program computes two kinds of plans, cycle by cycle. Particle 2 is the toucher in one kind of plans, and the nearer "
+    "particle is the toucher in the other kind",
 )
 def _law() -> tuple[str, bool]:
     from shoal.papers.steering.antipodes import swap_antipodes

@@ -179,8 +179,8 @@ def _discarded() -> tuple[str, bool]:
     solved = np.isfinite(best).sum(axis=1)
     shorter = int(np.sum((best[0] < best[1] - 1e-12) & np.isfinite(best[1])))
     found = (
-        f"three moves solve {solved[0]} problems, and as printed {solved[1]} problems; "
-        f"the nearest contact gives {shorter} shorter plans; "
+        f"three moves solve {solved[0]} problems with the nearest contact, and {solved[1]} problems as printed; "
+        f"{shorter} plans are shorter with the nearest contact; "
     )
     return f"{found}{reached} of {played} discarded plans reach their goals", solved[0] > solved[
         1
