@@ -24,8 +24,6 @@ class Option:
     unit : str
     least, most, above, below : float
         Range of a number: at least ``least``, at most ``most``, more than ``above``, less than ``below``.
-    finite : bool
-        Whether a number must be finite.
     choices : tuple of str
         All possible values of a text. If it is empty, any text is valid.
     metavar : str
@@ -52,7 +50,6 @@ class Option:
     most: float = inf
     above: float = -inf
     below: float = inf
-    finite: bool = True
     choices: tuple[str, ...] = ()
     metavar: str = ""
     short: str = ""
@@ -119,7 +116,7 @@ class Declaration:
         if self.type is int:
             return check_integer(value, what=self.name, least=option.least, most=option.most)
         if self.type is float:
-            limits = {name: getattr(option, name) for name in ("least", "most", "above", "below", "finite")}
+            limits = {name: getattr(option, name) for name in ("least", "most", "above", "below")}
             return check_number(value, what=self.name, **limits)
         if option.choices:
             return check_choice(value, what=self.name, choices=option.choices)

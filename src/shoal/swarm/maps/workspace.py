@@ -31,15 +31,13 @@ def check_finite(array: NDArray[np.generic], *, what: str) -> None:
         raise InvalidInputError(f"{what}: expected finite numbers, got {array[bad]} at cell {bad}")
 
 
-def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]:
+def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     """Return ``free`` as a read-only boolean array with at least one free cell.
 
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
         Array that is True where a particle can be. Nonzero numbers count as free.
-    what : str
-        Name of the array in error messages.
 
     Raises
     ------
@@ -49,19 +47,19 @@ def check_free(free: ArrayLike, *, what: str = "workspace") -> NDArray[np.bool_]
     try:
         array = np.asarray(free)
     except ValueError:
-        raise InvalidInputError(f"{what}: expected rows of equal length, got rows of different lengths") from None
+        raise InvalidInputError("workspace: expected rows of equal length, got rows of different lengths") from None
     if array.ndim not in (2, 3):
-        raise InvalidInputError(f"{what}: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
+        raise InvalidInputError(f"workspace: expected a 2-D or 3-D array of cells, got {array.ndim} dimensions")
     if array.dtype.kind not in "biuf":
-        raise InvalidInputError(f"{what}: expected booleans or numbers, got dtype {array.dtype}")
-    check_finite(array, what=what)
+        raise InvalidInputError(f"workspace: expected booleans or numbers, got dtype {array.dtype}")
+    check_finite(array, what="workspace")
     if array.size == 0:
-        raise InvalidInputError(f"{what}: expected at least one cell, got shape {array.shape}")
+        raise InvalidInputError(f"workspace: expected at least one cell, got shape {array.shape}")
     if array.size > MAX_CELLS:
-        raise InvalidInputError(f"{what}: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
+        raise InvalidInputError(f"workspace: expected at most {MAX_CELLS} cells, got {array.size} {array.shape}")
     checked = np.array(array != 0, order="C")
     if not checked.any():
-        raise InvalidInputError(f"{what}: expected at least one free cell, got {checked.size} obstacles only")
+        raise InvalidInputError(f"workspace: expected at least one free cell, got {checked.size} obstacles only")
     checked.setflags(write=False)
     return checked
 

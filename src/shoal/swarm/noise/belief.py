@@ -27,13 +27,13 @@ def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
     return tuple(size + 2 * PAD for size in shape)
 
 
-def noisy_state_of(layout: GridLayout, about: Noise, confidence: float, *, prior: float = PRIOR) -> kernels.NoisyState:
+def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kernels.NoisyState:
     """Return the kernels' arrays for an unknown workspace without particles."""
     shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
     steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
     size = int(np.prod(shape))
-    logit = np.full(shape, np.log(prior / (1 - prior)))
+    logit = np.full(shape, np.log(PRIOR / (1 - PRIOR)))
     guard = np.ones(shape, dtype=np.bool_)
     guard[(slice(PAD - 1, 1 - PAD),) * layout.ndim] = False
     logit[guard] = NEVER
