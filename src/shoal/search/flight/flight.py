@@ -54,7 +54,7 @@ class Flight:
     terrain_error : float
         Maximum deviation of the height above ground from the altitude, in metres.
     rate : float
-        Speed of this robot relative to the vehicle's speed.
+        Speed of the robot divided by the vehicle's cruise speed.
     link : float
         Length in metres up to which a fixed wing may replace a straight leg by a curve.
     blocked : Shapely geometry, optional

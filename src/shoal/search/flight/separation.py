@@ -26,11 +26,11 @@ class Approach:
         Horizontal distance in metres at the nearest approach. Only moments count at which the vertical distance is below the
         vertical separation.
     vertical : float
-        Vertical distance in metres at that moment.
+        Vertical distance in metres at the nearest approach.
     times : tuple of float
-        For each vehicle, the time of the nearest approach in seconds after its start.
+        For each vehicle, the time of the nearest approach in seconds after the start of this vehicle.
     places : ndarray of float64, shape (2, 3)
-        Positions of both vehicles at that time, in metres.
+        Positions of both vehicles at the nearest approach, in metres.
     """
 
     horizontal: float

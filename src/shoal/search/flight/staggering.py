@@ -58,11 +58,11 @@ def staggered(
     ----------
     flights : sequence of callable
         For each vehicle, a function that returns the vehicle's trajectories in a given layer (counted from 0). Several trajectories
-        are alternative estimates of the vehicle's times. The separation holds for all of them. A vehicle without trajectories stays
-        on the ground.
+        are alternative estimates of the vehicle's times. The separation holds for all trajectories. A vehicle without trajectories
+        stays on the ground.
     separation : Separation
     layers : sequence of int, optional
-        Given layers. If they are given, only the delays are computed.
+        Layer of each vehicle. If layers are given, only the delays are computed.
     earliest : ndarray of float64, shape (m,), optional
         Lower bounds on the delays in seconds.
     before : sequence of (sequence of Trajectory, float)

@@ -34,7 +34,7 @@ class Terrain:
     west, north : float
         Coordinates of the first height.
     steps : tuple of float
-        Distance between columns, and distance between rows (from north to south). Both are above 0.
+        Distance between columns, and distance between rows (from north to south), both above 0.
     crs : str or None
         Coordinate reference system in PROJ notation, or None for metres without a position on Earth. `UNSAID` means longitude and
         latitude, or metres, depending on the region.

@@ -111,7 +111,7 @@ def turned_way(
     Parameters
     ----------
     way : ndarray of float64, shape (k, 2)
-        Path in metres. Its first point may be left, and its last point reached, in any direction.
+        Path in metres. The path may leave its first point, and reach its last point, in any direction.
     radius : float
         Minimum turning radius in metres.
     link : float
@@ -121,7 +121,8 @@ def turned_way(
     area : Shapely geometry, optional
         Area that a curve must not leave if the straight line between its ends lies inside.
     known : KnownCurves, optional
-        Curves that were found for other paths with equal ``radius``, ``link``, ``blocked`` and ``area``. New curves are added.
+        Curves that were found for other paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new
+        curves.
     cuts : sequence of int
         Inner vertices at which the path is cut. The next piece begins in the direction in which the previous piece ends.
 

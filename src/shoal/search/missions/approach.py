@@ -107,14 +107,14 @@ def missions_approach(
     Parameters
     ----------
     missions : sequence of Mission
-        The missions, with start times on one clock. The first sortie of each robot begins at 0 plus its delay. A later sortie
+        The missions, with start times on one clock. The first sortie of each robot begins after its ``delay``. A later sortie
         begins at its ``start``, or when all earlier sorties have ended.
     separation : Separation
         The separation. Moments at which the heights differ by more than the vertical separation do not count.
     frame : LocalFrame or None
         Local frame in whose metres distances are measured.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used. By default, vehicles move at the speed in the file, in climbs too.
+        Vehicle whose climbing and turning times are used. By default, vehicles fly and climb at the speed in the file.
 
     Returns
     -------
@@ -180,12 +180,12 @@ class Clearance:
     lowest, highest : float
         The smallest and the largest height in metres.
     missions : tuple of str
-        Names of the missions in which these heights occur.
+        Names of the missions with the smallest and the largest height.
     places : ndarray of float64, shape (2, 2)
-        Positions in metres at which these heights occur.
+        Positions in metres of the smallest and the largest height.
     error : float
-        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground.
-        Otherwise it is 0.
+        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground, and
+        otherwise 0.
     """
 
     lowest: float

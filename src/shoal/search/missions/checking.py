@@ -46,7 +46,7 @@ class MissionCheck:
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        The coverage of each band, or a single coverage without bands. It is empty if no footprint was given.
+        The coverage of each band, or a single coverage without bands. Without a footprint, the tuple is empty.
     n_waypoints : int
     footprint : float, tuple of float or None
         Footprint in metres: one for all robots, or one for each robot.
@@ -57,7 +57,7 @@ class MissionCheck:
     approach : MissionApproach or None
         The nearest approach of two vehicles. None if all vehicles always keep the vertical separation, or no check was requested.
     bands : tuple of float
-        Altitudes in metres. The whole region must be seen from each of them.
+        Altitudes in metres. The whole region must be seen from each altitude.
     clearance : Clearance or None
         Heights above ground, or None without a terrain.
     """
@@ -172,14 +172,14 @@ def check_missions(
     separation : Separation, optional
         Required separation of vehicles in flight. If the separation is given, the nearest approach is computed.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used for the approach. By default, vehicles move at the speed in the file, in
-        climbs too.
+        Vehicle whose climbing and turning times are used for the approach. By default, vehicles fly and climb at the speed in the
+        file.
     bands : sequence of float, optional
-        Increasing altitudes in metres. The whole region must be seen from each of them. A flight counts for the highest band that
+        Increasing altitudes in metres. The whole region must be seen from each altitude. A flight counts for the highest band that
         is not above the flight. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's
         view. For a volume, the default is the altitudes of its layers.
     terrain : Terrain, optional
-        Terrain. If given, heights above ground are computed along all paths.
+        Terrain for heights above ground, which are computed along all paths.
 
     Raises
     ------

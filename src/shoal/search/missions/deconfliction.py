@@ -55,11 +55,12 @@ def plan_missions(
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the region beyond the margin. The default is as far as necessary.
+        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default, turns may leave the
+        region as far as necessary.
     ending : "return", "land" or "loiter", optional
-        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. The
-        reason is that autopilots choose the altitude of a return themselves. Without a separation, the default is that of
-        `missions_of`.
+        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. A return
+        might not keep the separation, because autopilots choose the altitude of a return themselves. Without a separation, the
+        default is that of `missions_of`.
     options
         Options of `missions_of` that the plan does not determine.
 

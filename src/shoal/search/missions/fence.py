@@ -28,7 +28,7 @@ class Fence:
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        The ring that vehicles must not leave. Its first corner is not repeated.
+        The ring that vehicles must not leave. The first corner is not repeated at the end.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
         Rings that vehicles must not enter.
     """

@@ -76,8 +76,9 @@ def write_missions(
     folder : path
         The output folder. A missing folder is created.
     formats : sequence of str, optional
-        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`. The
-        default is all of these formats. For missions in metres, it is "csv", because the other formats need positions on Earth.
+        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`. By
+        default, missions are written in all these formats. Missions in metres are written only as "csv", because the other formats
+        need positions on Earth.
 
     Returns
     -------
@@ -86,7 +87,7 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. In this case, no file has been written.
+        If an argument is invalid. No file is written in this case.
     OutputError
         If a file cannot be written. No partial file remains.
     """

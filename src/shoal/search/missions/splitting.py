@@ -65,7 +65,7 @@ def missions_of(
         Route in metres. Without a third column for altitudes, the route has the vehicle's altitude. An empty route gives no
         missions.
     frame : LocalFrame or None
-        Local frame of the metres. If it is None, missions are in metres.
+        Local frame of the metres. Without a frame, missions are in metres.
     robot : int
         Number of the robot, from 1.
     home : array_like of float, shape (2,), optional
@@ -74,7 +74,7 @@ def missions_of(
         A vehicle or its description for `vehicle_of`.
     autopilot : "px4" or "ardupilot"
     rate : float
-        Speed of the robot relative to the vehicle's speed.
+        Speed of the robot divided by the vehicle's cruise speed.
     altitude_frame, terrain, terrain_error, link, blocked, area
         Parameters of `Flight`. Over terrain, additional waypoints keep the error of the height above ground below
         ``terrain_error``.

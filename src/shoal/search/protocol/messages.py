@@ -50,7 +50,7 @@ class Beacon:
     ----------
     sender : int
     heartbeats : tuple of Heartbeat
-        Heartbeat of the sender, followed by heartbeats of other robots that it knows directly or indirectly.
+        Heartbeat of the sender, followed by heartbeats of other robots that the sender knows directly or indirectly.
     searched : tuple of (int, int)
         For each robot, the cells that it reports as searched, as a bitset.
     found : tuple of (int, int)

@@ -40,7 +40,7 @@ class Brief:
     ways_out : WaysOut, optional
         Distances from launch points outside the region.
     delays : tuple of float
-        Departure delay of each robot, by its number from 1. It is empty without delays.
+        Departure delay of each robot, by its number from 1. The tuple is empty without delays.
     """
 
     tour_cost: TourCost
@@ -133,8 +133,8 @@ class Robot:
     closed : mapping of int to int
         For each robot, the cells that it reports as blocked, as a bitset.
     passed : int
-        Bitset of the cells known to be free because the robot has entered them, or has passed one of their corners. It is used only
-        if there may be obstacles.
+        Bitset of the cells known to be free because the robot has entered them, or has passed one of their corners. The bitset is
+        used only if there may be obstacles.
     avoided : int
         Bitset of the cells that the robot avoids until ``avoided_until``, because another robot was in them.
     count : int

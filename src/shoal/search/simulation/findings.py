@@ -22,8 +22,8 @@ class Finding:
     found_by, missed_by : tuple of int
         The robots that found something in the cell, and the robots that searched it and found nothing.
     confidence : float
-        Probability that the cell contains a target. It follows from the sensors' detection rate and false-alarm rate, and from a
-        prior probability of 0.01.
+        Probability that the cell contains a target. The probability follows from the sensors' detection rate and false-alarm rate,
+        and from a prior probability of 0.01.
     """
 
     cell: int
@@ -40,7 +40,7 @@ def merge_findings(scenario: Scenario, reports: dict[int, set[int]], searched: d
     scenario : Scenario
         The scenario with the sensors' rates.
     reports : dict of int to set of int
-        For each cell, the robots that found something there.
+        For each cell, the robots that found something in the cell.
     searched : dict of int to int
         For each robot, the cells that it reports as searched, as a bitset.
     """

@@ -42,7 +42,7 @@ class RobotLog:
     found : tuple of (int, tuple of int)
         Findings known to the robot at the end: cells, and the robots that found something there.
     detours : tuple of tuple of int
-        For each stop, the cells that the robot passed on the way there. It is empty if robots do not move from cell to cell.
+        For each stop, the cells that the robot passed on the way there. The tuple is empty if robots do not move from cell to cell.
     obstructed : tuple of (float, int)
         Time and cell of each discovered obstacle.
     """
@@ -68,12 +68,12 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        Time at which the last reachable cell was searched by the required number of robots, or infinity if this never happened. The
-        unit is the time that a robot of speed 1 needs for one cell.
+        Time at which the last reachable cell was searched by the required number of robots, or infinity if some cell was searched
+        by fewer robots. The unit is the time that a robot of speed 1 needs for one cell.
     declared : dict of int to float
         Time at which each robot (counted from 1) declared completion.
     sent, lost : int
-        Number of messages, counted per receiver.
+        Number of sent messages and number of lost messages, both counted per receiver.
     takeovers : int
         Number of times that a robot began to search the part of a robot that it presumed dead.
     dropped : int

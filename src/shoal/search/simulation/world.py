@@ -71,15 +71,15 @@ class SearchWorld:
     check : callable, optional
         Function that is called with the world and the robot's number after every event, for example to test invariants.
     decide : callable, optional
-        Function that chooses the destination of idle robots instead of the protocol; see `advance`. If it is given, robots start
-        without listening, and no tour is divided among them.
+        Function that chooses the destination of idle robots instead of the protocol; see `advance`. With this function, robots
+        start without listening, and no tour is divided among them.
 
     Attributes
     ----------
     covered : int
         The cells that were searched by robots that do not lie, as a bitset.
     covered_at : float
-        Time at which robots that do not lie had searched all reachable cells, or infinity if they never had.
+        Time at which robots that do not lie had searched all reachable cells, or infinity if some cell was left.
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot

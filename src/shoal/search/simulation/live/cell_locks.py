@@ -15,8 +15,8 @@ def enter(file: int, cell: int) -> bool:
     Parameters
     ----------
     file : int
-        Descriptor of the file that all robots share. A process must not close any other descriptor of this file, because this would
-        release the locks of the process.
+        Descriptor of the file that all robots share. A process must not close any other descriptor of this file, because closing it
+        would release the locks of the process.
     cell : int
     """
     try:

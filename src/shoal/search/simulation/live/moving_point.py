@@ -25,7 +25,7 @@ class MovingPoint:
     origin, goal : tuple of float
         Start and end point of the leg in the units of `TourCost.points`.
     way : float
-        Length of the path in cells. It is longer than the straight line if the path leads around a corner.
+        Length of the path in cells. A path around a corner is longer than the straight line.
     length : float
         Length of the leg, including turning and work on the spot.
     done : float

@@ -26,7 +26,7 @@ class LiveEvent:
     found : bool
         Whether the robot found something in the cell.
     place : tuple of float
-        Position of the robot in the units of `TourCost.points`; it is empty if the robot did not report the event itself.
+        Position of the robot in the units of `TourCost.points`. The tuple is empty if the robot did not report the event itself.
     reason : str
     through : tuple of int
         The cells that the robot has passed since its last search, if robots move from cell to cell.
@@ -59,12 +59,12 @@ class LiveOutcome:
     covered : float
         Fraction of the reachable cells that any robot really searched before it failed.
     declared, killed : dict of int to float
-        Time at which each robot declared completion, and time at which it was killed.
+        Time at which each robot declared completion, and time at which each killed robot was killed.
     failed : dict of int to str
         Robots whose process ended too early, with the reason: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
         Number of messages sent, received, and lost at the receiver. ``dropped`` counts messages that came from no robot of this
-        search or had impossible content. All numbers include only what robots have reported.
+        search or had impossible content. The numbers of a killed robot are those of its last report.
     channel : str
         "multicast" or "unicast".
     port : int

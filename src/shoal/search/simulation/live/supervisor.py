@@ -48,7 +48,7 @@ def run_live(
     scenario : Scenario
         The search. The processes of crashed robots are killed (SIGKILL). A received message is discarded with the probability of
         the network's `Loss`. If ``brief.hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in time,
-        even on a busy machine. With a shorter time, the search takes longer but is still complete.
+        even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
     speed : float
         Speed in cells per second of a robot of speed 1, in real time.
     channel : str
@@ -67,7 +67,8 @@ def run_live(
     Raises
     ------
     InvalidInputError
-        If an option is out of range, or the scenario has other faults than crashes and slow robots, or a network beyond losses.
+        If an option is out of range. Also if the scenario has faults other than crashes and slow robots, or a network that does
+        more than lose messages.
     ShoalError
         If a process cannot be started.
 

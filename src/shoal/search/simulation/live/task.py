@@ -22,14 +22,14 @@ class LiveTask:
     Parameters
     ----------
     scenario : Scenario
-        The search. Vehicles collide with its obstacles, but the robots do not know them.
+        The search. The obstacles block the vehicles, but the robots do not know the obstacles.
     speed : float
         Speed in cells per second of a robot of speed 1.
     channel : str
     port : int
         Port of the multicast group.
     key : bytes
-        Key of this run. Messages without its signature come from other senders.
+        Key of this run. Messages without a signature by this key come from other senders.
     """
 
     scenario: Scenario
