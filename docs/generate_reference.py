@@ -1,5 +1,5 @@
 """Write docs/reference/ from the code: commands from their --help, problems from their
-declarations, rules of the linter from their table. A test fails when it is old.
+declarations, rules of the linter from their table. A test fails if these files are not up to date.
 
 Run: python docs/generate_reference.py
 """

@@ -53,7 +53,7 @@ SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
 class _Command(TyperCommand):
-    """A command. Its seed is checked here for all commands, also for those in which nothing is random."""
+    """A command. Every command checks its seed, even if the command uses no random numbers."""
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command."""

@@ -69,7 +69,7 @@ def takes_problem(
     ----------
     kind : type
     from_file : bool
-        Whether the argument may also be a problem file, whose fields the given options replace.
+        Whether the argument may also name a problem file. Options on the command line then replace fields of the file.
     only : tuple of str
         The fields that become options. If it is empty, all fields become options.
     options : type, optional

@@ -24,7 +24,7 @@ _TOLD = {code: f"\\x{code:02x}" if code < 256 else f"\\u{code:04x}" for code in 
 
 
 def visible(text: str) -> str:
-    r"""Return a text without terminal control characters, because file names and their content may be hostile.
+    r"""Return a text in which a code such as ``\x1b`` replaces each control character, because file names may be hostile.
 
     Examples
     --------
@@ -156,7 +156,7 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
 
 @contextmanager
 def warnings_said(category: type[Warning]) -> Iterator[None]:
-    """Print the warnings of one category that the block raises on stderr, as plain sentences."""
+    """Print warnings of one category as plain sentences on stderr while the block runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
@@ -176,7 +176,7 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check that an output folder is writable, or can be created. The check runs before any work. Nothing is created yet.
+    """Check that an output folder is writable, or can be created. The check runs before any work and creates nothing.
 
     Raises
     ------

@@ -44,9 +44,9 @@ def reproduce(
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
-    """Reproduce figures of the papers and compare the printed numbers with Shoal's.
+    """Reproduce figures of the papers, and compare the numbers printed in the papers with Shoal's numbers.
 
-    The verdict is that they agree, differ, or are not comparable.
+    The verdict on a figure is that the numbers agree, differ, or are not comparable.
 
     The exit code is 1 if a figure could not be made. A difference from a paper is a result, not an error.
     """

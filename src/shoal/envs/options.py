@@ -85,7 +85,9 @@ class SteeringEnvOptions(EnvOptions):
 
     longest_move: float = option(1.0, help="Length of the move for action 1, relative to the workspace's size.", above=0)
     progress_reward: float = option(
-        1.0, help="Reward for each size of the workspace by which the particle farthest from its goal comes closer."
+        1.0,
+        help="Reward when the largest distance of a particle from its goal shrinks by the size of the workspace. "
+        "Other changes of this distance give a reward in proportion.",
     )
     move_price: float = option(0.01, help="Penalty for each move, subtracted from the reward.")
     final_bonus: float = option(1.0, help="Reward when all particles are at their goals.")
@@ -107,7 +109,7 @@ class SearchEnvOptions(EnvOptions):
     final_bonus: float = option(10.0, help="Reward of each live agent when all cells are searched.")
     max_steps: int = option(
         10_000,
-        help="Maximum number of steps of an episode. A step takes the time that a robot of speed 1 needs for a cell.",
+        help="Maximum number of steps of an episode. A step takes the time that the fastest robot needs for a cell.",
         least=1,
     )
 

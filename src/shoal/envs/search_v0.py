@@ -50,11 +50,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     seed=s)``.
 
     An agent's observation contains only what its robot knows. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes
-    `PLANES`. ``position``: row and column of the robot's cell, preceded by the layer if the grid has several layers. ``heard``:
-    number of steps since the last direct or indirect news of each robot, -1 without any news. ``told``: for each robot, the number
-    of cells that it has reported as searched. ``energy``: remaining fraction. ``time``: in steps. If a robot fails, its agent is
-    terminated and leaves ``agents``. All agents are terminated when all reachable cells are searched, and truncated after
-    ``max_steps``.
+    `PLANES`. ``position``: row and column of the robot's cell, preceded by the layer if the grid has several layers. ``heard``: for
+    each robot, the number of steps since the newest beacon of this robot that is known, or -1 without a beacon. ``told``: for each
+    robot, the number of cells that this robot has reported as searched. ``energy``: remaining fraction of the energy. ``time``:
+    time since the start, in steps. If a robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when
+    all reachable cells are searched, and truncated after ``max_steps``.
 
     Parameters
     ----------

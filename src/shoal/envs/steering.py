@@ -21,7 +21,7 @@ class SteeringEnv(WorldEnv):
 
     An action is a move, with one number from -1 to 1 per axis, where 1 means ``longest_move`` times the size of the workspace.
     After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset without a
-    seed draws one, and returns it in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays.
+    seed draws a seed, and returns this seed in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays.
     ``particles`` and ``goals`` have shape (particles, dimensions). ``delta`` and ``goal_delta``, shape (particles - 1, dimensions),
     are the positions of all other particles relative to the first particle, now and at the goals. Only walls can change these
     differences.

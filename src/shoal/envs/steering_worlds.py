@@ -30,7 +30,7 @@ class SteeringWorlds:
     Parameters
     ----------
     count : int
-        How many.
+        Number of worlds.
     pictured : bool
         Whether pictures of the worlds are needed. Pictures show whole episodes, so the worlds then store their episodes.
     **fields
@@ -89,7 +89,7 @@ class SteeringWorlds:
         return shown
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], None]:
-        """Send an action to each world; return the rewards, and None because commands have no further effects here."""
+        """Send an action to each world. Return the rewards, and None in place of the trace that `SwarmWorlds.step` returns."""
         batch, options, size = self.batch, self.options, float(self.problem.place.size)
         given = self._checked(actions, where)
         before, moved = batch.errors.copy(), slice(None) if where is None else where

@@ -22,11 +22,11 @@ from shoal.swarm.run import run
 class SwarmEnv(WorldEnv):
     """The task: explore a map with a swarm.
 
-    An action is one command to all particles: its index in ``lurd`` (in 3-D ``lurdio``), from 0.
+    An action is one command to all particles, as an index of ``lurd`` (in three dimensions ``lurdio``). The first index is 0.
 
     After ``reset(seed=s)``, the particles, targets and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset
-    without a seed draws one, and returns it in ``info["seed"]``. With ``scan_every``, an action is a run of equal commands followed
-    by a scan.
+    without a seed draws a seed, and returns this seed in ``info["seed"]``. With ``scan_every``, an action is a run of equal
+    commands followed by a scan.
 
     Parameters
     ----------

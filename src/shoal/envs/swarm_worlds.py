@@ -27,7 +27,7 @@ class SwarmWorlds:
     Parameters
     ----------
     count : int
-        How many.
+        Number of worlds.
     **fields
         Fields of `SwarmProblem` and `SwarmEnvOptions`.
 
@@ -116,7 +116,7 @@ class SwarmWorlds:
     def picture(self, world: int) -> NDArray[np.uint8]:
         """Return a picture of a world as a uint8 array of shape (height, width, 3).
 
-        In three dimensions, it shows three slices too.
+        In three dimensions, the picture also shows three slices.
         """
         from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
 

@@ -19,8 +19,8 @@ def default_workers() -> int:
 def make_executor(workers: int, *, compiled: bool) -> Executor:
     """Return an executor with the given number of workers.
 
-    For compiled episodes, threads are enough, because compiled code releases the interpreter lock. Threads also start faster.
-    Policies written in Python run in processes.
+    For compiled episodes, threads are enough, because compiled code releases the interpreter lock. Threads also start faster than
+    processes. Policies written in Python run in processes.
 
     Raises
     ------

@@ -37,7 +37,8 @@ class Row:
         Number of these trials whose task is done, or None if trials have no status.
     bound : float or None
         Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. The bound
-        is the smallest value at which an unfinished trial ended, and a larger value counts as the bound. The true mean is larger.
+        is the smallest value at which an unfinished trial ended, and a larger value counts as the bound. The true mean is larger
+        than this restricted mean.
     """
 
     values: dict[str, Any]
@@ -134,7 +135,7 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
     """Return the mean of a measure with its interval at each point of a sweep.
 
     For a measure that grows until the task is done, unfinished trials give only lower bounds. The estimate is then a restricted
-    mean. A field of the row states this.
+    mean, and the field ``bound`` of the row contains its limit.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from shoal.core.version import code_digest, versions
 
 
 class MixedVersionsWarning(UserWarning):
-    """A sweep continues with other versions than those that wrote its rows."""
+    """Other versions of Shoal or its libraries wrote the existing rows of a sweep."""
 
 
 def worker_versions() -> dict[str, str]:
@@ -70,7 +70,7 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return the number of rows per set of versions, if any set differs from this process's. Otherwise return nothing.
+    """Return the number of rows per set of versions, or an empty text if all rows have the versions of this process.
 
     Examples
     --------

@@ -214,7 +214,7 @@ class LimitedConnection(H11Protocol):
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Pass the connection on. The guard counts websockets."""
+        """Stop counting the connection, because the guard counts websockets separately."""
         self._left()
         super().handle_websocket_upgrade(event)
 

@@ -35,10 +35,10 @@ def demo(
     """Map the vessels of a real eye from a photograph with 300 particles that obey one shared command.
 
     The demo writes the photograph beside its vessels, the photograph with the outline of the vessels, the vessel map, the final
-    picture, the frontier by move, a film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles to two
-    goals in a square, a hexagon, a disk, a prism and a noisy field. 'shoal demo steer' writes figures, episodes and two players.
-    'shoal demo search' sends 12 robots through a marsh around a lake; three of the robots fail. 'shoal demo search' writes figures,
-    the player, the episode and missions.
+    picture, a chart of the frontier cells, a film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles
+    to two goals in a square, a hexagon, a disk, a prism and a noisy field. 'shoal demo steer' writes figures, episodes and two
+    players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of the robots fail. 'shoal demo search' writes
+    figures, the player, the episode and missions.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer

@@ -299,9 +299,9 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 
 
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
-    """Return the diagnostics of several files of one mission, each only once.
+    """Return the diagnostics in groups. Each group contains one mistake in a mission, from each file of this mission.
 
-    Diagnostic number k of one kind is the same mistake in every file.
+    In each file, the k-th diagnostic with the same rule and sentence counts as the same mistake.
     """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()

@@ -63,7 +63,7 @@ def drive(
     ] = 5.0,
     end_after: Annotated[
         float,
-        typer.Option("--end-after", help="Seconds without any answer, with all repeated requests, after which the run ends."),
+        typer.Option("--end-after", help="Seconds without an answer, even to repeated requests, after which the run ends."),
     ] = 60.0,
     log: Annotated[
         Path | None,

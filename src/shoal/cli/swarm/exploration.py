@@ -130,7 +130,7 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
 
 
 def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
-    """Print the result of one trial or several trials."""
+    """Print the results of trials."""
     files = [("written", str(path)) for path in written]
     print_table([*_rows(episodes, result), *more, *files], title=f"{episodes[0].task} of {episodes[0].workspace.name}")
 

@@ -130,9 +130,9 @@ def schedule(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Find the best scan schedule for a wall at unknown distance at your prices of moves and scans.
+    """Find the scan schedule with the smallest worst-case cost ratio for a wall at an unknown distance.
 
-    Compare this schedule with the classic schedules.
+    The output also contains the worst-case cost ratios of five classic schedules.
     """
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 

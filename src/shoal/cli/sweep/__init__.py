@@ -1,1 +1,1 @@
-"""Commands for sweeps: run, status, summary, export, check."""
+"""Commands for sweeps: run, status, summary, plot, export, merge, check."""

@@ -1,4 +1,4 @@
-"""shoal sweep summary, export, check: the results in a store."""
+"""shoal sweep summary, export, merge, check: the results in a store."""
 
 from __future__ import annotations
 
@@ -65,8 +65,8 @@ def summary(
     """Show means with confidence intervals, and differences between the values of a paired axis.
 
     If some trials ended before their task was done, the summary states the number of these trials. For measures that grow until the
-    end of a trial, the mean is then a restricted mean: every value above the cutoff counts as the cutoff, the smallest value at
-    which a trial ended unfinished.
+    end of a trial, the mean is then a restricted mean. The cutoff is the smallest value at which a trial ended unfinished,
+    and every larger value counts as the cutoff.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store

@@ -45,6 +45,6 @@ def trial_problem_type(kind: str) -> type[Problem]:
 
 
 def trial(problem: Problem, seed: int) -> list[Any]:
-    """Run one trial. Run one trial and return its measures, named by ``problem.measures``, as texts, numbers, booleans or None."""
+    """Run one trial and return its measures, named by ``problem.measures``, as texts, numbers, booleans or None."""
     measured = problem.trial(seed) if isinstance(problem, MeasuredProblem) else parts.run(problem, seed=seed).metrics
     return [measured[name] for name in problem.measures]

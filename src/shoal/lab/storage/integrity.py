@@ -14,8 +14,8 @@ from shoal.lab.sweeps.sweep import trial_seed
 def faults_of(store: Store) -> list[str]:
     """Return the faults of a store as a list of sentences. An intact store has none.
 
-    The checks cover the structure of the SQLite file and the number of values in each row. The checks also compare keys and seeds
-    with the keys and seeds of the sweep.
+    The checks cover the structure of the SQLite file and the number of values in each row. The checks also compare the stored keys
+    and seeds with the keys and seeds that the sweep defines.
     """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]

@@ -21,7 +21,7 @@ class StoredSweep:
     id : int
         Number of the sweep's row.
     where : str
-        File and sweep, for messages.
+        Name of the file and of the sweep, with which error messages begin.
     spec : dict
         The result of `shoal.lab.Sweep.describe`.
     inputs : mapping of str to str

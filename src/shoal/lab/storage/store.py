@@ -62,7 +62,7 @@ class Store:
     def close(self) -> None:
         """Close the file.
 
-        The last process that writes moves all data from SQLite's write-ahead log to the file, even while other processes read.
+        A process that has written copies all data from SQLite's write-ahead log to the file, even while other processes read.
         """
         if self.write:
             with suppress(sqlite3.Error):  # data that others still read stays in the log beside the file
@@ -259,7 +259,7 @@ class Store:
         return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
-        """Return the versions of Shoal and its libraries that wrote the rows of a sweep, oldest first, and numbers of rows."""
+        """Return the number of rows that each set of versions of Shoal and its libraries wrote, with the oldest set first."""
         number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)

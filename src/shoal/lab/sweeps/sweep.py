@@ -142,7 +142,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """All points of the sweep. From one point to the next, the last axis changes first."""
+        """All points of the sweep. From one point to the next, the value of the last axis changes first."""
         kind = self.problem.get("kind")
         made = tuple(
             self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")

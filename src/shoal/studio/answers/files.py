@@ -11,7 +11,7 @@ from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the player's data for an episode of the folder."""
+    """Return an episode of the folder as data for the player."""
     from importlib import import_module
 
     name = str(about["file"])

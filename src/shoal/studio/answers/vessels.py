@@ -49,14 +49,14 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a photograph as PNG or JPEG, no larger than a page shows it."""
+    """Return a photograph as JPEG, with at most `LARGEST_SHOWN` pixels on each side."""
     pixels = _pixels(*_file(folder, str(about["file"])))
     height, width = pixels.shape[:2]
     return {"width": width, "height": height, "picture": picture_of(fit_to_page(pixels), "JPEG")}
 
 
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the vessels of a photograph as a picture, as large as that of `photograph`.
+    """Return the vessels of a photograph as a picture of the same size as the result of `photograph`.
 
     If ``exact`` is true, return also the confidence.
     """

@@ -1,6 +1,6 @@
 """The job that writes missions: a zip archive with the mission files, their map and the report of the check.
 
-Another copy of the map is for viewing.
+The job also writes a copy of the map beside the archive.
 """
 
 from __future__ import annotations

@@ -177,8 +177,6 @@ class JobQueue:
     def told(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers, or empty data if the job does not exist.
 
-        Examples
-        --------
         A job has ``id, kind, spec, state, created, began, ended, result``. A running job also has ``done`` (0 to 1), ``note``,
         ``left``.
         """
