@@ -82,13 +82,6 @@ const ShoalSearch = (() => {
     }
   }
 
-  function sized(drawn, cssWidth, cssHeight, ratio, rem) {
-    drawn.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
-    drawn.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
-    drawn.ratio = ratio;
-    drawn.unit = (ratio * rem) / 16;
-  }
-
   class Scene {
     constructor(canvas, history) {
       this.canvas = canvas;
@@ -103,8 +96,7 @@ const ShoalSearch = (() => {
       this.chosen = -1; // the robot that is followed
     }
 
-    resize(cssWidth, cssHeight, ratio, rem) {
-      sized(this, cssWidth, cssHeight, ratio, rem);
+    resize() {
       this.view.resize(this.canvas.width, this.canvas.height, MARGIN * this.unit, MARGIN * this.unit);
     }
 
@@ -396,9 +388,8 @@ const ShoalSearch = (() => {
       this.chosen = -1;
     }
 
-    resize(cssWidth, cssHeight, ratio, rem) {
-      sized(this, cssWidth, cssHeight, ratio, rem);
-      this.left = INSET * rem * ratio;
+    resize(rem) {
+      this.left = INSET * rem * this.ratio;
       this.width = Math.max(1, this.canvas.width - 2 * this.left);
       this.forget();
     }

@@ -121,10 +121,17 @@ const ShoalDesk = (() => {
     return { reportView, moveView };
   }
 
-  /** Give each drawing the size of its box; pairs of a drawing, which may be null, and the id of the box. */
+  /** Give each drawing the size of its box; pairs of a drawing, which may be null, and the id of the box. A drawing gets `ratio`, the
+   *  pixels of the screen in a CSS pixel, and `unit`, a sixteenth of the text size; its resize(rem) does the rest, with `rem` in CSS pixels. */
   function resize(drawings) {
     const ratio = window.devicePixelRatio || 1, rem = parseFloat(getComputedStyle(document.documentElement).fontSize);
-    for (const [drawn, box] of drawings) drawn?.resize($(box).clientWidth, $(box).clientHeight, ratio, rem);
+    for (const [drawn, box] of drawings.filter(([one]) => one)) {
+      drawn.canvas.width = Math.max(1, Math.round($(box).clientWidth * ratio));
+      drawn.canvas.height = Math.max(1, Math.round($(box).clientHeight * ratio));
+      drawn.ratio = ratio;
+      drawn.unit = (ratio * rem) / 16;
+      drawn.resize(rem, $(box).clientWidth);
+    }
   }
 
   /** Call a function whenever one of some boxes (by id) changes its size. */

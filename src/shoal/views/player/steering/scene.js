@@ -15,6 +15,10 @@ const ShoalScene = (() => {
       this.pen = canvas.getContext("2d");
     }
 
+    resize() {
+      this.view.resize(this.canvas.width, this.canvas.height, MARGIN * this.unit, TOP * this.unit);
+    }
+
     clear() {
       this.pen.clearRect(0, 0, this.canvas.width, this.canvas.height);
     }
@@ -99,14 +103,6 @@ const ShoalScene = (() => {
       this.view = this.space ? new ShoalViews.Space(data.walls, states) : new ShoalViews.Plane(data.walls);
       this.rings = ShoalViews.ringsOf(data.walls);
       this.sides = data.walls.circle ? [] : this.rings.flatMap((ring) => ring.map((point, k) => [point, ring[(k + 1) % ring.length]]));
-    }
-
-    resize(cssWidth, cssHeight, ratio, rem) {
-      this.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
-      this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
-      this.ratio = ratio;
-      this.unit = (ratio * rem) / 16;
-      this.view.resize(this.canvas.width, this.canvas.height, MARGIN * this.unit, TOP * this.unit);
     }
 
     draw(moment, colours) {
@@ -220,10 +216,6 @@ const ShoalScene = (() => {
       this.delta = delta;
       this.outline = ShoalViews.ringsOf(delta.walls)[0];
       this.view = new ShoalViews.Plane(delta.walls);
-    }
-
-    resize(cssWidth, cssHeight, ratio, rem) {
-      Scene.prototype.resize.call(this, cssWidth, cssHeight, ratio, rem);
     }
 
     draw(moment, colours) {

@@ -11,13 +11,8 @@ const ShoalChart = (() => {
       this.timeline = timeline;
     }
 
-    /** `rem` is the page's text size in CSS pixels. */
-    resize(cssWidth, cssHeight, ratio, rem) {
-      this.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
-      this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
-      this.ratio = ratio;
-      this.unit = (ratio * rem) / 16;
-      this.left = Math.round(INSET * rem * ratio);
+    resize(rem) {
+      this.left = Math.round(INSET * rem * this.ratio);
       this.width = Math.max(1, this.canvas.width - 2 * this.left);
       this.top = Math.round(5 * this.unit);
       this.bottom = this.canvas.height - Math.round(2 * this.unit);

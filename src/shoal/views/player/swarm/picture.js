@@ -68,13 +68,9 @@ const ShoalPicture = (() => {
     }
 
     /** `rem` is the page's text size in CSS pixels. */
-    resize(cssWidth, cssHeight, ratio, rem) {
+    resize(rem, cssWidth) {
       const { canvas, world } = this;
-      canvas.width = Math.max(1, Math.round(cssWidth * ratio));
-      canvas.height = Math.max(1, Math.round(cssHeight * ratio));
-      this.ratio = ratio;
-      this.unit = (ratio * rem) / 16;
-      this.margin = Math.round(6 * ratio);
+      this.margin = Math.round(6 * this.ratio);
       this.gutter = world.cols > EXTREME * world.rows && cssWidth >= 480 ? Math.round(40 * this.unit) : 0;
       const width = canvas.width - 2 * this.margin - this.gutter, height = canvas.height - 2 * this.margin;
       this.layOut(wrap(world.rows, world.cols, width, height));

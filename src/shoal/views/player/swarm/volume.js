@@ -120,10 +120,7 @@ const ShoalPicture = (() => {
       this.packed = this.shades.map(([r, g, b]) => ((255 << 24) | (b << 16) | (g << 8) | r) >>> 0);
     }
 
-    resize(cssWidth, cssHeight, ratio) {
-      this.ratio = ratio;
-      this.canvas.width = Math.max(1, Math.round(cssWidth * ratio));
-      this.canvas.height = Math.max(1, Math.round(cssHeight * ratio));
+    resize() {
       this.pixels = this.pen.createImageData(this.canvas.width, this.canvas.height);
       this.near = new Float32Array(this.canvas.width * this.canvas.height);
       this.fitSlice();
