@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 PARTS = Path(__file__).parent.parent / "src" / "shoal"
+RING = "POLYGON_((0_0,_4_0,_4_4,_0_4,_0_0),_(1_1,_2_1,_2_2,_1_2,_1_1))"
 SMALL = "map rectangle:9x9 --particles 3"
 COMMANDS = {
     "jit": ["tour spanning-tree cave:20x15"],
@@ -27,6 +28,10 @@ COMMANDS = {
         f"{SMALL} --slip 0.1 --policy closest-frontier",
         "map rectangle:9x9 --particles 3 --placement flood-fill --policy closest-frontier",
         "cover rectangle:9x9 --particles 3",
+        "cover rectangle:9x9 --particles 3 --policy offline",
+        *(f"drive rectangle:5x5 --particles 2 {how}" for how in ("", "--scan-every adaptive", "--slip 0.1")),
+        "drive rectangle:5x5 --particles 2 --rule tilt --policy closest-frontier",
+        "line --cells 50 --particles 5 --monte-carlo 100",
     ],
     "steering": [
         *(
@@ -34,11 +39,16 @@ COMMANDS = {
             for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
         ),
         "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.1 --execution 0.02 --measurement 0.01",
+        f"steer {RING} --start 0.1,0.2_0.3,0.4 --goal 3,3_3,2",
+        "steer regular:5 --start=-0.1,0_0.1,0.1 --goal=0.3,0.1_-0.2,-0.3 --friction 1",
+        "steer square --start 0.1,0.3_0.2,0.35 --goal 0.3,0.2_0.6,0.9 --planner fewest-moves",
+        "reach square --start 0.4,0.5_0.6,0.6 --moves 6",
     ],
     "search": [
         "search rectangle:60x40 --robots 3 --footprint 5",
         "search circle:40 --robots 2 --footprint 6 --angle auto",
         *(f"tour {name} cave:20x15" for name in ("hilbert", "moore", "hilbert-rectangle", "comb", "spanning-tree")),
+        "tour boustrophedon maze:9x7",
         "tour hilbert 3x3x3",
     ],
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 
@@ -10,3 +11,9 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # Fences and rally points need MAVLink 2, and pymavlink knows one version in a process.
 os.environ["MAVLINK20"] = "1"
+
+
+def pytest_collection_finish() -> None:
+    """What is imported and collected stays to the end, so the garbage collector need not search it again and again."""
+    gc.collect()
+    gc.freeze()

@@ -13,6 +13,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from docs.page_hooks import on_page_content
@@ -145,8 +146,9 @@ def write_files_of(text: str) -> list[str]:
 
 @pytest.fixture
 def in_short(monkeypatch, tmp_path):
-    """Let commands run in a folder of their own, films have few frames and sweeps no processes."""
+    """Let commands run in a folder of their own, films have few frames, figures few pixels and sweeps no processes."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(mpl.rcParams, "savefig.dpi", 50)
     for suffix in LONGEST:
         monkeypatch.setitem(LONGEST, suffix, 10)
     monkeypatch.setattr(worker_pools, "Processes", lambda _: worker_pools.InProcess())
