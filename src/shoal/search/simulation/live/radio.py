@@ -14,7 +14,7 @@ import struct
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import closing
+from contextlib import ExitStack, suppress
 from random import Random
 from typing import Literal
 
@@ -35,32 +35,28 @@ _REST, _BANNED = 0.01, 1.0  # seconds without listening after too many refusals,
 
 def listener(group: str, port: int) -> socket.socket:
     """Return a socket that listens to a multicast group on the loopback interface. Several sockets may listen."""
-    ear = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
+    with ExitStack() as stack:
+        ear = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if sys.platform != "linux":  # on this system, the option above does not allow several listeners on one port
             ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEPORT, 1)
         ear.bind((group, port))
         member = struct.pack("4s4s", socket.inet_aton(group), socket.inet_aton(LOOPBACK))
         ear.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, member)
-    except BaseException:
-        ear.close()
-        raise
+        stack.pop_all()
     return ear
 
 
 def speaker(channel: Channel) -> socket.socket:
     """Return a socket with its own port, which sends only on the loopback interface."""
-    mouth = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-    try:
+    with ExitStack() as stack:
+        mouth = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         mouth.bind((LOOPBACK, 0))
         if channel == "multicast":
             mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(LOOPBACK))
             mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
             mouth.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
-    except BaseException:
-        mouth.close()
-        raise
+        stack.pop_all()
     return mouth
 
 
@@ -69,23 +65,19 @@ def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
 
     The port stays reserved until the socket is closed. The function tests that the port receives a datagram.
     """
-    try:
+    with ExitStack() as stack, suppress(OSError):
         if not port:
-            with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
                 probe.bind((group, 0))
                 port = int(probe.getsockname()[1])
-        ear = listener(group, port)
-    except OSError:
-        return None
-    try:
-        with closing(speaker("multicast")) as mouth:
+        ear = stack.enter_context(listener(group, port))
+        with speaker("multicast") as mouth:
             mouth.sendto(b"?", (group, port))
-            ear.settimeout(1.0)
-            ear.recv(1)
-            return ear
-    except OSError:
-        ear.close()
-        return None
+        ear.settimeout(1.0)
+        ear.recv(1)
+        stack.pop_all()
+        return ear
+    return None
 
 
 class Radio:

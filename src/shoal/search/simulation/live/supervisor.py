@@ -190,22 +190,19 @@ class _Watch:
 
     def _outcome(self, seconds: float, timed_out: bool) -> LiveOutcome:
         members = self._pool.members
-        times: dict[str, dict[int, float]] = {"declared": {}, "killed": {}, "stopped": {}}
-        failed = {}
-        for event in self._events:
-            if event.kind in times:
-                times[event.kind][event.robot] = event.time
-            elif event.kind == "failed":
-                failed[event.robot] = event.reason
+        declared, killed = (
+            {event.robot: event.time for event in self._events if event.kind == kind} for kind in ("declared", "killed")
+        )
+        failed = {event.robot: event.reason for event in self._events if event.kind == "failed"}
         events = tuple(sorted(self._events, key=lambda event: event.time))
         covered = covered_share(events, self._task.scenario.goal)
-        left = members.keys() - times["killed"].keys() - failed.keys()
+        left = members.keys() - killed.keys() - failed.keys()
         sent, heard, lost, dropped = (sum(member.counts[k] for member in members.values()) for k in range(4))
         return LiveOutcome(
-            complete=covered == 1.0 and bool(times["declared"]) and left <= times["declared"].keys(),
+            complete=covered == 1.0 and bool(declared) and left <= declared.keys(),
             covered=covered,
-            declared=times["declared"],
-            killed=times["killed"],
+            declared=declared,
+            killed=killed,
             failed=failed,
             sent=sent,
             heard=heard,
