@@ -86,6 +86,11 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
     write_text(path, json.dumps(value, indent=indent, allow_nan=False) + "\n")
 
 
+def users_cache() -> Path:
+    """Return the folder in which Shoal caches files of this user: ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``."""
+    return Path(os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")) / "shoal"
+
+
 def _mode(path: Path) -> int:
     """Return the permissions of the file that is replaced. A new file gets the user's default permissions."""
     try:

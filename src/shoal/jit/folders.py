@@ -12,6 +12,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from shoal.core.files import users_cache
 from shoal.core.notices import tell_once
 
 ENVIRONMENT = "SHOAL_CACHE"
@@ -29,7 +30,7 @@ def folder_of(sources: Path) -> Path | None:
             return folder
         tell_once(f"{ENVIRONMENT}: expected a folder that can be written, got {named}; kernels are compiled without a cache")
         return None
-    for folder in (sources / "__pycache__", _users_cache() / subfolder):
+    for folder in (sources / "__pycache__", users_cache() / subfolder):
         if _is_usable(folder):
             return folder
     private = _private_folder()
@@ -44,11 +45,6 @@ def folder_of(sources: Path) -> Path | None:
         "folder)"
     )
     return private / subfolder if _is_usable(private / subfolder) else None
-
-
-def _users_cache() -> Path:
-    home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(home) / "shoal"
 
 
 def _is_usable(folder: Path) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from functools import cache
 from pathlib import Path
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import OutputError
-from shoal.core.files import atomic
+from shoal.core.files import atomic, users_cache
 from shoal.swarm.maps.generators.catalogue import GENERATORS
 from shoal.swarm.maps.generators.names import generate
 
@@ -19,13 +18,13 @@ from shoal.swarm.maps.generators.names import generate
 def generate_cached(spec: str) -> NDArray[np.bool_]:
     """Return the map of the given name, from the user's cache folder if possible, and otherwise from `generate`.
 
-    Only maps of slow generators are cached. The cache folder is ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``. Maps from another
+    Only maps of slow generators are cached, in a folder of `shoal.core.files.users_cache`. Maps from another
     version of the generators are ignored. If the folder is read-only, maps are generated without the cache.
     """
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:
         return generate(spec)
-    path = _folder() / f"{hashlib.sha256(spec.encode()).hexdigest()[:16]}.npy"
+    path = users_cache() / f"maps-{_fingerprint()}" / f"{hashlib.sha256(spec.encode()).hexdigest()[:16]}.npy"
     try:
         kept = np.load(path, allow_pickle=False)
         if kept.dtype == np.bool_ and kept.ndim in {2, 3}:
@@ -39,11 +38,6 @@ def generate_cached(spec: str) -> NDArray[np.bool_]:
     except OutputError:
         pass
     return free
-
-
-def _folder() -> Path:
-    base = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-    return Path(base) / "shoal" / f"maps-{_fingerprint()}"
 
 
 @cache
