@@ -16,9 +16,8 @@ from shoal.core.episode import Episode, Status, Verification
 from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.swarm.grid.belief import Belief
-from shoal.swarm.grid.commands import decode
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.trace import Trace, WithTrace
 from shoal.swarm.grid.world import GridWorld
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.noise.map_errors import MapErrors
@@ -37,7 +36,7 @@ REASONS = {
 
 
 @dataclass(frozen=True, eq=False)
-class SwarmEpisode(Episode):
+class SwarmEpisode(WithTrace, Episode):
     """One run of a policy on a task, with all data for an exact replay.
 
     Parameters
@@ -110,21 +109,6 @@ class SwarmEpisode(Episode):
     def noisy(self) -> bool:
         """Whether the problem has noise. With noise, use `moments` instead of `frames`."""
         return self.problem.noise is not None or self.observations is not None
-
-    @cached_property
-    def commands(self) -> str:
-        """The commands as letters."""
-        return decode(self.trace.commands)
-
-    @property
-    def moves(self) -> int:
-        """Number of commands sent."""
-        return self.trace.moves
-
-    @property
-    def scans(self) -> int:
-        """Number of scans, including the scan at the start."""
-        return 1 + int(np.count_nonzero(self.trace.scanned))
 
     @property
     def cost(self) -> float:

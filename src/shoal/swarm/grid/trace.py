@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.dataclass import one_line
-from shoal.swarm.grid.commands import encode
+from shoal.swarm.grid.commands import decode, encode
 
 Row = tuple[int, int, int]
 """Entries (classified, frontier, travelled) of one command."""
@@ -77,6 +78,27 @@ class Trace(NamedTuple):
                 move = int(np.argmax(mine != theirs))
                 return f"{name} differs at move {move + 1}: {mine[move]} stored, {theirs[move]} replayed"
         return None
+
+
+class WithTrace:
+    """Base class of objects with a trace: the commands and their numbers."""
+
+    trace: Trace
+
+    @cached_property
+    def commands(self) -> str:
+        """The commands that were sent, as letters."""
+        return decode(self.trace.commands)
+
+    @property
+    def moves(self) -> int:
+        """Number of commands sent."""
+        return self.trace.moves
+
+    @property
+    def scans(self) -> int:
+        """Number of scans, including the scan at the start."""
+        return 1 + int(np.count_nonzero(self.trace.scanned))
 
 
 class Recorder:

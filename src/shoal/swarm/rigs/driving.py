@@ -18,10 +18,9 @@ from shoal.core.interruption import interruption_held
 from shoal.swarm.episode import REASONS, SwarmEpisode
 from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board, GridLayout
-from shoal.swarm.grid.commands import decode
 from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.grid.state import SwarmState
-from shoal.swarm.grid.trace import Trace
+from shoal.swarm.grid.trace import Trace, WithTrace
 from shoal.swarm.maps.workspace import GridWorkspace
 from shoal.swarm.policies import View
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -34,7 +33,7 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 
 @dataclass(frozen=True, eq=False)
-class Drive:
+class Drive(WithTrace):
     """The result of driving a rig. ``bool(drive)`` is true if the map is complete.
 
     Parameters
@@ -67,21 +66,6 @@ class Drive:
 
     def __bool__(self) -> bool:
         return self.status.done
-
-    @property
-    def commands(self) -> str:
-        """The commands that were sent, as letters."""
-        return decode(self.trace.commands)
-
-    @property
-    def moves(self) -> int:
-        """Number of commands sent."""
-        return self.trace.moves
-
-    @property
-    def scans(self) -> int:
-        """Number of scans, including the scan at the start."""
-        return 1 + int(np.count_nonzero(self.trace.scanned))
 
     @property
     def reason(self) -> str:
