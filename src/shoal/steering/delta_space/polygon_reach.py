@@ -13,6 +13,7 @@ and linear programs over these sets give the depths for the next two moves.
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -26,7 +27,7 @@ from shoal.steering.kernels.cycles import deeper
 from shoal.steering.planners.chains.chain import ChainQuery
 from shoal.steering.planners.chains.kinds import kinds_of
 from shoal.steering.workspaces.convex import ConvexWorkspace
-from shoal.steering.workspaces.convex_geometry import Points, clipped, hull, signed_area
+from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 from shoal.steering.workspaces.normalized_walls import normalize_walls
 
 _CLOSE = 1e-9
@@ -64,18 +65,18 @@ class PolygonReach:
         The result is exact for two moves. For more moves, depths are known only at `contacts`, and the method uses the lower of two
         neighbouring depths. Therefore the result can wrongly be False near the boundary. `reaches` is exact.
         """
-        given = np.asarray(differences, dtype=np.float64)
-        points = given.reshape(-1, 2)
-        found = np.zeros(len(points), dtype=np.bool_)
-        order = np.argsort(points[:, 0])
-        across = points[order, 0]
-        for piece in self.pieces:
-            low, high = piece.min(axis=0) - _CLOSE, piece.max(axis=0) + _CLOSE
-            first, last = np.searchsorted(across, low[0]), np.searchsorted(across, high[0], side="right")
-            left = order[first:last][~found[order[first:last]]]
-            left = left[(points[left, 1] >= low[1]) & (points[left, 1] <= high[1])]
-            found[left[_inside(piece, points[left], _CLOSE * self.workspace.size)]] = True
-        return found.reshape(given.shape[:-1])
+        import shapely
+
+        spots = shapely.points(np.asarray(differences, dtype=np.float64))
+        return np.asarray(shapely.dwithin(self._area, spots, _CLOSE * self.workspace.size))
+
+    @cached_property
+    def _area(self) -> Any:
+        import shapely
+
+        whole = shapely.union_all(shapely.convex_hull([shapely.multipoints(piece) for piece in self.pieces]))
+        shapely.prepare(whole)
+        return whole
 
     def reaches(self, after: ArrayLike) -> bool:
         """Return whether a difference can be reached. The result is exact for any number of moves.
@@ -196,16 +197,3 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
         deeper(np.ascontiguousarray(corners), normals, offsets, points, walls, before_that, depths, *spare)
         sets.append(PolygonReach(workspace, start, done, points, walls, depths))
     return sets
-
-
-def _inside(corners: Points, points: Points, slack: float) -> NDArray[np.bool_]:
-    """Return which points lie in a convex polygon, by its half-planes."""
-    if len(corners) < 3:
-        return np.zeros(len(points), dtype=np.bool_)
-    edges = np.roll(corners, -1, axis=0) - corners
-    lengths = np.hypot(*edges.T)
-    real = lengths > slack
-    edges, starts, lengths = edges[real], corners[real], lengths[real]
-    towards = points[:, None] - starts[None]
-    heights = (edges[None, :, 0] * towards[..., 1] - edges[None, :, 1] * towards[..., 0]) / lengths
-    return np.asarray((heights * np.sign(signed_area(corners)) >= -slack).all(axis=1))
