@@ -21,7 +21,7 @@ from shoal.search.kernels.shares import Team
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """The parts of the tour that each robot searches.
+    """The parts of a tour that the robots search, with the robots' completion times.
 
     Parameters
     ----------

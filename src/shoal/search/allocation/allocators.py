@@ -62,7 +62,10 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("individual-shift")
 def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let each robot move along the tour by its own distance. The rule minimizes the time until the last robot finishes."""
+    """Let each robot move along the tour by its own distance before it searches.
+
+    The rule minimizes the time until the last robot finishes.
+    """
     return _arcs_between(_bisected(False, tour_cost, team))
 
 

@@ -82,8 +82,8 @@ def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Gen
 def stay_share(robots: int, *, dead: int = 0) -> float:
     """Return the limit of `expected_time` for many cells.
 
-    For k working robots, the limit is H_k/k, where H_k is the sum of 1/1 to 1/k. It is the mean length of the longest of the k arcs
-    into which k random points divide a circle of length 1.
+    For k working robots, the limit is H_k/k, where H_k is the sum of 1/1 to 1/k. The limit is the mean length of the longest of the
+    k arcs into which k random points divide a circle of length 1.
 
     Raises
     ------

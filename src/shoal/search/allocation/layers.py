@@ -46,7 +46,7 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres. The size of these cells is the unit of path lengths."""
+        """Side of the smallest cells in metres. Path lengths in cells refer to the smallest cells."""
         return min(layer.size for layer in self.layers)
 
     @property
@@ -218,7 +218,7 @@ class LayerNumbers:
     layers: tuple[Tour, ...]
 
     def whole(self, layer: int, cells: Numbers) -> Numbers:
-        """Return the indices on the tour through all layers of cells that are given by their indices on the tour of one layer."""
+        """Return the indices of a layer's cells on the tour through all layers, from their indices on the tour of the layer."""
         return np.asarray(self.tour.position[layer][tuple(self.layers[layer].cells[cells].T)])
 
     def own(self, number: int) -> tuple[int, int]:
@@ -275,7 +275,7 @@ class LayeredDistances:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0, because no cell can be closed."""
+        """Return the length of the path between two cells, in cell sides. Only 0 is possible for ``closed``."""
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
         if length is None:

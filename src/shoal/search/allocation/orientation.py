@@ -195,7 +195,7 @@ def best_grid_tour(
     """Return the cells and the tour for which one round costs least, among all angles, shifts and tours.
 
     First, the cost of each angle is estimated from the number and the lengths of its rows. Then complete tours are computed for the
-    four angles and shifts with the lowest estimates, and for fewer in large regions.
+    four pairs of an angle and a shift with the lowest estimates. In large regions, complete tours are computed for fewer pairs.
 
     Parameters
     ----------

@@ -18,7 +18,8 @@ from shoal.search.tours.bitset import runs
 class Part:
     """The part of a tour that one robot searches: its arcs, and the cells of these arcs as a bitset.
 
-    ``first`` is the first cell of the part along the tour. For a robot in reserve, which has no arcs, it is the start of the robot.
+    ``first`` is the first cell of the part along the tour. For a robot in reserve, which has no arcs, ``first`` is the start of the
+    robot.
     """
 
     robot: int

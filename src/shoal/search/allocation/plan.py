@@ -110,7 +110,7 @@ class SearchPlan:
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Return a search time in seconds, from the time in cells and with the climb from the ground to the lowest layer."""
+        """Return a search time of ``cells`` cells in seconds, including the climb from the ground to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
@@ -165,7 +165,7 @@ class SearchPlan:
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
         """Return the path of a robot (counted from 0) from its start through cells given by tour indices.
 
-        ``detours`` lists for each cell the cells through which the robot moves before, without searching them.
+        For each of these cells, ``detours`` lists the cells through which the robot moves on the way there without searching them.
         """
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)

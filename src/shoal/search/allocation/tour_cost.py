@@ -149,7 +149,7 @@ class TourCost:
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
         """Return the cost of moving from one cell to another cell and searching the other cell, minus the cost of one cell.
 
-        The robot moves directly or along the tour, whatever costs less.
+        The robot moves directly or along the tour, whichever is cheaper.
 
         Parameters
         ----------

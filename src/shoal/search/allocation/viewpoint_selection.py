@@ -1,8 +1,9 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell with the most
-newly seen cells per cost of the path to it. The robot prefers stops along the border of the searched area, because narrow remaining
-strips cost as much as wide ones. The path therefore runs in circles inside the robot's part, for any tour.
+Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell from which the
+robot sees most new cells in relation to the cost of the path there. The robot prefers stops along the border of the searched area,
+because a narrow strip that remains costs as much as a wide strip. The path therefore runs in circles inside the robot's part, for
+any tour.
 """
 
 from __future__ import annotations
@@ -142,7 +143,7 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 
 @lru_cache(maxsize=256)
 def gain_of(tour_cost: TourCost, width: int) -> float:
-    """Return how many times faster a robot searches with a footprint of ``width`` cells than with one of one cell, at least 1.
+    """Return how many times faster a robot searches with a footprint of ``width`` cells than with one cell, at least 1.
 
     The factor is measured on three sections of the tour. Every robot computes the same factor by itself.
 

@@ -49,7 +49,7 @@ class Lattice:
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
         """Return blocks of ``span`` times ``span`` cells as Shapely boxes in the lattice's frame.
 
-        ``rows`` and ``cols`` give the top left cell of each block. Boxes on both sides of a grid line have equal coordinates there.
+        ``rows`` and ``cols`` give the top left cell of each block. On a grid line, the boxes on both sides have equal coordinates.
         """
         import shapely
 

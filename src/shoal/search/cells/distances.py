@@ -145,7 +145,7 @@ class CellDistances:
         self._remember()
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the shortest path in cell sides, or infinity if no path exists."""
+        """Return the length of the shortest path between two cells, in cell sides, or infinity if no path exists."""
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
@@ -156,7 +156,10 @@ class CellDistances:
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest path without the first cell, as tour indices. The result is empty if no path exists."""
+        """Return the cells of the shortest path between two cells, as tour indices, without the first cell.
+
+        The result is empty if no path exists.
+        """
         came = self._found(here, closed)[1]
         way: list[int] = []
         while cell != here:
@@ -216,9 +219,11 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Distances inside a region. The path is straight if possible. Otherwise, a path from cell to cell is shortened.
+    """Distances between viewpoints inside a region.
 
-    A robot's own path (`RegionPaths.leg`) is never longer. In a ring-shaped region, the robot's own path is up to 5 % shorter.
+    If the straight line between two viewpoints leaves the region, the distance is the length of a shortened path from cell to cell.
+    A robot's path (`RegionPaths.leg`) is never longer than this distance. In a ring-shaped region, a robot's path is up to 5 %
+    shorter than this distance.
 
     Parameters
     ----------
@@ -239,7 +244,7 @@ class RegionDistances:
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. ``closed`` must be 0, because no cell can be closed."""
+        """Return the length of the path between two cells, in cell sides. Only 0 is possible for ``closed``."""
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
         if length is None:
@@ -249,7 +254,7 @@ class RegionDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from a cell to all cells, in cell sides.
 
-        Each one is the straight distance plus the length of the detour around walls from cell to cell.
+        Each distance is the straight distance plus the extra length of the path from cell to cell around walls.
         """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T

@@ -1,8 +1,8 @@
 """Visibility from a cell: the cell itself and, for a footprint wider than one cell, the cells around it.
 
-A footprint is a square of ``width`` cells per side, where ``width`` is odd. The robot stands in its central cell. The robot sees
-another cell if the cell's own piece lies entirely in the footprint, and a path inside the footprint leads from the robot to the
-piece. Walls therefore block the view.
+A footprint is a square of ``width`` cells per side, where ``width`` is odd. The robot stands in the central cell of its footprint.
+The robot sees another cell if the cell's own piece lies entirely in the footprint, and a path inside the footprint leads from the
+robot to the piece. Walls therefore block the view.
 """
 
 from __future__ import annotations
@@ -182,7 +182,7 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     """Return the cell size with which all robots together see most area per second, at most the smallest footprint.
 
     If several sizes are equally good, the result is the largest one of them. A footprint wider than one cell counts as three
-    quarters of its width. This is about the gain that `gain_of` measures.
+    quarters of its width. The function `gain_of` measures about this factor.
 
     Parameters
     ----------

@@ -200,7 +200,7 @@ def cells_of(
     offset: tuple[float, float] = (0.0, 0.0),
     on_rows: bool = False,
 ) -> CellGrid:
-    """Return the cells of a region for a footprint.
+    """Divide a region into square cells for robots with a given footprint.
 
     Parameters
     ----------

@@ -87,9 +87,9 @@ class RegionPaths:
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
         """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
 
-        The path is straight if the straight path stays inside the region. Otherwise, the path is the shortest one around nearby
-        corners of the region. If more than 1000 corners are near, a path from cell to cell is shortened instead. The shortened path
-        is rarely much longer than the shortest path.
+        The path is the straight line if this line stays inside the region. If the straight line leaves the region, the path is the
+        shortest path around nearby corners. With more than 1000 nearby corners, the path is a shortened path from cell to cell,
+        which is rarely much longer than the shortest path.
 
         Raises
         ------

@@ -1,8 +1,8 @@
 """Straightening: the choice of the viewpoints of border cells for a short path with few bends along a tour.
 
 A border cell may allow a choice of its viewpoint: the cell's piece is completely visible from every point of its *window*. Between
-two cells that allow no choice, a path of a few straight legs crosses the windows of all cells. Each viewpoint is the point where
-this path crosses the window.
+two cells that allow no choice, a path of a few straight legs crosses the windows of all cells between them. The viewpoint of a cell
+is the point where the path crosses the cell's window.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ _ROUNDS = 12
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with other viewpoints, so that the path along a closed tour is short and has few bends.
 
-    Every cell is still completely visible from its viewpoint. Each viewpoint lies in the region, and no wall separates it from the
-    piece of its cell.
+    Every cell is still completely visible from its viewpoint. Each viewpoint lies in the region, and no wall separates the
+    viewpoint from the piece of its cell.
 
     Parameters
     ----------

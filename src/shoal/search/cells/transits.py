@@ -22,7 +22,7 @@ _ROOM = 1.0  # relative to the bounds of region and launch points: margin in whi
 class Transits:
     """The shortest paths between points inside and outside a region.
 
-    The paths keep the region's margin from its no-go zones and holes. They may cross a hole that contains a launch or landing
+    The paths keep the region's margin from its no-go zones and holes. A path may cross a hole that contains a launch or landing
     point.
 
     Parameters

@@ -79,8 +79,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return for each piece one or several points from which the whole piece is visible.
 
-    The viewpoint of a piece is the centre of its cell if the piece contains the centre. Otherwise, it is the point of the piece
-    nearest to the centre from which the whole piece is visible. If no single point suffices, the piece gets several viewpoints.
+    The viewpoint of a piece is the centre of its cell if the piece contains the centre. For any other piece, the viewpoint is the
+    point of the piece that is nearest to the centre of the cell and sees the whole piece. If no single point suffices, the piece
+    gets several viewpoints.
 
     Parameters
     ----------

@@ -41,8 +41,8 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 class VisibilityGraph:
     """The corners at which shortest paths can bend (inner angle above 180 degrees), and which of them see each other.
 
-    A path that bends only at corners of `SearchRegion.bends` is preferred to a shorter path around other corners. The corners that
-    a corner sees are computed when a search first reaches this corner, and are then cached.
+    A path that bends only at corners of `SearchRegion.bends` is preferred to a shorter path around other corners. When a search
+    first reaches a corner, the corners that are visible from there are computed and cached.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def _inward_corners(area: Any) -> Points:
 def pulled(region: SearchRegion, way: Points) -> Points:
     """Return a path with fewer bends.
 
-    Each leg of the new path leads to the last of the next 64 points of the given path that is visible from the start of the leg.
+    From each of its points, the new path leads straight to the farthest visible point among the next 64 points of the given path.
     """
     kept = [0]
     while kept[-1] < len(way) - 1:

@@ -204,13 +204,11 @@ class SearchProblem(Problem):
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other. This check opens no file."""
-        for name in ("footprint", "rates", "starts", "delays"):
+        of_robots = {"footprint": "one length, or {}", "rates": "{} speeds", "starts": "{} points", "delays": "{} times"}
+        for name, what in of_robots.items():
             value = getattr(self, name)
             if isinstance(value, tuple) and len(value) != self.robots:
-                what = {"footprint": "one length, or {}", "rates": "{} speeds", "delays": "{} times"}.get(
-                    name, "{} points"
-                ) + ", one per robot"
-                raise InvalidInputError(f"{name}: expected {what.format(self.robots)}, got {len(value)}")
+                raise InvalidInputError(f"{name}: expected {what.format(self.robots)}, one per robot, got {len(value)}")
         for fault in self.faults:
             if fault.robot > self.robots:
                 raise InvalidInputError(f"faults: expected a robot from 1 to {self.robots}, got {fault_text(fault)}")
@@ -276,7 +274,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle at the lowest altitude of the search. By default, it is the ideal vehicle."""
+        """The vehicle at the lowest altitude of the search. The default is the ideal vehicle."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
@@ -284,9 +282,10 @@ class SearchProblem(Problem):
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
-        """Return the side of the footprint in metres at an altitude: as given, as the vehicle's camera or detector sees it, or 10.
+        """Return the side of the footprint in metres at an altitude.
 
-        In a volume, the vehicle's own altitude counts instead of ``altitude``.
+        By default, the footprint is the view of the vehicle's camera or detector. Without a camera or detector, it is 10 m. In a
+        volume, the vehicle's own altitude counts instead of ``altitude``.
         """
         vehicle = self._asked_vehicle
         seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)

@@ -148,7 +148,7 @@ def _checked(fault: Any) -> Fault:
 
 
 def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
-    """Return the true speed of a robot that declares the speed ``rate``, at a time at which some of the faults may slow it down.
+    """Return the true speed of a robot at a time. After a fault `Slow`, it is lower than the declared speed ``rate``.
 
     Examples
     --------

@@ -21,7 +21,10 @@ AUTO = "auto"
 
 
 def check_region(value: Any) -> str | SearchRegion:
-    """Return the name or path of a region, or a region object. The output of `dump_region` gives a region object."""
+    """Return the name or path of a region, or a region object.
+
+    The form for JSON that `dump_region` returns becomes a region object again.
+    """
     if isinstance(value, SearchRegion):
         return value
     if isinstance(value, dict):
@@ -30,7 +33,7 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path or a name as a text. ``what`` and ``expected`` are the field and the meaning of the text in error messages."""
+    """Return a path or a name as a text. In error messages, ``what`` is the field, and ``expected`` describes the text."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
@@ -99,7 +102,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Return the numbers in a text of the command line, which are separated by commas. A single number is returned as a float."""
+    """Return the numbers, separated by commas, in a text of the command line. A single number is returned as a float."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -184,6 +187,6 @@ def parse_count_or_path(text: str) -> int | str:
 
 
 def check_network(value: Any) -> str:
-    """Return the text that describes a network. The result is "perfect" for each text without models."""
+    """Return the text that describes a network. For a text without models, the result is "perfect"."""
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"

@@ -44,7 +44,7 @@ class Medium(Protocol):
 
 @dataclass(frozen=True)
 class Loss:
-    """Each copy is lost with a probability. One minus this probability is P_c of paper H."""
+    """Each copy of a message is lost with the same probability. One minus this probability is P_c of paper H."""
 
     probability: float
 
@@ -112,7 +112,7 @@ class Delay:
 
 @dataclass(frozen=True)
 class Duplicates:
-    """With a probability, a copy arrives a second time, up to one unit of time later."""
+    """With a probability, a copy arrives a second time, with an additional delay of at most the time for one cell."""
 
     probability: float
 
@@ -160,7 +160,7 @@ class Forgeries:
 
 @dataclass(frozen=True)
 class RadioNetwork:
-    """A sequence of network models. Each message passes through all of them in order.
+    """A sequence of network models. Each message passes through all models in order.
 
     Without models, every message arrives without delay.
     """

@@ -103,7 +103,7 @@ def coverage_check(
 
 
 def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
-    """Return the sums of the coverages of several layers. A place that is not seen in one of the layers counts as not seen.
+    """Return one coverage for several layers, with the sums of their areas and lengths.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Margins: the distance that robots keep from the border and from no-go zones, and the area that they see in spite of it."""
+"""Margins: the distance that robots keep from the border and from no-go zones, and the area that robots with a margin see."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def grown(shape: Any, margin: float) -> Any:
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape that contains ``grown(shape, margin)``, is slightly larger and has few corners."""
+    """Return a shape with few corners that contains ``grown(shape, margin)`` and is only slightly larger."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 

@@ -42,7 +42,7 @@ class Ring:
     no_go: bool = False
 
     def vertex(self, index: int) -> str:
-        """Return the file and the place of a vertex, counted from 0, as a text for messages."""
+        """Return the place in the file of vertex number ``index`` (from 0), as a text for messages."""
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
 
     def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:

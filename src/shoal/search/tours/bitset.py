@@ -1,4 +1,7 @@
-"""Bitsets: sets of cells along a tour as integers, whose bit i stands for cell number i. Unions and differences are very fast."""
+"""Bitsets: sets of cells along a tour as integers, whose bit i stands for cell number i.
+
+Unions and differences of bitsets are fast.
+"""
 
 from __future__ import annotations
 

@@ -19,8 +19,8 @@ class BoustrophedonTour:
 
     At first, the runs have the order of the boustrophedon decomposition of Choset, "Coverage of known spaces: the boustrophedon
     cellular decomposition", Autonomous Robots 9, 2000. Then two kinds of exchanges shorten the connections between runs. One kind
-    replaces two connections (2-opt). The other kind moves up to three runs to another place on the tour (Or-opt). The closing edge
-    counts as a connection.
+    of exchange replaces two connections (2-opt). The other kind of exchange moves up to three runs to another place on the tour
+    (Or-opt). The closing edge counts as a connection.
     """
 
     name = "boustrophedon"

@@ -17,10 +17,10 @@ from shoal.search.tours.tour import Tour
 class CombTour:
     """Lanes back and forth over all columns except the first. The first column leads back to the start.
 
-    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. In this
-    case, the tour zigzags through the last two lanes. In a single row of cells, the closing edge is as long as the row. On other
-    shapes, the tour is the shortest of three tours: the comb of the bounding rectangle without its surplus cells, and the
-    boustrophedon decompositions along rows and along columns.
+    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. If both
+    sides are odd, the tour zigzags through the last two lanes. In a single row of cells, the closing edge is as long as the row. On
+    other shapes, the tour is the shortest of three tours: the comb of the bounding rectangle without the cells outside the shape,
+    and the boustrophedon decompositions along rows and along columns.
     """
 
     name = "comb"

@@ -16,7 +16,7 @@ from shoal.search.tours.tour import Tour
 class HilbertTour:
     """The Hilbert curve through the smallest square of 2^k cells per side that covers the cells from their lower left corner.
 
-    As in paper H, the tour is closed: it continues from its last cell to its first cell. This closing edge is one cell side shorter
+    As in paper H, the tour is closed: it continues from its last cell to its first cell. The closing edge is one cell side shorter
     than a side of the square. If the cells do not fill the square, they keep the order of the curve, and some steps lead across
     positions without a cell. In 3 dimensions, the square is a cube.
     """

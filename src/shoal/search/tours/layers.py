@@ -22,8 +22,9 @@ def joined(
 ) -> Tour:
     """Return one tour through the cells of all layers, which climbs from layer to layer and descends beside each climb.
 
-    One step of a layer's tour and one step of the next layer's tour are replaced by a climb and a descent. The two steps are chosen
-    so that the tour gets as short as possible. If all layers are equal, each further layer adds two climbs and saves two steps.
+    One step of a layer's tour and one step of the next layer's tour are replaced by a climb and a descent. The two replaced steps
+    are chosen so that the tour gets as short as possible. If all layers are equal, each further layer adds two climbs and saves two
+    steps.
 
     Parameters
     ----------

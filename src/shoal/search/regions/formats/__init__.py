@@ -1,17 +1,18 @@
 """Readers of region files. The suffix of a file determines its format.
 
 - ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
-- ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, it reads the first KML file.
+- ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, the reader takes the first KML file.
 - ``.gpkg``: GeoPackage. Each layer names its coordinate system. A layer without a coordinate system on Earth is in metres.
-- ``.shp .zip``: Shapefile. Its ``.prj`` file names the coordinate system. A zip archive must contain exactly one Shapefile.
+- ``.shp .zip``: Shapefile. The ``.prj`` file of a Shapefile names the coordinate system. A zip archive must contain exactly one
+  Shapefile.
 - ``.csv``: one vertex per line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with #
-  are ignored. The next ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first
-  vertex at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
+  are ignored. A new ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first vertex
+  at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
-no-go zone if its name or its kind marks it ("No-go: pond", "NFZ 3"). The name of its folder, collection or layer can mark it too.
-Points and lines are ignored if the file contains a polygon. Overlapping polygons are united. `shoal.search.regions.limits` lists
-the maximum sizes.
+no-go zone if its name or its kind marks it ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or layer can also
+mark the polygon. Points and lines are ignored if the file contains a polygon. Overlapping polygons are united.
+`shoal.search.regions.limits` lists the maximum sizes.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Reader of regions in GeoPackage files (OGC 12-128). A GeoPackage is an SQLite file. Code in the file is never run."""
+"""Reader of regions in GeoPackage files (OGC 12-128). A GeoPackage is an SQLite file. Code in a GeoPackage is never run."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of a layer's features to outlines. A feature is a geometry with properties, which may mark it as a no-go zone."""
+"""Conversion of a layer's features to outlines. A feature is a geometry with properties that may mark a no-go zone."""
 
 from __future__ import annotations
 

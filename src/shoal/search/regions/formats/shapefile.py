@@ -49,7 +49,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
-    """Return the polygons in a Shapefile. In error messages, ``where`` is the name of the file instead of the path.
+    """Return the polygons in a Shapefile. In error messages, ``where`` replaces the path of the file.
 
     Raises
     ------

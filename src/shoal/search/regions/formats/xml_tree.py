@@ -1,4 +1,4 @@
-"""A safe reader of XML texts. It refuses document types and entities, and stores the line of each element."""
+"""A safe reader of XML texts. The reader refuses document types and entities, and stores the line of each element."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Element:
 
 
 def parse_xml(text: str, *, root: str) -> Element:
-    """Return the root element of an XML text. ``root`` is the name that this element must have.
+    """Return the root element of an XML text. ``root`` is the required name of the root element.
 
     Raises
     ------
