@@ -17,6 +17,7 @@ from shoal.search.protocol.messages import LONGEST, Beacon, decode_beacon, encod
 VERSION = 2
 _HEAD = 9  # bytes: version, sender (2), stamp (6)
 _SIGNATURE, _CHECKSUM = 8, 4  # bytes
+_SHARE = 1000  # maximum number of messages per sender and second
 _REMEMBERED = 64  # number of stamps per sender by which messages may overtake each other
 
 
@@ -64,15 +65,11 @@ class Receiver:
         Maximum length of a message in bytes. Longer messages are refused before they are read.
     window : int
         Maximum difference in milliseconds between a message's stamp and the receiver's clock.
-    share : int
-        Maximum number of messages per sender and second.
     """
 
-    def __init__(
-        self, key: bytes = b"", *, robots: int, cells: int, most: int = LONGEST, window: int = 60_000, share: int = 1000
-    ) -> None:
+    def __init__(self, key: bytes = b"", *, robots: int, cells: int, most: int = LONGEST, window: int = 60_000) -> None:
         self.most = most
-        self._key, self._robots, self._cells, self._window, self._share = key, robots, cells, window, share
+        self._key, self._robots, self._cells, self._window = key, robots, cells, window
         self._stamps: dict[int, set[int]] = {}
         self._floors: dict[int, int] = {}
         self._counts: dict[int, tuple[int, int]] = {}
@@ -109,8 +106,8 @@ class Receiver:
         second, count = self._counts.get(sender, (-1, 0))
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count
-        if count > self._share:
-            raise InvalidInputError(f"message: expected at most {self._share} messages per second of robot {sender}, got more")
+        if count > _SHARE:
+            raise InvalidInputError(f"message: expected at most {_SHARE} messages per second of robot {sender}, got more")
 
     def _remember(self, sender: int, stamp: int) -> None:
         stamps = self._stamps.setdefault(sender, set())

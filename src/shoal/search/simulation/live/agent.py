@@ -80,8 +80,8 @@ class Agent:
         self.task, self.robot, self.radio = task, robot, radio
         self._scenario, self._tour_cost = task.scenario, robot.brief.tour_cost
         self._ground, self._epoch, self._tell = ground, epoch, tell
-        self._stops = self._stops_of(robot.start)
-        self.vehicle = MovingPoint(0.0, self._stops, self._stops)
+        place = self._stops_of(robot.start)
+        self.vehicle = MovingPoint(0.0, place, place)
         self._cell: int | None = robot.start  # the vehicle is in the centre of this cell
         self._inside: int | None = None  # the cell that the robot occupies for its search
         self._going: Go | GoHome | Halt | None = None

@@ -91,9 +91,8 @@ class Radio:
         Creates the robot's messages.
     receiver : Receiver
         Opens the other robots' messages.
-    group : str
     port : int
-        Port of the group. With unicast, the robot uses a free port of its own.
+        Port of the multicast group. With unicast, the robot uses a free port of its own.
     loss : float
         Probability that a received message is discarded before it is read.
     random : random.Random
@@ -101,18 +100,17 @@ class Radio:
     """
 
     def __init__(
-        self, channel: Channel, sender: Sender, receiver: Receiver, *, group: str = GROUP, port: int = 0, loss: float = 0.0,
-        random: Random,
-    ) -> None:  # fmt: skip
+        self, channel: Channel, sender: Sender, receiver: Receiver, *, port: int = 0, loss: float = 0.0, random: Random
+    ) -> None:
         self._sender, self._receiver, self._loss, self._random = sender, receiver, loss, random
         self._mouth = speaker(channel)
-        self._ear = listener(group, port) if channel == "multicast" else self._mouth
+        self._ear = listener(GROUP, port) if channel == "multicast" else self._mouth
         self._ear.setblocking(False)
         self._ear.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _WAITING)
         self._own = self._mouth.getsockname()
         self.port = int(self._own[1])
         self._channel = channel
-        self._others: list[tuple[str, int]] = [(group, port)] if channel == "multicast" else []
+        self._others: list[tuple[str, int]] = [(GROUP, port)] if channel == "multicast" else []
         self.sent = self.heard = self.lost = self.dropped = 0
         self._refused: dict[object, int] = {}
         self._forgiven = self.rest_until = 0.0
