@@ -58,8 +58,7 @@ class FewestMoves:
     def _chains(self, task: SteeringTask) -> Points | None:
         """Return the plan of the chain with the fewest cycles."""
         best = None
-        for first, state in task.departures():
-            query = task.chain_query(start=state)
+        for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
             moves = None if chain is None else task.moves_of(chain, query)
             if moves is not None and (best is None or len(first) + len(moves) < len(best)):
@@ -71,8 +70,7 @@ class FewestMoves:
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
-        for first, state in task.departures():
-            query = task.chain_query(start=state)
+        for first, query in task.departures():
             chain = roadmap_chain(query, maps=DENSE_MAP)
             moves = None if chain is None else task.moves_of(refined(query, chain), query)
             if moves is not None and not misses(task, np.array([*first, *moves])):

@@ -38,8 +38,7 @@ class Greedy:
 
     def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
-        for first, state in task.departures():
-            query = task.chain_query(start=state)
+        for first, query in task.departures():
             chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
             moves = None if chain is None else task.moves_of(chain, query)
             slipped = moves is not None and query.friction < inf and misses(task, np.array([*first, *moves]))

@@ -32,8 +32,7 @@ class Shortest:
     def plan(self, task: SteeringTask) -> Points | None:
         """Return moves; see `Planner`."""
         plans = [Greedy().plan(task)]
-        for first, state in task.departures():
-            query = task.chain_query(start=state)
+        for first, query in task.departures():
             for chain in improved_chains(query, _greedy_seeds(query, task)):
                 moves = task.moves_of(chain, query)
                 if moves is None:

@@ -197,12 +197,12 @@ class SteeringTask(StartAndGoal):
             k += 1
         return moves
 
-    def departures(self) -> list[tuple[list[Points], Points]]:
-        """Return possible first moves with resulting states: no move, or small moves that each take one particle off its walls."""
+    def departures(self) -> list[tuple[list[Points], ChainQuery]]:
+        """Return possible first moves, each with the query that remains: no move, or small moves of one particle off its walls."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
-            return [([], self.start)]
-        return [([move], after) for move, after in separations(room, self.start)]
+            return [([], self.chain_query())]
+        return [([move], self.chain_query(start=after)) for move, after in separations(room, self.start)]
 
     def lower_bound(self) -> float:
         """Return a lower bound on the length of plans that end within the tolerance; see docs/concepts/steering/planners.md."""
