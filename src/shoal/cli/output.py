@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Timer
@@ -45,14 +45,14 @@ def print_json(result: dict[str, Any]) -> None:
     print(json.dumps(result, ensure_ascii=False, allow_nan=False))
 
 
-def print_table(rows: list[tuple[str, str]], *, title: str) -> None:
-    """Print a summary on stdout."""
+def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Path | str] = ()) -> None:
+    """Print a summary on stdout, with the files that were written."""
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
     table.add_column(style="cyan", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, value in rows:
+    for name, value in [*rows, *(("written", str(path)) for path in written)]:
         table.add_row(cell(name), cell(value))
     print_drawn(_titled(title, table))
 

@@ -73,7 +73,7 @@ def reproduce(
         for result in found:
             print_table(_rows(result), title=f"{result.recipe.name}: {_answer(result)}")
         if page is not None:
-            print_table([("written", str(page))], title=f"all {len(found)} figures")
+            print_table([], title=f"all {len(found)} figures", written=[page])
     failed = [result for result in found if result.outcome is None]
     if failed:
         say(f"shoal: could not reproduce {'; '.join(f'{result.recipe.name}: {result.error}' for result in failed)}")

@@ -68,9 +68,8 @@ def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[P
         ("condition", f"{episode.condition:.3g}{', sensitive: it holds only in this arithmetic' if episode.sensitive else ''}"),
         ("time", f"{episode.seconds:.3f} s"),
         *more,
-        *(("written", str(path)) for path in written),
     ]
-    print_table(rows, title=f"{episode.planner} in a {episode.problem.place.kind}")
+    print_table(rows, title=f"{episode.planner} in a {episode.problem.place.kind}", written=written)
 
 
 @takes_problem(SteeringProblem, only=("workspace", "start"))
@@ -118,8 +117,7 @@ def reach(
         print_json(result)
         return
     rows = [(f"{one.moves} moves", f"{100 * share:.2f} %") for one, share in zip(sets, fractions, strict=True)]
-    rows += [("written", str(path)) for path in written]
-    print_table(rows, title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}")
+    print_table(rows, title=f"differences reached from ({delta[0]:.6g}, {delta[1]:.6g}) in a {room.kind}", written=written)
 
 
 def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
@@ -153,4 +151,4 @@ def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
     if json_:
         print_json({"problems": results, "seed": seed, "files": [str(path) for path in files]})
         return
-    print_table([*rows, *(("written", str(path)) for path in files)], title="Two particles, one shared input")
+    print_table(rows, title="Two particles, one shared input", written=files)

@@ -7,7 +7,6 @@ import os
 import signal
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 
-from shoal.core.errors import InvalidInputError
 from shoal.core.registry import load_users_modules, users_modules
 
 
@@ -21,14 +20,7 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
 
     For compiled episodes, threads are enough, because compiled code releases the interpreter lock. Threads also start faster than
     processes. Policies written in Python run in processes.
-
-    Raises
-    ------
-    InvalidInputError
-        If ``workers`` is not positive.
     """
-    if workers < 1:
-        raise InvalidInputError(f"workers: expected 1 or more, got {workers}")
     if compiled:
         return ThreadPoolExecutor(workers, thread_name_prefix="shoal")
     context = multiprocessing.get_context("spawn")

@@ -80,11 +80,15 @@ class Comparison:
     bound: float | None = None
 
     def __str__(self) -> str:
-        told = f"difference {self.difference}, ratio {self.ratio:.4g}, effect {self.effect:.3g}, p {self.p_value:.2g}"
+        return f"difference {self.difference}, ratio {self.ratio:.4g}, effect {self.effect:.3g}, p {self.p_value:.2g}{self.note}"
+
+    @property
+    def note(self) -> str:
+        """The number of unfinished pairs and the bound, as the end of a text. Without unfinished pairs, the note is empty."""
         if not self.unfinished:
-            return told
+            return ""
         restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"
-        return f"{told} ({self.unfinished} of {self.difference.count} pairs unfinished{restricted})"
+        return f" ({self.unfinished} of {self.difference.count} pairs unfinished{restricted})"
 
 
 def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto", seed: int = 0) -> Estimate:

@@ -13,6 +13,7 @@ from dataclasses import field
 from multiprocessing.connection import wait
 from typing import Any, Protocol
 
+from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, MissingExtraError
 from shoal.core.registry import digest_of_module, named_modules, users_modules
@@ -90,8 +91,6 @@ class Processes(_OneMachine):
     _pool: ProcessPoolExecutor | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise InvalidInputError(f"workers: expected 1 or more, got {self.workers}")
         try:
             check_versions(self.submit(worker_versions).result(), worker="of this machine")
         except BaseException:
@@ -285,6 +284,5 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
                 f"workers: expected no number of workers for a Dask cluster, which has its own workers, got {workers}"
             )
         return Cluster(dask)
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int) or workers < 0):
-        raise InvalidInputError(f"workers: expected a whole number, 0 or more, got {workers!r}")
-    return InProcess() if workers == 0 else Processes(default_workers() if workers is None else workers)
+    count = default_workers() if workers is None else check_integer(workers, what="workers", least=0)
+    return Processes(count) if count else InProcess()

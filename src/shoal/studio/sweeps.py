@@ -20,7 +20,7 @@ Functions are excluded, because they are third-party code. Only the command line
 """
 
 
-def sweep_forms() -> dict[str, Any]:
+def sweep_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the fields that sweeps can vary: for each kind of problem, the schema of the problem and the measures of a trial."""
     made = {kind: trial_problem_type(kind) for kind in PLAYED}
     return {kind: {"schema": schema_of(one), "measures": list(one.measures)} for kind, one in made.items()}

@@ -16,7 +16,7 @@ from shoal.studio.folder import Folder
 from shoal.studio.jobs import queue as queue_module
 from shoal.studio.jobs.processes import Worker
 from shoal.studio.jobs.queue import LONG, JobQueue
-from shoal.studio.jobs.store import JobStore
+from shoal.studio.jobs.store import ENDED, JobStore
 
 SHORT = {"problem": {"kind": "swarm", "map": "line:9", "particles": 1, "policy": "closest-frontier"}, "seed": 0}
 
@@ -100,10 +100,10 @@ def test_a_sweep_that_is_killed_goes_on_with_what_is_missing(tmp_path):
         await until(queue, number, done=0.01)
         if number in queue._running:
             os.kill(queue._running[number].worker._process.pid, signal.SIGKILL)
-        while not queue.has_ended(number):
+        while queue.told(number)["state"] not in ENDED:
             await asyncio.sleep(0.005)
         again = queue.add("sweep", {"toml": text, "store": "killed.sqlite", "sweep": "killed"}, urgent=True)["id"]
-        while not queue.has_ended(again):
+        while queue.told(again)["state"] not in ENDED:
             await asyncio.sleep(0.005)
         found = queue.told(again)
         await queue.close()

@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker
 from shoal.studio.jobs.queue import JobQueue
-from shoal.studio.jobs.store import JobStore
+from shoal.studio.jobs.store import ENDED, JobStore
 
 
 def test_a_job_that_was_cut_off_is_begun_again_and_then_marked(tmp_path):
@@ -126,7 +126,7 @@ def test_a_job_that_crashes_fails_alone_and_one_that_is_cancelled_ends(tmp_path)
         short = {"map": "maze:9x7", "particles": 4, "policy": "closest-frontier"}
         good = queue.add("play", spec(3, **short), urgent=True)["id"]
         bad = queue.add("play", spec(3, map="no-such:9"), urgent=True)["id"]
-        while not all(queue.has_ended(number) for number in (crashing, cancelled, good, bad)):
+        while not all(queue.told(number)["state"] in ENDED for number in (crashing, cancelled, good, bad)):
             await asyncio.sleep(0.01)
         found = [queue.told(number) for number in (crashing, cancelled, good, bad)]
         pieces = [message["piece"] for message in told if message.get("of") == good]

@@ -89,9 +89,8 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
         ("map", f"{'x'.join(map(str, workspace.shape))}, {workspace.n_free} free cells"),
         ("result", f"{particles} particles; {episode.sentence}"),
         ("time", f"{episode.seconds:.3f} s"),
-        *(("written", str(path.resolve())) for path in written),
     ]
-    print_table(rows, title="Mapping of the vessels of an eye")
+    print_table(rows, title="Mapping of the vessels of an eye", written=[path.resolve() for path in written])
 
 
 def retina() -> NDArray[np.uint8]:

@@ -239,8 +239,7 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
     errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
     rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
-    rows += [("written", str(path)) for path in written]
-    print_table(rows, title="mission check")
+    print_table(rows, title="mission check", written=written)
 
 
 def area_text(area: float) -> str:

@@ -61,8 +61,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         if told["separation_m"] is not None:
             rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
     rows += [("compared", text) for text in compared_texts(result["compared"])]
-    rows += [*more, *(("written", text) for text in files_text(written))]
-    print_table(rows, title=f"{result['allocation']} along {result['tour']}")
+    print_table([*rows, *more], title=f"{result['allocation']} along {result['tour']}", written=files_text(written))
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:

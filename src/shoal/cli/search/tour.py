@@ -60,8 +60,7 @@ def tour(
         print_json(result)
         return
     rows = [(key.replace("_", " "), _shown(value)) for key, value in result.items() if key != "tour"]
-    rows += [("written", str(path)) for path in written]
-    print_table(rows, title=f"tour {made.name}")
+    print_table(rows, title=f"tour {made.name}", written=written)
 
 
 def parse_size(text: str) -> Any:

@@ -199,9 +199,7 @@ def _report(
         )
     if verified is not None:
         rows.append(("verified", f"{'yes' if verified else 'NO'}: {verified.message}"))
-    print_table(
-        [*rows, ("time", f"{result.seconds:.2f} s"), *(("written", str(path)) for path in written)], title=f"drive of {rig.name}"
-    )
+    print_table([*rows, ("time", f"{result.seconds:.2f} s")], title=f"drive of {rig.name}", written=written)
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:

@@ -131,8 +131,8 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
 
 def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the results of trials."""
-    files = [("written", str(path)) for path in written]
-    print_table([*_rows(episodes, result), *more, *files], title=f"{episodes[0].task} of {episodes[0].workspace.name}")
+    title = f"{episodes[0].task} of {episodes[0].workspace.name}"
+    print_table([*_rows(episodes, result), *more], title=title, written=written)
 
 
 def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:

@@ -66,8 +66,7 @@ def _show(name: str, out: Path | None, seed: int | None, json_: bool) -> None:
     if json_:
         print_json(_told(workspace) | {"file": None if out is None else str(out)})
     elif out is not None or workspace.ndim == 3:
-        written = [] if out is None else [("written", str(out))]
-        print_table([("size", _size(workspace)), *written], title=workspace.name)
+        print_table([("size", _size(workspace))], title=workspace.name, written=[] if out is None else [out])
     else:
         print(workspace)
 
@@ -106,9 +105,8 @@ def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
         ("confidence", f"{found.confidence:.2f} of 1"),
         ("map", _size(workspace)),
         ("cell", f"{side:.4g} pixels per side"),
-        *(("written", str(path)) for path in written),
     ]
-    print_table(rows, title=workspace.name)
+    print_table(rows, title=workspace.name, written=written)
 
 
 def _told(workspace: GridWorkspace) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, patience, print_json, print_table, progress
+from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -52,8 +53,8 @@ def line(
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
-    if workers is not None and workers < 1:
-        raise InvalidInputError(f"workers: expected a whole number, 1 or more, got {workers}")
+    if workers is not None:
+        check_integer(workers, what="workers", least=1)
     if out is not None:
         check_folder(out)
     drawn = None
@@ -74,7 +75,7 @@ def line(
         print_json(result)
         return
     rows = [(name.replace("_", " "), _means(result[name])) for name in ("boundary", "coverage", "largest_gap")]
-    print_table([*rows, *(("written", str(path)) for path in written)], title=f"{particles} particles in a line of {cells} cells")
+    print_table(rows, title=f"{particles} particles in a line of {cells} cells", written=written)
 
 
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
@@ -165,7 +166,7 @@ def schedule(
         *((entry["name"], _ratio(entry)) for entry in (result["optimal"], *result["schedules"])),
     ]
     title = f"a wall at a distance of at most {_short(distance)}, {scan_cost} per scan, {move_cost} per move"
-    print_table([*rows, *(("written", str(path)) for path in written)], title=title)
+    print_table(rows, title=title, written=written)
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:

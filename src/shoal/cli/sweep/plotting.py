@@ -43,4 +43,4 @@ def plot(
     if json_:
         print_json({"sweep": chosen, "measure": wanted, "points": len(means), "out": str(out)})
     else:
-        print_table([("points", str(len(means))), ("written", str(out))], title=f"{wanted} of {chosen}")
+        print_table([("points", str(len(means)))], title=f"{wanted} of {chosen}", written=[out])

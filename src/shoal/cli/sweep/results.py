@@ -124,10 +124,7 @@ def _print_summary(rows: Sequence[Row], pairs: Sequence[Any], compare: str | Non
 def _compared(names: str, found: Comparison | None) -> list[str]:
     if found is None:
         return [f"{names}: not comparable, fewer than two trials of both, or none of them finished", *4 * ["-"]]
-    if found.unfinished:
-        restricted = "" if found.bound is None else f", values restricted to {found.bound:.6g}"
-        names = f"{names} ({found.unfinished} of {found.difference.count} pairs unfinished{restricted})"
-    return [names, str(found.difference), f"{found.ratio:.4g}", f"{found.effect:.3g}", f"{found.p_value:.2g}"]
+    return [f"{names}{found.note}", str(found.difference), f"{found.ratio:.4g}", f"{found.effect:.3g}", f"{found.p_value:.2g}"]
 
 
 def _say_if_mixed(store: Store, name: str) -> None:
@@ -167,7 +164,7 @@ def export_(
     if json_:
         print_json({"sweep": chosen, "rows": count, "out": str(out)})
     else:
-        print_table([("rows", str(count)), ("written", str(out))], title=f"sweep {chosen}")
+        print_table([("rows", str(count))], title=f"sweep {chosen}", written=[out])
 
 
 def merge(

@@ -132,10 +132,10 @@ def _duration(seconds: float) -> str:
 
 
 def _described(status: SweepStatus) -> dict[str, Any]:
-    from shoal.lab.versions import mixture, parsed
+    from shoal.lab.versions import parsed
 
     wrote = [parsed(text) | {"rows": count} for text, count in status.versions.items()]
-    more = {"complete": status.complete, "left": status.left, "versions": wrote, "other_versions": bool(mixture(status.versions))}
+    more = {"complete": status.complete, "left": status.left, "versions": wrote, "other_versions": bool(_provenance(status))}
     return asdict(status) | more
 
 

@@ -12,6 +12,7 @@ from shoal.core.errors import ShoalError
 from shoal.studio.answers import files, lab, papers, search, steering, vessels
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.work import storable
+from shoal.studio.sweeps import sweep_forms
 
 
 def answer_all(connection: Connection, root: str) -> None:
@@ -46,7 +47,7 @@ ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "steer": steering.steer, "workspace": steering.workspace, "reach": steering.reach,
     "plan": search.plan, "missions": search.missions, "simulate": search.simulate, "draw": search.draw, "earth": search.earth,
     "papers": papers.papers,
-    "lab-forms": lab.lab_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
+    "lab-forms": sweep_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
     "picture": lab.episode_picture,
 }  # fmt: skip
 """The possible questions by name."""

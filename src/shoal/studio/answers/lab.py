@@ -17,15 +17,10 @@ from shoal.lab.sweeps.sweep import parse_toml, trial_seed
 from shoal.lab.sweeps.toml_writing import as_toml
 from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_seed
-from shoal.studio.sweeps import checked_sweep, sweep_copies, sweep_forms
+from shoal.studio.sweeps import checked_sweep, sweep_copies
 
 MOST_SHOWN = 300
 """Maximum number of points of a sweep that a page shows. Exports contain all points."""
-
-
-def lab_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields that sweeps can vary, by kind of problem."""
-    return sweep_forms()
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:

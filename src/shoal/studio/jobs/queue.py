@@ -12,7 +12,7 @@ from shoal.core.errors import OutputError
 from shoal.lab.executors import default_workers
 from shoal.studio.folder import Folder
 from shoal.studio.jobs.processes import Worker
-from shoal.studio.jobs.store import ENDED, JobStore
+from shoal.studio.jobs.store import JobStore
 
 MOST_QUEUED = 5000
 PAUSE = 5.0
@@ -213,7 +213,3 @@ class JobQueue:
                 running.worker.kill()
         await asyncio.gather(*self._tasks)
         self.store.close()
-
-    def has_ended(self, number: int) -> bool:
-        """Return whether a job has ended."""
-        return self.told(number).get("state") in ENDED

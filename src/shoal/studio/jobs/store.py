@@ -71,69 +71,59 @@ class JobStore:
         for row in connection.execute(f"SELECT {_COLUMNS} FROM jobs"):
             self._job(row)
 
+    def _ask(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
+        """Run a statement and return its rows."""
+        with told(self.path):
+            return self._connection.execute(statement, values).fetchall()
+
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
         """Add a job to the queue, and return the number of the job.
 
         Urgent jobs start first, because a user waits for their results.
         """
-        with told(self.path):
-            return int(
-                self._connection.execute(
-                    "INSERT INTO jobs (kind, spec, state, urgent, tries, created, result) VALUES (?, ?, 'queued', ?, 0, ?, '{}')",
-                    (kind, json.dumps(spec, allow_nan=False), urgent, time.time()),
-                ).lastrowid
-                or 0
-            )
+        ((number,),) = self._ask(
+            "INSERT INTO jobs (kind, spec, state, urgent, tries, created, result) VALUES (?, ?, 'queued', ?, 0, ?, '{}') "
+            "RETURNING id",
+            kind, json.dumps(spec, allow_nan=False), urgent, time.time(),
+        )  # fmt: skip
+        return int(number)
 
     def begin_next(self, *, without: Sequence[str] = ()) -> dict[str, Any] | None:
         """Mark the next waiting job as running, and return it. Skip jobs of the kinds ``without``.
 
         Return None if no job is left.
         """
-        with told(self.path):
-            row = self._connection.execute(
-                "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
-                f"(SELECT id FROM jobs WHERE state = 'queued' AND kind NOT IN ({', '.join('?' * len(without))}) "
-                f"ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
-                (time.time(), *without),
-            ).fetchone()
-        return None if row is None else self._job(row)
+        rows = self._ask(
+            "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
+            f"(SELECT id FROM jobs WHERE state = 'queued' AND kind NOT IN ({', '.join('?' * len(without))}) "
+            f"ORDER BY urgent DESC, id LIMIT 1) RETURNING {_COLUMNS}",
+            time.time(), *without,
+        )  # fmt: skip
+        return self._job(rows[0]) if rows else None
 
     def end(self, number: int, state: str, result: dict[str, Any]) -> None:
         """Record the end of a job."""
-        with told(self.path):
-            self._connection.execute(
-                "UPDATE jobs SET state = ?, ended = ?, result = ? WHERE id = ?",
-                (state, time.time(), json.dumps(result, allow_nan=False), number),
-            )
+        text = json.dumps(result, allow_nan=False)
+        self._ask("UPDATE jobs SET state = ?, ended = ?, result = ? WHERE id = ?", state, time.time(), text, number)
 
     def cancel_queued(self, number: int) -> bool:
-        """Cancel a job that has not yet started. Return whether there was one."""
-        with told(self.path):
-            return bool(
-                self._connection.execute(
-                    "UPDATE jobs SET state = 'cancelled', ended = ? WHERE id = ? AND state = 'queued'", (time.time(), number)
-                ).rowcount
-            )
+        """Cancel a job that has not yet started. Return whether there was such a job."""
+        cancelled = "UPDATE jobs SET state = 'cancelled', ended = ? WHERE id = ? AND state = 'queued' RETURNING id"
+        return bool(self._ask(cancelled, time.time(), number))
 
     def job(self, number: int) -> dict[str, Any] | None:
         """Return one job, or None."""
-        with told(self.path):
-            row = self._connection.execute(f"SELECT {_COLUMNS} FROM jobs WHERE id = ?", (number,)).fetchone()
-        return None if row is None else self._job(row)
+        rows = self._ask(f"SELECT {_COLUMNS} FROM jobs WHERE id = ?", number)
+        return self._job(rows[0]) if rows else None
 
     def newest(self, most: int = 100) -> list[dict[str, Any]]:
         """Return jobs: first the active jobs, then the newest of the others."""
-        with told(self.path):
-            rows = self._connection.execute(
-                f"SELECT {_COLUMNS} FROM jobs ORDER BY state NOT IN ('running', 'queued'), id DESC LIMIT ?", (most,)
-            ).fetchall()
-        return [self._job(row) for row in rows]
+        order = "state NOT IN ('running', 'queued'), id DESC"
+        return [self._job(row) for row in self._ask(f"SELECT {_COLUMNS} FROM jobs ORDER BY {order} LIMIT ?", most)]
 
     def counts(self) -> dict[str, int]:
         """Return the number of jobs in each state."""
-        with told(self.path):
-            return dict(self._connection.execute("SELECT state, count(*) FROM jobs GROUP BY state").fetchall())
+        return dict(self._ask("SELECT state, count(*) FROM jobs GROUP BY state"))
 
     def close(self) -> None:
         """Close the file."""
