@@ -223,7 +223,7 @@ def configured(registry: Registry[Any], text: str) -> Any:
     Raises
     ------
     UnknownNameError
-        If no object has this name.
+        If no object has the given name.
     InvalidInputError
         If the option does not exist, its value is invalid, or the third-party class raises an error.
 

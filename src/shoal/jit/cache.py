@@ -106,7 +106,7 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel that hold constants. Importing the modules of others can be slow."""
+    """Return the environments of a kernel that hold constants. Other environments would only cost imports."""
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 
 

@@ -49,13 +49,13 @@ class SwarmEpisode(WithTrace, Episode):
         The effect of each command.
     status : Status
         "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every reachable cell beside a free cell
-        is classified, and "stalled" means that some of these cells are still undecided.
+        is classified. With noise, "stalled" means that some reachable cells beside free cells are undecided.
     policy : str
-        Name of the policy that ran. If the problem has the policy ``auto``, the name of the policy that ``auto`` chose.
+        Name of the policy that ran. For the policy ``auto``, this is the name of the policy that ``auto`` chose.
     first_frontier : int
         Number of frontier cells at the start.
     targets : ndarray of bool, the shape of the workspace, or None
-        The cells to cover. It is None for a mapping task.
+        The cells to cover. The value is None for a mapping task.
     seed, trial : int
         Seed and trial number; see `shoal.swarm.grid.randomness`.
     seconds : float
@@ -63,7 +63,7 @@ class SwarmEpisode(WithTrace, Episode):
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
         Only for a rig with noise: the observed cells of each scan, including the scan before the first command. The workspace of
-        such an episode consists of the cells that were classified as free.
+        an episode of such a rig consists of the cells that were classified as free.
     truth : ndarray of bool, optional
         Only for a rig with noise: the true free cells, if they are known. Figures use these cells to show classification errors.
     """
@@ -211,7 +211,7 @@ class SwarmEpisode(WithTrace, Episode):
         return self.replay.frames()
 
     def moments(self) -> Iterator[Moment]:
-        """Yield the quantities that are observable in an episode with noise, at the start and after each command."""
+        """Yield a `Moment` of an episode with noise, at the start and after each command."""
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:

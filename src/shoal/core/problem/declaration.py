@@ -25,7 +25,7 @@ class Option:
     least, most, above, below : float
         Range of a number: at least ``least``, at most ``most``, more than ``above``, less than ``below``.
     choices : tuple of str
-        All possible values of a text. If it is empty, any text is valid.
+        All possible values of a text. Without choices, any text is valid.
     metavar : str
         Placeholder for the value in the help of a command.
     short : str
@@ -69,7 +69,7 @@ class Declaration:
     ----------
     name : str
     type : type
-        The type of the value: int, float, bool or str. For any other type, it is ``object``, and the option has a ``check``.
+        The type of the value: int, float, bool or str. All other types are given as ``object``, with a ``check``.
     optional : bool
         Whether None is a valid value of the field.
     default : object

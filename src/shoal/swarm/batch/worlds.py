@@ -63,7 +63,7 @@ class WorldBatch(Inspection):
         Number of frontier cells of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
         ``complete``: the task is done. ``terminated``: no frontier cell is left; with noise, some cells may then remain
-        unclassified. ``truncated``: the episode reached its maximum number of commands first.
+        unclassified. ``truncated``: the episode reached its maximum number of commands before it terminated.
     seeds, maps : ndarray of int64, shape (worlds,)
         Seed of each world's episode, and the index of its problem.
 
@@ -147,14 +147,14 @@ class WorldBatch(Inspection):
             Mask of the worlds to reset. The default is all worlds.
         seed : int, or sequence of int or None, one per world, optional
             Seed of the new episode: ``seed + i`` for world i, or one seed per world. The seeds of later episodes are computed from
-            this seed. Without a seed, each world draws its next seed.
+            this seed. Without a seed, each world draws a seed from its own generator.
         maps : array_like of int, optional
             Index of the problem for each world, or one index for all worlds. By default, each world draws its problem at random.
 
         Raises
         ------
         InvalidInputError
-            If an argument is invalid. In this case, no world has changed.
+            If an argument is invalid. A refused call changes no world.
         """
         chosen = self._chosen(where)
         if not chosen.size:
@@ -225,7 +225,7 @@ class WorldBatch(Inspection):
         ------
         InvalidInputError
             If the number of commands is not the number of worlds, a command is invalid, or the episode of a selected world has
-            ended. In this case, no world has changed.
+            ended. A refused call changes no world.
         """
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands

@@ -37,8 +37,8 @@ class ScanRule:
     ----------
     kind : str
         "equal": scan after each `step` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one direction. "hyper": scan
-        after 1, 4, 27, 256, ... commands. "adaptive": choose the number with the highest expected number of classified cells per
-        price. The kind "adaptive" leaves out scans whose outcome is certain.
+        after 1, 4, 27, 256, ... commands. "adaptive": choose the number of commands with the highest expected number of classified
+        cells per price. The kind "adaptive" leaves out scans whose outcome is certain.
     step : int
         Number of commands for the kind "equal".
     scan_cost, move_cost : float
@@ -150,7 +150,7 @@ def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: in
     Raises
     ------
     InvalidInputError
-        If no such run leads from ``before`` to ``after``.
+        If no run of ``steps`` commands leads from ``before`` to ``after``.
 
     Notes
     -----

@@ -55,8 +55,8 @@ class SwarmState:
     occupied : Board
         Cells that hold at least one particle.
     counts : ndarray of int32, shape ``layout.window``, or None
-        Number of particles per cell under the rule merge, under which several particles may share a cell. Under other rules, it is
-        None.
+        Number of particles per cell under the rule merge, under which several particles may share a cell. The value is None
+        under the rules block and tilt.
     """
 
     occupied: Board

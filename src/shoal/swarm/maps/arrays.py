@@ -42,8 +42,8 @@ def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> N
     Raises
     ------
     InvalidInputError
-        If a number is not finite, or no cell has the label. Also if an array with more values, such as intensities or
-        probabilities, is given without a level and a label.
+        If a number is not finite, or no cell has the label. Also if neither a level nor a label is given for an array with more
+        than two values, such as intensities or probabilities.
     """
     if options.level is not None:
         check_finite(array, what=where)

@@ -80,7 +80,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     Returns
     -------
     GridWorkspace
-        The workspace. Its name is the file name without the suffix.
+        The workspace. The name of the workspace is the file name without the suffix.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     ----------
     workspace : GridWorkspace
     path : path
-        The output file. Its suffix determines the format, as in `read_map`.
+        The output file. The suffix of the file determines the format, as in `read_map`.
 
     Raises
     ------

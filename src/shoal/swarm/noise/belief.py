@@ -77,9 +77,9 @@ class NoisyBelief:
 
     Notes
     -----
-    Each move spreads every particle over the cells that it may have entered. The next scan then weights each cell, together with
-    the cell behind it, by Bayes' rule. In all other respects, cells are treated as independent. A move without a scan only spreads
-    the particles. Docs: docs/concepts/noise.md.
+    Each move spreads every particle over the cells that it may have entered. The next scan then weights each cell,
+    together with the cell from which a particle may have entered it, by Bayes' rule. In all other respects, cells are treated as
+    independent. A move without a scan only spreads the particles. Docs: docs/concepts/noise.md.
 
     Examples
     --------

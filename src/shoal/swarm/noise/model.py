@@ -21,7 +21,7 @@ class Noise:
     Parameters
     ----------
     slip : float
-        Probability, 0 to 0.5, that a particle does not move at a command. Such a particle blocks the particles behind it.
+        Probability, 0 to 0.5, that a particle does not move at a command. A particle that slips blocks the particles behind it.
     misplace : float
         Probability that an observed particle appears in a neighbouring cell instead of its own. All neighbours (4, in 3-D 6) are
         equally likely.

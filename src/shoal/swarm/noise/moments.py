@@ -28,7 +28,7 @@ class Moment:
     Parameters
     ----------
     particles : ndarray of bool
-        Cells with particles. For a rig, whose true positions are unknown, these are the cells of the last scan.
+        Cells with particles. For a rig, the cells in which the last scan showed particles.
     looks : ndarray of uint8
         A shade for each cell, linear in the log-odds, from ``OBSTACLE`` (classified) through ``UNKNOWN`` to ``FREE`` (classified).
         The shade of a frontier cell is higher by ``FRONTIER``. If the true map is known, wrongly classified cells have the shade

@@ -39,7 +39,7 @@ class Drive(WithTrace):
     Parameters
     ----------
     policy : str
-        Name of the policy that ran. If the problem has the policy ``auto``, the name of the policy that ``auto`` chose.
+        Name of the policy that ran. For the policy ``auto``, this is the name of the policy that ``auto`` chose.
     status : Status
     trace : Trace
         The commands that were sent, and their effects.
@@ -207,7 +207,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
     InvalidInputError
         If the file is missing, damaged or not a log.
     RigError
-        If the recorded positions are inconsistent.
+        If the recorded positions violate the move rule.
     """
     rig = read_log(path, trust=trust)
     result = _driven(rig, rig.problem, seed=rig.seed)

@@ -22,7 +22,7 @@ _CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
 
 
 class _Message(BaseModel):
-    """Base class of all messages. Unknown members of a message are ignored. Therefore rigs may send additional members."""
+    """Base class of all messages. Unknown members of a message are ignored, so that rigs may send additional members."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
@@ -127,7 +127,7 @@ def decode_message(line: bytes) -> Message | None:
     Raises
     ------
     InvalidInputError
-        If the checksum is correct but the line is not a message of this protocol. In this case, the fault is in the rig, not in the
+        If the line has a correct checksum but is not a message of this protocol, which is a fault of the rig and not of the
         connection.
     """
     line = line.strip()

@@ -55,7 +55,7 @@ class Game(Protocol):
         """Maximum number of moves that one call may compute."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode that ends at its maximum number of moves. If necessary, add a last scan to the trace."""
+        """Return the status of an episode at its maximum number of moves. Add a last scan if a run of commands is interrupted."""
 
 
 def compiled_loop(
@@ -205,7 +205,7 @@ class NoisyGame:
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        The belief. Its arrays also hold the true state of the simulation.
+        The belief, whose arrays also hold the true state of the simulation.
     rng : Generator
         Generator of the noise.
     every : int

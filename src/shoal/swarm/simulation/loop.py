@@ -39,7 +39,7 @@ class Controlled(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether the task is done when the frontier is empty."""
+        """Whether no cell is left that the particles can classify or cover."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
         """Send ``steps`` equal commands, observe, and update belief and state.

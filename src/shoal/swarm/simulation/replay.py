@@ -46,7 +46,7 @@ class Replay(Protocol):
         """Yield state and belief at the start and after each command."""
 
     def moments(self) -> Iterator[Moment]:
-        """Yield the observable quantities of an episode with noise, at the start and after each command."""
+        """Yield a `Moment` of an episode with noise, at the start and after each command."""
 
     @property
     def end(self) -> End:
@@ -156,7 +156,7 @@ class _BeliefReplay(ABC):
             yield SwarmState(belief.occupied), belief.belief
 
     def moments(self) -> Iterator[Moment]:
-        """Yield the observable quantities at the start and after each command."""
+        """Yield a `Moment` at the start and after each command."""
         free = self._truth()
         truth = None if free is None else np.pad(free, 1)
         for belief, particles in self.beliefs():

@@ -26,8 +26,8 @@ class LowerBound:
         Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs at
         least d moves plus the counting bound of these N cells.
     axes : int
-        Axis bound: along each axis, a plan needs a minimum number of commands, because some cells cannot be reached with fewer
-        commands along this axis, and some walls can be probed only along this axis. The bound is the sum of these minimum numbers.
+        Axis bound: the sum of the minimum numbers of commands along each axis. Some cells cannot be reached with fewer commands
+        along an axis, and some walls can be probed only along one axis.
     """
 
     count: int

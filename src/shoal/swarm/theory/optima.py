@@ -43,7 +43,7 @@ def optimum(
     rule: str = "block",
     most_states: int = MOST_STATES,
 ) -> Optimum:
-    """Return the minimum number of moves that covers all free cells, or all targets. The method is an A* search.
+    """Return the minimum number of moves that cover all free cells or all targets. The method is an A* search.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def optimum(
     Raises
     ------
     InvalidInputError
-        If a cell cannot be reached, or the search needs more states.
+        If a cell cannot be reached, or the search needs more than ``most_states`` states.
 
     Examples
     --------

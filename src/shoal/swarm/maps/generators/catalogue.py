@@ -28,14 +28,14 @@ class Generator:
     summary : str
         Description of the map's appearance.
     axes : tuple of str
-        Quantity that each number of the size counts.
+        Names of the numbers in a size, such as ("ROWS", "COLUMNS").
     example : str
         An example of a map name.
     function : callable
-        Function with one integer argument per axis, and the argument ``seed`` if the generator is seeded. It returns a bool ndarray
-        of shape (H, W) or (D, H, W).
+        Function with one integer argument per axis, and the argument ``seed`` if the generator is seeded. The
+        function returns a bool ndarray of shape (H, W) or (D, H, W).
     seeded : bool
-        Whether the map depends on a seed. If it does not, a map name with a seed is refused.
+        Whether the map depends on a seed. For other maps, a map name with a seed is refused.
     smallest, largest : int
         Limits on the product of the size's numbers.
     slow : bool

@@ -127,7 +127,7 @@ def centre_lines(mask: Mask) -> CentreLines:
 
 
 def _links(skeleton: Mask, at: Indices) -> Links:
-    """Return the neighbours of each pixel. A corner neighbour counts only if no pixel lies at both sides."""
+    """Return the neighbours of each pixel. A diagonal neighbour counts only if no skeleton pixel touches both pixels."""
     index = np.full(skeleton.shape, -1)
     index[tuple(at.T)] = np.arange(len(at))
     links: Links = [[] for _ in at]
@@ -204,7 +204,7 @@ def _joined(segments: list[Segment], node_of: dict[int, int], at: Indices, depth
 
 
 def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
-    """Return a chain of pixels as a segment. Its ends stay in place, as the line is continued beyond them before it is smoothed."""
+    """Return a chain of pixels as a segment. The ends of the segment stay in place, because the line is extended for smoothing."""
     from scipy import ndimage
 
     beyond = min(int(3 * SMOOTHING), len(chain) - 1)

@@ -100,7 +100,7 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     Raises
     ------
     InvalidInputError
-        If the mask has no vessels or another shape than the view.
+        If the mask has no vessels, or the mask and the view have different shapes.
     MissingExtraError
         If scikit-image is not installed.
 

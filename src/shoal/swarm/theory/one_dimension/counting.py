@@ -1,15 +1,16 @@
 """Exact counting of particle placements on a line, with integers only.
 
 A placement is given by the n + 1 gaps around n particles, with m - n empty cells in total. Let a be the first gap, b the last gap,
-t = a + b, and g(1) ... g(n-1) the inner gaps. Then (see `positions.coverage_moves`) full coverage takes
+t = a + b, and g(1) ... g(n-1) the inner gaps. Full coverage then takes the following number of moves (see
+`positions.coverage_moves`):
 
     a + 1 + max(t + 2, g(1), ..., g(n-1))
 
-moves. In the maximum, the first g(i) above 0 counts as g(i) - 1. If all g(i) are 0 (a clump), full coverage takes one move less.
+In the maximum, the first g(i) above 0 counts as g(i) - 1. If all g(i) are 0 (a clump), full coverage takes one move less.
 The maximum is at most g if t <= g - 2 and all inner gaps are at most g, where the first nonzero gap may be g + 1. There are t + 1
 ways to divide t into a and b. Generating functions turn the number of placements into sums of binomials. Let G = (1 - x^(g+1)) / (1
 - x), which stands for one gap. Let T be the sum of (t+1) x^t for t <= g - 2. The number of placements is then the coefficient of
-x^(m-n) in
+x^(m-n) in the following sum:
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """

@@ -99,8 +99,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
     Notes
     -----
-    This extends paper M, section III.A.3, which assumes unknown prices. For prices 10 and 1, the best schedule has equal steps of
-    15 moves, unless the maximum distance is small.
+    The method extends paper M, section III.A.3, which assumes unknown prices. For prices 10 and 1, the best schedule
+    has equal steps of 15 moves, unless the maximum distance is small.
 
     Examples
     --------
