@@ -261,7 +261,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
-    """Return the mission that a sheet describes.
+    """Return the mission that the sheet of a mission file describes.
 
     Raises
     ------

@@ -268,8 +268,8 @@ def merged(points: Points, tolerance: float) -> Points:
 
     The algorithm starts a cone at each waypoint that is kept. The cone contains all directions in which a straight line passes
     every later point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all points
-    before it. Sources: Reumann and Witkam, 1974; for the exact form of the cone, Williams, An efficient algorithm for the
-    piecewise linear approximation of planar curves, 1978. Reversals are kept.
+    before it. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, An efficient
+    algorithm for the piecewise linear approximation of planar curves, 1978. Reversals are kept.
 
     Parameters
     ----------

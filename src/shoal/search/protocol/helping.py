@@ -1,8 +1,8 @@
 """Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
 
 The remaining cells of a robot's part form runs: sequences of neighbouring cells that no robot is known to have searched. A robot
-may be searching a run from its front, the first cell of the run. A helper enters a run at the cell from which the helper and the
-robot at the front finish at the same time. Both robots search in the same direction. Few helpers choose the same cell, because
+may be searching a run from its front, the first cell of the run. A helper enters a run so far from its front that the helper and
+the robot at the front finish at the same time. Both robots search in the same direction. Few helpers choose the same cell, because
 every helper computes the choices of all helpers in the same order.
 """
 

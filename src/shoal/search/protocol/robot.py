@@ -7,11 +7,11 @@ The robot first listens. Then the robot divides the tour among all robots that i
 searched its own part searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next
 live robot is idle, it searches the cells of the silent robots from the other side. A robot without work waits while other robots
 work. A robot waits only as long as it could still search all unsearched cells alone within the time of one complete round.
-Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other robots are lost
-(paper H, p. 4 to 7: "As long as at least one robot remains alive, the search should complete").
+Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other robots are lost.
+Paper H, p. 4 to 7, demands a complete search as long as one robot remains alive.
 
 A robot that moves from cell to cell may find a blocked cell. A robot that finds a blocked cell reports the cell, and all robots
-avoid it from then on. Cells that no robot can reach any more are left out.
+avoid this cell from then on. Cells that no robot can reach any more are left out.
 """
 
 from __future__ import annotations

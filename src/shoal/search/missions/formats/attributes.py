@@ -44,7 +44,7 @@ def attributes_as_text(mission: Mission) -> dict[str, str]:
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
-    """Fill a sheet with attributes from a file, given as numbers or text, and add diagnostics."""
+    """Fill a sheet with the attributes in a file, which are numbers or texts, and add diagnostics for invalid attributes."""
     missing = [name for name in NAMES if name not in found]
     for name in missing:
         sheet.add("missing-key", place, f"expected {name!r}, got none")

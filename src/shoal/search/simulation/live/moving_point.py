@@ -31,7 +31,7 @@ class MovingPoint:
     done : float
         Completed length of the leg.
     limit : float
-        Length of the leg after which the vehicle must stop until it is sent on.
+        Position on the leg, in cells from its start, at which the vehicle must stop until it is sent on.
     speed : float
 
     Examples
@@ -59,13 +59,13 @@ class MovingPoint:
 
     @property
     def arrived(self) -> bool:
-        """Whether the vehicle has reached its limit."""
+        """Whether the vehicle has reached the position ``limit``."""
         return self.done >= self.limit - _NEAR
 
     def moved(self, time: float, *, rate: float) -> MovingPoint:
-        """Return the vehicle at a later time, if its desired speed is ``rate``. The solution is exact for any time step.
+        """Return the vehicle at a later time, if its desired speed is ``rate``. The motion is computed exactly for any time step.
 
-        The vehicle never passes its limit. At the limit, the stored speed is the speed of arrival.
+        The vehicle never passes the position ``limit``. At this position, the stored speed is the speed of arrival.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -75,7 +75,7 @@ class MovingPoint:
         return replace(self, time=time, done=min(done, self.limit), speed=rate + (self.speed - rate) * decay)
 
     def earliest(self, *, rate: float) -> float:
-        """Return a time before which the vehicle cannot reach its limit."""
+        """Return a time before which the vehicle cannot reach the position ``limit``."""
         return self.time + (self.limit - self.done) / max(rate, self.speed)
 
     def stopped(self) -> MovingPoint:
