@@ -69,7 +69,7 @@ def claim(
         The range that the printed words or number stand for. The default is the range of all numbers that round to the printed
         number.
     why : str
-        The reason for this range.
+        The reason for the range ``within``.
     unlike : str
         The reason why both values are not comparable, if there is one.
 
@@ -130,7 +130,7 @@ def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials:
     margin : float
         Relative margin, above 0.
     why : str
-        The reason for this margin.
+        The reason for ``margin``.
     """
     from scipy.stats import norm
 

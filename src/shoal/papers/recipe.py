@@ -81,7 +81,7 @@ class Outcome:
     claims : tuple of Claim
         The claims: the paper's statements and Shoal's results.
     sentence : str
-        Additional explanations, such as reasons for differences. The numbers in these sentences are computed.
+        Additional explanations, such as reasons for differences. The numbers in the text are computed.
     tables : tuple of Table
     note : str
         Note about published data, placed below the figure unless the drawing contains the note.

@@ -56,7 +56,8 @@ class SteeringEpisode(Episode):
     lower_bound : float or None
         Lower bound on the length of any plan that ends within the tolerance, or None if no bound is known.
     seconds : float
-        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, it is the time of the whole run.
+        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, the value is the time of the
+        whole run.
     versions : dict
         Versions of Shoal and its libraries.
     """

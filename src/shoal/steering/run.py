@@ -30,7 +30,8 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem. Planners know its friction but not its noise. All planners except robust send the plan unchanged.
+        The problem. Planners know the friction of the problem but not its noise. All planners except robust send the plan
+        unchanged.
     seed : int
         Seed for random starts and goals, noise, and planners with random decisions.
 

@@ -50,11 +50,6 @@ TIES = "the tie rule of closest-frontier is not fully published, and others move
 OTHER_MAP = "the picture of the paper's complex map is not published; this is another one of its kind"
 
 
-def _free_cells(name: str) -> int:
-    """Return the number of free cells of a map."""
-    return open_map(name).n_free
-
-
 def _slug(name: str) -> str:
     """Return the name of a map in a form that is valid in the name of a sweep."""
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
@@ -64,7 +59,7 @@ def _slug(name: str) -> str:
 def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
     """Return a sweep on the complex map over numbers of particles, with all other axes paired."""
     chosen = settings.complex
-    problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(_free_cells(chosen))}
+    problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(open_map(chosen).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
     return Sweep(name=f"{name}.{_slug(chosen)}", problem=problem, axes=axes, trials=trials, seed=settings.seed, paired=paired)
 
@@ -157,7 +152,7 @@ def _fig7(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 def _fig8_sweeps(settings: Settings) -> list[Sweep]:
     chosen = settings.complex
-    particles = max(1, _free_cells(chosen) // 5)
+    particles = max(1, open_map(chosen).n_free // 5)
     return [
         Sweep(
             name=f"m-fig8.{_slug(chosen)}",
@@ -253,7 +248,7 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
         order_claim("subset coverage needs fewer moves than coverage", "easier", subset, covering),
         order_claim("coverage needs fewer moves than mapping", "easier", covering, mapping),
     ]
-    if max(covering) == _free_cells(settings.complex):
+    if max(covering) == open_map(settings.complex).n_free:
         claims.append(claim("coverage with a particle in every cell", "1", covering[max(covering)].mean))
     at = np.isin(known["subset-coverage"].x, known["coverage"].x)
     part = Published(known["subset-coverage"].x[at], known["subset-coverage"].mean[at])

@@ -149,7 +149,8 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
     Parameters
     ----------
     rows : sequence of sequences of (GoalSweep, "moves" or "length")
-        Content of each panel. All panels of lengths share one colour scale. All panels of numbers of moves share another one.
+        Content of each panel. All panels of lengths share one colour scale. All panels of numbers of moves share a second colour
+        scale.
 
     Raises
     ------

@@ -31,8 +31,8 @@ class GoalSweep:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem, in which both particles have the goal of the fixed particle. Its start, tolerance and workspace apply to all
-        plans.
+        The problem, in which both particles have the goal of the fixed particle. The start, tolerance and workspace of the problem
+        apply to all plans.
     varied : int
         The particle whose goal varies, 1 or 2.
     planner : str

@@ -21,7 +21,8 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
     ----------
     workspace : ConvexWorkspace or Region
     friction : float
-        Coefficient of friction between particles and walls. If it is infinite, a particle pushed into a wall never slides.
+        Coefficient of friction between particles and walls. With an infinite coefficient, a particle pushed into a wall never
+        slides.
     radius : float
         Radius of the particles.
     gain : float

@@ -34,7 +34,7 @@ class Crossing:
     contact : ndarray of float64, shape (2,)
         Midpoint of that part.
     slack : float
-        Margin of feasibility relative to the size. It is 0 at the boundary of the reachable set.
+        Margin of feasibility relative to the size. The margin is 0 at the boundary of the reachable set.
     """
 
     toucher: int
@@ -67,7 +67,8 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
     Raises
     ------
     InvalidInputError
-        If the workspace is neither a polygon nor a disk, or a given difference is not the difference of two of its points.
+        If the workspace is neither a polygon nor a disk, or a given difference is not the difference of two points of the
+        workspace.
 
     Notes
     -----
@@ -180,7 +181,7 @@ def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Point
     Raises
     ------
     InvalidInputError
-        If `reached_in_two_moves` raises it.
+        If the workspace is not plane, or ``before`` is not the difference of two points of the workspace.
     """
     start = _check_difference(workspace, before, "before")
     return _disk_pieces(workspace.radius, start) if workspace.round else _polygon_pieces(workspace, start)

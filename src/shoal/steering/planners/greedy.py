@@ -145,7 +145,7 @@ def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points]
 def _spatial_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return a chain in the plane after adding the heights of its contacts.
 
-    If the heights are not feasible, the method adds cycles.
+    If the heights are not feasible, return the shortest chain of a search in space.
     """
     flat = query.flat()
     if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:

@@ -211,7 +211,7 @@ class FreeOffsets:
     reach : float
         Maximum distance of an offset outside ``inner`` that can still be connected by a straight move.
     seen : dict of int to ndarray of bool, shape (n,)
-        For each place that was needed so far, the places that a straight free path connects with it.
+        For each place that was needed so far, whether a straight free path connects the place with each of the n places.
     """
 
     free: Any

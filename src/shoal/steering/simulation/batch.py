@@ -42,7 +42,7 @@ class SteeringBatch:
     moves, seeds : ndarray of int64, shape (worlds,)
     terminated, truncated : ndarray of bool, shape (worlds,)
         ``terminated``: all particles are within the tolerance of their goals. ``truncated``: the maximum number of moves was
-        reached before.
+        reached, and not all particles are at their goals.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class SteeringBatch:
         Raises
         ------
         InvalidInputError
-            In this case, no world has changed.
+            If a seed or the start of a new episode is invalid. No world changes then.
         """
         chosen, problem = self._chosen(where), self.problem
         rngs = world_generators(seed, chosen, len(self), self._rngs)

@@ -27,7 +27,7 @@ class ConvexWorkspace(SteeringWorkspace):
     kind : str
         "polygon", "disk", "prism" or "cylinder".
     vertices : ndarray of float64, shape (n, 2)
-        Corners of the polygon or of the prism's base, counter-clockwise. It is empty for a disk or a cylinder.
+        Corners of the polygon or of the prism's base, counter-clockwise. For a disk or a cylinder, the array is empty.
     radius : float
         Radius of the disk or cylinder, or 0 for other kinds.
     center : ndarray of float64, shape (2,)

@@ -78,11 +78,11 @@ class Clip(Generic[At]):
     rate : float
         Frames per second.
     side : int or None
-        Longer side of the film in pixels. Smaller pictures are enlarged. If it is None, the size of the pictures is kept.
+        Longer side of the film in pixels. Smaller pictures are enlarged. With None, the size of the pictures is kept.
     quality : int
         Constant rate factor of H.264.
     palette : bytes, optional
-        Colours of a GIF as red, green and blue bytes. If it is None, the colours are computed from a few frames.
+        Colours of a GIF as red, green and blue bytes. With None, the colours are computed from a few frames.
     """
 
     frames: Callable[[Sequence[At]], Iterator[Frame]]

@@ -37,7 +37,7 @@ def draw_scale_bar(
     size : float
         Length of one unit of the x axis in ``unit``.
     north : float, optional
-        Direction of north from up, in degrees clockwise. If it is None, no arrow is drawn.
+        Direction of north from up, in degrees clockwise. With None, no arrow is drawn.
     above : float, optional
         Position on the x axis at which the bar ends above the map. By default, the bar is below the map.
     """

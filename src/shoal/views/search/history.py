@@ -40,7 +40,8 @@ class Activity:
     begin, end : float
         Times in units of the time that a robot of speed 1 needs for one cell.
     kind : str
-        "listening", "own" (searching its own part), "taken" (searching another's), "waiting", "paused", "dead" or "complete".
+        "listening", "own" (searching its own part), "taken" (searching the part of another robot), "waiting", "paused", "dead" or
+        "complete".
     other : int
         Number of the robot to which the part belongs, or 0 if it belongs to no other robot.
     """

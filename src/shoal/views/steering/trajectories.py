@@ -38,7 +38,7 @@ class MoveTrajectory:
     shares : ndarray of float64, shape (keys,)
         Fractions of the move, from 0 to 1.
     points : ndarray of float64, shape (keys, n, d)
-        Positions of the particles at these fractions.
+        Positions of the particles at the fractions in ``shares``.
     held : tuple of tuple of (int, int)
         For each segment, the pairs (particle, wall) in which the wall holds the particle or lets it slide. Walls are numbered as in
         the workspace.

@@ -50,7 +50,7 @@ class Fit:
     centre : tuple of float
         Centre of rotation: layer, row and column in units of the cells' sizes, from the corner of the rim.
     wide, tall : float
-        Required width and height in the same units.
+        Required width and height in the units of ``centre``.
     middle : float
         Distance of the picture's centre below the centre of rotation.
     """

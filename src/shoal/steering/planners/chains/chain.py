@@ -104,11 +104,11 @@ class ChainQuery(StartAndGoal):
     walls : NormalizedWalls
     start, goal : ndarray of float64, shape (2, d)
     friction : float
-        Coefficient of friction. If it is infinite, a particle pushed into a wall never slides.
+        Coefficient of friction. With an infinite coefficient, a particle pushed into a wall never slides.
     margin : float
-        Minimum distance of the other particle from the walls.
+        Minimum distance between the walls and the particle that touches no wall.
     push : float
-        Component into the wall of each adjustment, relative to its length.
+        Component into the wall of each adjustment, relative to the length of the adjustment.
     rounds : ndarray of float64
         Sharpness of the barrier function (which keeps chains inside their limits) in each round of the optimization. Few rounds
         with low values keep the chain far from all limits.
