@@ -50,7 +50,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the time without a message after which a robot is presumed dead. The limit grows with the fraction of lost messages."""
+    """Return the time without a message after which a robot is presumed dead. The limit grows with the share of lost messages."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
