@@ -12,7 +12,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
-from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
@@ -65,11 +65,11 @@ def run(
         raise InvalidInputError(f"problem: expected a SwarmProblem, got {type(problem).__name__}")
     seed, trial = check_integer(seed, what="seed", least=0), check_integer(trial, what="trial", least=0)
     problem.check_at_place()
-    rng, luck = trial_rng(seed, trial), noise_rng(seed, trial)
+    rng = trial_rng(seed, trial)
     start, targets = draw_start(problem, rng)
-    swarm = swarm_of(problem, start, targets, luck)
+    swarm = swarm_of(problem, start, targets, seed, trial)
     first, watch = len(swarm.belief.frontier), Stopwatch()
-    game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng, luck)
+    game = None if stepwise or (swarm.belief.complete and swarm.finished) else _game(problem, swarm, rng)
     if game is None:
         mapping, decider = getattr(problem.chosen_task, "mapping", True), make_decider(problem, swarm.belief, rng)
         limit = problem.max_moves
@@ -91,11 +91,11 @@ def run(
     )
 
 
-def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator, luck: Generator) -> Game | None:
+def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
     """Return the run of a built-in policy in compiled code, or None if kernels do not support the policy or the task."""
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
     if isinstance(swarm, NoisySwarm):
-        return NoisyGame(policy, swarm.noisy, luck, every=scanning.step) if isinstance(policy, ClosestFrontier) else None
+        return NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step) if isinstance(policy, ClosestFrontier) else None
     # The commands of random-moves are drawn in advance, one per move. Runs of several equal commands are therefore not compiled.
     one_by_one = isinstance(policy, RandomMoves) and not scanning.every_move
     if not isinstance(policy, Compiled) or not is_compiled(task) or one_by_one:

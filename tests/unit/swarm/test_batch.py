@@ -10,7 +10,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm import GridWorkspace, SwarmProblem
 from shoal.swarm.batch import PLANES, WorldBatch, threads
 from shoal.swarm.grid.commands import LETTERS
-from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.grid.tasks import Mapping
 from shoal.swarm.simulation.starts import draw_start, swarm_of
 
@@ -34,7 +34,7 @@ def space(shape, seed=0, share=0.75):
 
 def alone(problem, seed):
     """Return the swarm that the closed loop controls."""
-    return swarm_of(problem, *draw_start(problem, trial_rng(seed)), noise_rng(seed))
+    return swarm_of(problem, *draw_start(problem, trial_rng(seed)), seed)
 
 
 def check_same(batch, world, swarm):

@@ -17,7 +17,7 @@ from shoal.swarm.batch.maps import PaddedMaps
 from shoal.swarm.batch.threads import processors, share_out
 from shoal.swarm.grid.commands import LETTERS, encode
 from shoal.swarm.grid.fields import RULE_CODES
-from shoal.swarm.grid.randomness import noise_rng, trial_rng
+from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.grid.tasks import check_reachable
 from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.batches.worlds import Steps, Worlds, begin_worlds, step_worlds
@@ -171,8 +171,7 @@ class WorldBatch(Inspection):
             boards = self._first_boards(numbers, starts)
         else:
             swarms = [
-                swarm_of(self.problems[number], *start, noise_rng(own))
-                for number, start, own in zip(numbers, starts, seeds, strict=True)
+                swarm_of(self.problems[number], *start, own) for number, start, own in zip(numbers, starts, seeds, strict=True)
             ]
         if not self._rngs:
             self._rngs = [rng for _, rng in rngs]

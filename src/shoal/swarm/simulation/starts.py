@@ -7,6 +7,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.swarm.grid.placements import place
+from shoal.swarm.grid.randomness import noise_rng
 from shoal.swarm.grid.world import GridWorld, check_start
 from shoal.swarm.noise.simulated import noisy_belief
 from shoal.swarm.problem import SwarmProblem
@@ -28,11 +29,12 @@ def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64]
 
 
 def swarm_of(
-    problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, noise_rng: Generator
+    problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, seed: int, trial: int = 0
 ) -> ExactSwarm | NoisySwarm:
-    """Return the swarm at the start of an episode. ``noise_rng`` is the random generator of the noise."""
+    """Return the swarm at the start of an episode. The noise depends on ``seed`` and ``trial``."""
     if problem.noise is not None:
-        return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, noise_rng), noise_rng)
+        rng = noise_rng(seed, trial)
+        return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, rng), rng)
     world = GridWorld(problem.place, problem.rule)
     state = world.initial(start)
     return ExactSwarm(world, problem.chosen_task, state, problem.chosen_task.begin(world, state, targets))
