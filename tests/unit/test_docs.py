@@ -140,7 +140,7 @@ def write_files_of(text: str) -> list[str]:
         data = pytest.importorskip("skimage.data")  # an extra
         from PIL import Image
 
-        Image.fromarray(data.retina()).resize((240, 240)).save(photograph)
+        Image.fromarray(data.retina()).resize((160, 160)).save(photograph)
     return [name for name, _ in shown]
 
 
