@@ -52,7 +52,7 @@ class Kernel:
 
     @property
     def entry(self) -> Any:
-        """The function as Numba compiles it for Python."""
+        """The compiled function that Python calls."""
         return self._forms.entry
 
     @property

@@ -74,7 +74,7 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder of a kernel and of all kernels that it calls. If any of these changes, the kernel is compiled again."""
+    """Return the folder of a kernel and of all kernels that it calls. A change in this folder makes the kernel outdated."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 

@@ -48,7 +48,7 @@ class MachineCode:
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return the kind of each argument. A kernel has one compiled form for each combination of kinds.
+    """Return for each argument what determines the compiled code, such as the dtype and the memory order of an array.
 
     Every call of a kernel runs this function, so the function is short.
 

@@ -122,7 +122,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def distance(self) -> int:
-        """Total distance of all particles in cells."""
+        """Distance that all particles together travelled, in cells."""
         return int(self.trace.travelled.sum())
 
     @property
@@ -139,7 +139,7 @@ class SwarmEpisode(WithTrace, Episode):
         if self and self.unreachable:
             done = "every cell that particles can reach is classified"
         if self.unreachable:
-            rest += f"; {self.out_of_reach} lie where no particle can get"
+            rest += f"; no particle can reach {self.out_of_reach}"
         return f"{done}{rest}"
 
     @property

@@ -129,7 +129,7 @@ def test_a_complete_mapping_says_how_many_cells_no_particle_can_get_to():
     episode = shoal.run(free, particles=1, start=((0, 0),), policy="closest-frontier")
     assert episode.status == "complete"
     assert "nothing is left" not in episode.reason
-    assert "49 of 77 free cells lie where no particle can get" in episode.sentence
+    assert "no particle can reach 49 of 77 free cells" in episode.sentence
     assert episode.report()["unreachable_cells"] == 49
     whole = shoal.run(free[:, :4], particles=1, policy="closest-frontier")
     assert (whole.unreachable, whole.reason) == (0, "no frontier cell is left")

@@ -34,7 +34,7 @@ class Trace(NamedTuple):
     frontier : ndarray of int32
         Number of frontier cells after each command.
     travelled : ndarray of int64
-        Total distance of all particles in cells for each command.
+        Distance that all particles together travelled during each command, in cells.
     scanned : ndarray of bool
         Whether a scan followed each command. One more scan takes place before the first command.
     """

@@ -31,7 +31,7 @@ class View:
     moves : int
         Number of commands sent so far.
     travelled : int
-        Total distance of all particles at the last command, in cells.
+        Distance that all particles together travelled during the last command, in cells.
     classified : int
         Number of frontier cells that the last command classified.
     """

@@ -63,8 +63,8 @@ def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decid
 class PlannedRuns:
     """Divides the plans of a policy into runs.
 
-    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells. Therefore the run for
-    the last part may be longer than this part.
+    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells, so that the run
+    for this part may be longer than the part.
     """
 
     due = True

@@ -81,7 +81,7 @@ class CoverageCounts:
         self.inner = choose_all(cells, n - 2)[n - 2 :]  # of 1 / (1-x)^(n-1)
 
     def __call__(self, g: int) -> int:
-        """Return the number of placements for g."""
+        """Return the number of placements in which the maximum is at most g."""
         return self._all_below(g) + self._first_above(g)
 
     def printed(self, g: int, extra: int) -> int:

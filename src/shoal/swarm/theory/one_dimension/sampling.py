@@ -32,7 +32,7 @@ class LineSample:
     first : ndarray
         p_1, the position of the first particle: the number of moves to the left that find the wall.
     last : ndarray
-        m + 1 - p_n, the distance of the last particle from the right wall: the number of moves to the right that find this wall.
+        m + 1 - p_n: the number of moves to the right in which the last particle finds the right wall.
     largest_gap : ndarray
         Number of empty cells in the largest of all n + 1 gaps.
     spread : ndarray
