@@ -193,7 +193,7 @@ def _contact_of_a_chord() -> tuple[str, bool]:
     "paper W, section IV.F",
     "two moves on a disk reach at most the share 0.373, from a distance of about 0.81 diameters",
     "two moves reach at most the share 0.377, from a distance of about 0.82 diameters",
-    "a program computes the maximum of the exact share over all distances",
+    "a program computes the largest share that two moves reach, over all distances at the start",
 )
 def _most() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import largest_two_move_fraction

@@ -70,7 +70,8 @@ def _boundary() -> tuple[str, bool]:
     "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
     "of the first and the last particle, and g is the largest gap",
     "full coverage takes p moves to the left, and then the larger of two numbers of moves: the moves to the right end, and "
-    "the moves that close all gaps. If closing the gaps takes more moves, the printed formula counts too many moves",
+    "the moves that close all gaps. If closing all gaps takes more moves than the way to the right end, the printed formula "
+    "counts too many moves",
     "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
