@@ -166,7 +166,7 @@ def test_a_particle_is_dragged_and_the_plan_follows(page: Page, studio: Studio) 
 
 def test_a_workspace_is_drawn_by_clicks(page: Page, studio: Studio) -> None:
     studio.open(page, "steering", {"problem": PAIR, "seed": 0})
-    page.get_by_role("button", name="Draw one").click()
+    page.get_by_role("button", name="Draw a workspace").click()
     page.locator(".room").first.scroll_into_view_if_needed()
     box = page.locator(".room").first.bounding_box()
     assert box is not None

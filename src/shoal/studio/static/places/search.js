@@ -262,7 +262,7 @@ export function search({ remember }) {
   }
   const loose = el("button.second", { type: "button", title: "Make a drawing of it, whose corners can be moved", onclick: guarded(loosen) }, "Edit its corners");
   const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file of the folder"), choices, blank),
+    el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"), choices, blank),
     el("div.pair", {}, el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed, loose), el("p.help", { id: "searchRegionHelp" }, "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres."));
 
   // ---- the stages ----

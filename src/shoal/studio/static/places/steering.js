@@ -214,13 +214,13 @@ export function steering({ remember }) {
   }
   const kinds = el("select", { "aria-label": "Workspace", onchange: guarded(() => kinds.value && choose(kinds.value, kinds.value === "square" ? BEGIN : {})) },
     el("option", { value: "" }, "another one"), NAMES.map((name) => el("option", { value: name }, name)));
-  const files = el("select", { "aria-label": "A workspace of the folder", onchange: guarded(() => files.value && choose(files.value)) });
+  const files = el("select", { "aria-label": "A workspace in the folder", onchange: guarded(() => files.value && choose(files.value)) });
   const typed = el("input", { type: "text", spellcheck: false, autocomplete: "off", id: "steeringWorkspace", onchange: guarded(() => typed.value && choose(typed.value.trim())) });
   const picked = el("input", { type: "file", accept: ".svg,.wkt,.geojson,.json", hidden: true, onchange: guarded(async () => picked.files[0] && choose(await upload(picked.files[0]))) });
-  const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: () => (corners ? endSketch() : beginSketch()) }, "Draw one");
+  const sketch = el("button.second", { type: "button", "aria-pressed": "false", onclick: () => (corners ? endSketch() : beginSketch()) }, "Draw a workspace");
   function beginSketch() {
     corners = [];
-    sketch.textContent = "Close it";
+    sketch.textContent = "Close the outline";
     sketch.setAttribute("aria-pressed", "true");
     stages.pick("plan");
     drawRoom();
@@ -228,7 +228,7 @@ export function steering({ remember }) {
   function endSketch() {
     const found = corners;
     corners = null;
-    sketch.textContent = "Draw one";
+    sketch.textContent = "Draw a workspace";
     sketch.setAttribute("aria-pressed", "false");
     if (found.length < 3) {
       drawRoom();
@@ -258,7 +258,7 @@ export function steering({ remember }) {
 
   // ---- play ----
 
-  const player = new PlayerFrame("steering", { title: "The plan as it is played" });
+  const player = new PlayerFrame("steering", { title: "The player of the plan" });
   const result = el("div.result", {}), word = el("p.soft", { role: "status" });
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Play");
 

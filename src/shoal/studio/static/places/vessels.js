@@ -197,14 +197,14 @@ export function vessels({ remember }) {
     "aria-label": "Kind of generated map",
     onchange: guarded(async () => { if (kinds.value) { generated.value = kinds.value; await choose(kinds.value); } }),
   }, el("option", { value: "" }, "draw a map"), state.start.maps.map((one) => el("option", { value: one.example, title: one.summary }, `${one.name} – ${one.summary}`)));
-  const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
+  const generated = el("input", { type: "text", spellcheck: false, autocomplete: "off", "aria-label": "Name of a generated map, such as vessels:1000:7", value: EXAMPLE.map, onchange: guarded(() => generated.value && choose(generated.value.trim())) });
   const drop = el("button.drop", { type: "button", onclick: () => picked.click() }, el("b", {}, "Drop a picture or volume here"), el("span.soft", {}, "PNG, JPEG, TIFF, NIfTI, .npy, .map, text"));
   const chooser = el("section.chooser", { "aria-label": "Map" }, drop, picked,
-    el("div.pair", {}, el("label.unseen", { htmlFor: "vesselsFile" }, "A file of the folder"), choices, kinds), el("div.pair", {}, el("span.soft", {}, "Generated"), generated));
+    el("div.pair", {}, el("label.unseen", { htmlFor: "vesselsFile" }, "A file in the folder"), choices, kinds), el("div.pair", {}, el("span.soft", {}, "Generated"), generated));
 
   // ---- run ----
 
-  const frame = new PlayerFrame("swarm", { title: "The episode as it is played" });
+  const frame = new PlayerFrame("swarm", { title: "The player of the episode" });
   const volumeFrame = new PlayerFrame("swarm", { title: "The map", bare: "driven" });
   const runWord = el("p.soft", { role: "status" }), runBar = el("progress", { max: 1, value: 0, hidden: true, "aria-label": "Played" });
   const result = el("div.result", {});

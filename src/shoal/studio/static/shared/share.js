@@ -24,7 +24,7 @@ export const showCopies = guarded(async (problem, seed) => {
 export function showForms(copies, more = []) {
   const text = el("pre.code", { tabIndex: 0, "aria-label": "Text to copy" }), how = el("p.help", {});
   let shown = "python";
-  const choice = tabs("Which form", WAYS, (name) => {
+  const choice = tabs("Form of the copy", WAYS, (name) => {
     shown = name;
     text.textContent = copies[name];
     how.textContent = HOW[name];

@@ -144,9 +144,9 @@ export function drafting({ shown, started }) {
 
   const element = el("div.labTwo.drafting", {},
     el("section.setting", { "aria-label": "Form" },
-      el("div.quartet", {}, labelled("Name", name), labelled("What is played", kind), labelled("Trials a point", trials), labelled("Seed", seed)),
+      el("div.quartet", {}, labelled("Name", name), labelled("Kind of problem", kind), labelled("Trials per point", trials), labelled("Seed", seed)),
       el("h2", {}, "What varies"), axes, add, room),
-    el("section.setting.file", { "aria-label": "File" }, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change it here or in the form. ", el("code", {}, "shoal sweep run"), " takes it as it is."),
+    el("section.setting.file", { "aria-label": "File" }, el("h2", {}, el("label", { htmlFor: text.id }, "The same as a file")), el("p.help", {}, "Change the sweep here or in the form. ", el("code", {}, "shoal sweep run"), " runs this file."),
       text, problem, info, el("div.actions", {}, go, el("button.second", { type: "button", onclick: guarded(async () => { if (answer?.copies) showForms(answer.copies); }) }, "As Python …"))));
 
   async function ready() {

@@ -152,7 +152,7 @@ export function results({ shown, change }) {
       dataTable("Comparisons", ["Compared", "At", "Difference", "95 % interval", "Ratio", "p (Wilcoxon)", "Pairs", ""], all.map(({ axes, first, second, comparison: found }) => {
         const d = found?.difference;
         return [`${second} less ${first}`, words(axes) === "all" ? "–" : words(axes), ...(d ? [number(d.mean), interval(d.low, d.high), number(found.ratio, 3), found.p_value < 1e-4 ? "< 0.0001" : number(found.p_value, 2),
-          `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "not told apart"] : ["–", "–", "–", "–", "–", "fewer than two pairs"])];
+          `${d.count}${found.unfinished ? `, ${found.unfinished} unfinished` : ""}`, d.low > 0 ? "more" : d.high < 0 ? "less" : "no clear difference"] : ["–", "–", "–", "–", "–", "too few finished pairs"])];
       })));
   }
 

@@ -32,13 +32,13 @@ export function missionsPanel({ ready, seed, changed }) {
     const facts = [
       ["Seen", check.covered_fraction === null ? "not measured" : `${Number((100 * check.covered_fraction).toPrecision(6))} %`],
       ["Mistakes", `${check.errors}, and ${check.warnings} warnings`],
-      ["Nearest approach", !missions.separation_m ? "not asked for" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
+      ["Nearest approach", !missions.separation_m ? "no separation required" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
       ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],
     ];
     go.className = "second";
     empty.hidden = true;
     result.replaceChildren(
-      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: nothing wrong" : "checked: look below"),
+      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: nothing wrong" : "checked: mistakes are listed below"),
         el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
       check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],

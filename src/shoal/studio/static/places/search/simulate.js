@@ -12,7 +12,7 @@ export const lasting = (seconds) => {
 
 /** `ready()` gives the problem as it is run, `seed()` its seed; `set(fields)` writes fields of the form; `open()` shows this panel. */
 export function simulation({ ready, seed, fields, set, open }) {
-  const frame = new PlayerFrame("search", { title: "The search as it is played" });
+  const frame = new PlayerFrame("search", { title: "The player of the search" });
   const loss = el("input", { type: "range", min: 0, max: 0.95, step: 0.05, value: 0, id: "searchLoss" }), lossWord = el("output", { htmlFor: "searchLoss" }, "0 %");
   const result = el("div.result", {}), faults = el("div.faults", {}), robots = el("div.group.deaths", { role: "group", "aria-label": "Let a robot die now" });
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });

@@ -11,7 +11,7 @@ const SECTIONS = [
 
 export function vehicleForm(changed) {
   const schema = state.start.schemas.vehicle, files = el("select", { id: "vehicleFile", onchange: () => { usual(); changed(); } });
-  const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file of the folder; what is set below differs from it."));
+  const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file in the folder. Settings below replace fields of this file."));
   const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], { label: "Settings of the vehicle", changed: (_, name) => { if (name === "preset") usual(); changed(); } });
 
   function listFiles(wanted = files.value) {
@@ -27,7 +27,7 @@ export function vehicleForm(changed) {
     form.show(["preset"], !files.value);
     for (const name of Object.keys(schema.properties)) {
       const input = form.element.querySelector(`[data-field="${name}"] input[type=number]`);
-      if (input) input.placeholder = preset[name] ?? (files.value ? "as the file says" : "none");
+      if (input) input.placeholder = preset[name] ?? (files.value ? "from the file" : "none");
     }
   }
 

@@ -71,7 +71,7 @@ export function driving({ names, problem, seed }) {
     verdict.textContent = `Done in ${length} moves; ${given.policy} needed ${ghostLength}. ${length <= ghostLength ? "You win." : "The ghost wins."}`;
     const { policy, budget, time_per_move: time, scan_every: scans, ...rest } = given;
     await run("play", { problem: { ...rest, policy: `manual:${letters}` }, seed: seed() }, {
-      done: ({ file }) => { kept.replaceChildren(exports(file)); say(`Your race is kept: ${file}`); },
+      done: ({ file }) => { kept.replaceChildren(exports(file)); say(`Your race is saved as ${file}`); },
       failed: (job) => told(new Error(failure(job))),
     });
   }
