@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 from shoal.search.cells.distances import CellDistances
 from shoal.search.problem.faults import Battery, Crash, Fault, Liar, Pause, Slow, WrongPosition
-from shoal.search.problem.network import Forgeries, RadioNetwork, Replays, network_of
+from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.scenario import Scenario
 from shoal.search.tours import make_tour
@@ -145,9 +145,9 @@ def random_network(rng: Generator, whole: float) -> RadioNetwork:
 
 def attacked(network: RadioNetwork, rng: Generator, *, signed: bool) -> RadioNetwork:
     """Return a network with somebody in it who sends what he has recorded, and forges, if messages are signed."""
-    attacks = [Replays(float(rng.random()))] if rng.random() < (0.5 if signed else 0.05) else []
-    forged = [Forgeries(float(rng.random()))] if signed and rng.random() < 0.5 else []
-    return RadioNetwork((*attacks, *forged, *network.media))
+    attacks = network_of(f"replays:{rng.random()}").media if rng.random() < (0.5 if signed else 0.05) else ()
+    forged = network_of(f"forgeries:{rng.random()}").media if signed and rng.random() < 0.5 else ()
+    return RadioNetwork(attacks + forged + network.media)
 
 
 def random_obstacles(rng: Generator, n: int, starts: tuple[int, ...]) -> tuple[int, ...]:

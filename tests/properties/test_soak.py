@@ -61,9 +61,9 @@ def test_random_searches_with_wide_footprints_hold_all_invariants():
 def test_scenarios_are_of_all_kinds():
     scenarios = [random_scenario(seed) for seed in range(300)]
     kinds = {type(fault).__name__ for scenario in scenarios for fault in scenario.faults}
-    media = {type(medium).__name__ for scenario in scenarios for medium in scenario.network.media}
+    media = {medium.kind for scenario in scenarios for medium in scenario.network.media}
     assert kinds == {"Crash", "Pause", "Slow", "Battery", "WrongPosition", "Liar"}
-    assert media == {"Loss", "Bursts", "Range", "Partition", "Delay", "Duplicates", "Corruption", "Replays", "Forgeries"}
+    assert media == {"loss", "bursts", "range", "partition", "delay", "duplicates", "corruption", "replays", "forgeries"}
     assert {scenario.packet for scenario in scenarios if scenario.signed} == {0, 64, 100, 1200}
     assert {len(scenario.starts) for scenario in scenarios} >= {1, 2, 5, 6}
     assert any(not scenario.network.media for scenario in scenarios)

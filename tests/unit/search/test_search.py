@@ -422,6 +422,17 @@ def test_no_way_home_leads_through_obstacles(seed):
     assert not any(shapely.LineString(route.points).intersects(inside) for route in episode.routes)
 
 
+def test_a_scenario_can_be_simulated_again():
+    """Bursts once kept their bad links from one simulation to the next."""
+    brief = Brief(TourCost(make_tour("moore", (4, 4))))
+    scenario = Scenario(brief, (0, 5), network=network_of("bursts:0.5:0.1"), seed=3)
+    worlds = [SearchWorld(scenario) for _ in range(2)]
+    for world in worlds:
+        world.run()
+    assert 0 < worlds[0].air.lost == worlds[1].air.lost
+    assert worlds[0].air.sent == worlds[1].air.sent
+
+
 def test_parts_are_shared_by_the_ways_that_robots_go():
     yard = open_region("rectangle:200x100", no_go=[[(99, 0), (101, 0), (101, 90), (99, 90)]])
     plan = planned(yard, robots=6, footprint=10, allocation="hop", starts="clustered", seed=1)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable, Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from math import inf
-from typing import Literal, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.random import Generator
@@ -34,128 +35,12 @@ class Link:
     distance: float
 
 
-class Medium(Protocol):
-    """A model that delays, loses, changes or multiplies the copies of a message."""
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        ...
-
-
 @dataclass(frozen=True)
-class Loss:
-    """Each copy of a message is lost with the same probability. One minus this probability is P_c of paper H."""
+class Medium:
+    """A model that delays, loses, changes or multiplies the copies of a message, with its parameters; see `network_of`."""
 
-    probability: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return [copy for copy in copies if rng.random() >= self.probability]
-
-
-@dataclass
-class Bursts:
-    """Gilbert and Elliott's model: each link is good or bad, and a bad link loses every message.
-
-    Parameters
-    ----------
-    worsen, mend : float
-        Probability per message that a good link becomes bad, and that a bad link becomes good.
-    """
-
-    worsen: float
-    mend: float
-    bad: dict[tuple[int, int], bool] = field(default_factory=dict)
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        key = (link.sender, link.receiver)
-        was = self.bad.get(key, False)
-        self.bad[key] = rng.random() >= self.mend if was else rng.random() < self.worsen
-        return [] if self.bad[key] else copies
-
-
-@dataclass(frozen=True)
-class Range:
-    """Messages are lost beyond a distance given in cells."""
-
-    cells: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return copies if link.distance <= self.cells else []
-
-
-@dataclass(frozen=True)
-class Partition:
-    """During a time interval, no messages pass between robots with even numbers and robots with odd numbers."""
-
-    since: float = 0.0
-    until: float = inf
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        apart = (link.sender - link.receiver) % 2 and self.since <= link.time < self.until
-        return [] if apart else copies
-
-
-@dataclass(frozen=True)
-class Delay:
-    """The delay of each copy is random, up to twice the mean. Therefore later messages may overtake earlier ones."""
-
-    mean: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return [replace(copy, delay=copy.delay + 2 * self.mean * float(rng.random())) for copy in copies]
-
-
-@dataclass(frozen=True)
-class Duplicates:
-    """With a probability, a copy arrives a second time, with an additional delay of at most the time for one cell."""
-
-    probability: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < self.probability]
-        return copies + again
-
-
-@dataclass(frozen=True)
-class Corruption:
-    """With a probability, a copy is damaged on the way."""
-
-    probability: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return [replace(copy, damaged=copy.damaged or rng.random() < self.probability) for copy in copies]
-
-
-@dataclass(frozen=True)
-class Replays:
-    """With a probability for each message, an attacker sends a recorded message of any robot again."""
-
-    probability: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return [*copies, Copy(other="replay")] if rng.random() < self.probability else copies
-
-
-@dataclass(frozen=True)
-class Forgeries:
-    """With a probability for each message, an attacker without the key sends a message in the name of a robot.
-
-    The attacker's message declares that all cells are searched.
-    """
-
-    probability: float
-
-    def carry(self, copies: list[Copy], link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that the model lets through."""
-        return [*copies, Copy(other="forgery")] if rng.random() < self.probability else copies
+    kind: str
+    numbers: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -167,14 +52,87 @@ class RadioNetwork:
 
     media: tuple[Medium, ...] = ()
 
-    def send(self, link: Link, rng: Generator) -> list[Copy]:
-        """Return the copies of a message that arrive at the receiver."""
+    def has(self, kind: str) -> bool:
+        """Return whether one of the models is of a given kind."""
+        return any(medium.kind == kind for medium in self.media)
+
+    def send(self, link: Link, rng: Generator, bad: BadLinks) -> list[Copy]:
+        """Return the copies of a message that arrive at the receiver.
+
+        The model ``bursts`` changes ``bad``: the set of its bad links (sender, receiver), for each model by number. Before the
+        first message, no link is bad.
+        """
         copies = [Copy()]
-        for medium in self.media:
-            copies = medium.carry(copies, link, rng)
+        for number, medium in enumerate(self.media):
+            own = (bad[number],) if medium.kind == "bursts" else ()
+            copies = _MODELS[medium.kind].carry(copies, link, rng, *own, *medium.numbers)
             if not copies:
                 break
         return copies
+
+
+BadLinks = defaultdict[int, set[tuple[int, int]]]
+
+
+def _loss(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
+    return [copy for copy in copies if rng.random() >= probability]
+
+
+def _bursts(copies: list[Copy], link: Link, rng: Generator, bad: set[tuple[int, int]], worsen: float, mend: float) -> list[Copy]:
+    ends = (link.sender, link.receiver)
+    is_bad = rng.random() >= mend if ends in bad else rng.random() < worsen
+    (bad.add if is_bad else bad.discard)(ends)
+    return [] if is_bad else copies
+
+
+def _range(copies: list[Copy], link: Link, rng: Generator, cells: float) -> list[Copy]:
+    return copies if link.distance <= cells else []
+
+
+def _partition(copies: list[Copy], link: Link, rng: Generator, since: float, until: float) -> list[Copy]:
+    return [] if (link.sender - link.receiver) % 2 and since <= link.time < until else copies
+
+
+def _delay(copies: list[Copy], link: Link, rng: Generator, mean: float) -> list[Copy]:
+    return [replace(copy, delay=copy.delay + 2 * mean * float(rng.random())) for copy in copies]
+
+
+def _duplicates(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
+    again = [replace(copy, delay=copy.delay + float(rng.random())) for copy in copies if rng.random() < probability]
+    return copies + again
+
+
+def _corruption(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
+    return [replace(copy, damaged=copy.damaged or rng.random() < probability) for copy in copies]
+
+
+def _replays(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
+    return [*copies, Copy(other="replay")] if rng.random() < probability else copies
+
+
+def _forgeries(copies: list[Copy], link: Link, rng: Generator, probability: float) -> list[Copy]:
+    return [*copies, Copy(other="forgery")] if rng.random() < probability else copies
+
+
+class _Model(NamedTuple):
+    """A kind of network model: the copies that it lets through, the names of its parameters, and their ranges."""
+
+    carry: Callable[..., list[Copy]]
+    form: str
+    limits: Sequence[tuple[float, float]]
+
+
+_MODELS = {
+    "loss": _Model(_loss, "P", [(0, 1)]),
+    "bursts": _Model(_bursts, "WORSEN:MEND", [(0, 1), (0, 1)]),
+    "range": _Model(_range, "CELLS", [(0, inf)]),
+    "partition": _Model(_partition, "SINCE:UNTIL", [(0, inf), (0, inf)]),
+    "delay": _Model(_delay, "MEAN", [(0, inf)]),
+    "duplicates": _Model(_duplicates, "P", [(0, 1)]),
+    "corruption": _Model(_corruption, "P", [(0, 1)]),
+    "replays": _Model(_replays, "P", [(0, 1)]),
+    "forgeries": _Model(_forgeries, "P", [(0, 1)]),
+}
 
 
 def damage(data: bytes, rng: Generator) -> bytes:
@@ -185,28 +143,26 @@ def damage(data: bytes, rng: Generator) -> bytes:
     return array.tobytes()
 
 
-_KINDS: dict[str, tuple[Callable[..., Medium], str, Sequence[tuple[float, float]]]] = {
-    "loss": (Loss, "P", [(0, 1)]),
-    "bursts": (Bursts, "WORSEN:MEND", [(0, 1), (0, 1)]),
-    "range": (Range, "CELLS", [(0, inf)]),
-    "partition": (Partition, "SINCE:UNTIL", [(0, inf), (0, inf)]),
-    "delay": (Delay, "MEAN", [(0, inf)]),
-    "duplicates": (Duplicates, "P", [(0, 1)]),
-    "corruption": (Corruption, "P", [(0, 1)]),
-    "replays": (Replays, "P", [(0, 1)]),
-    "forgeries": (Forgeries, "P", [(0, 1)]),
-}
-
-
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     """Return the network that a text describes: models with their parameters, separated by commas.
+
+    - ``loss:P``: each copy of a message is lost with probability P. The probability 1 - P is P_c of paper H.
+    - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott. A bad link loses every message. With each message, a good link
+      becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
+    - ``range:CELLS``: messages are lost beyond a distance given in cells.
+    - ``partition:SINCE:UNTIL``: between two times, no messages pass between robots with even and robots with odd numbers.
+    - ``delay:MEAN``: each copy has a random delay up to twice the mean. Therefore later messages may overtake earlier ones.
+    - ``duplicates:P``: with probability P, a copy arrives a second time, at most one unit of time later.
+    - ``corruption:P``: with probability P, a copy is damaged.
+    - ``replays:P``: with probability P per message, an attacker sends a recorded message of any robot again.
+    - ``forgeries:P``: with probability P per message, an attacker without the key sends a message in the name of a robot. The
+      attacker's message declares that all cells are searched.
 
     Parameters
     ----------
     text : str
-        ``loss:P``, ``bursts:WORSEN:MEND``, ``range:CELLS``, ``partition:SINCE:UNTIL``, ``delay:MEAN``, ``duplicates:P``,
-        ``corruption:P``, ``replays:P`` and ``forgeries:P``. Times are in units of the time that a robot of speed 1 needs for one
-        cell. With the text "" or "perfect", every message arrives without delay.
+        The models. Times are in units of the time that a robot of speed 1 needs for one cell. With the text "" or "perfect", every
+        message arrives without delay.
     loss : float
         Additional probability that a message is lost.
 
@@ -217,22 +173,22 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     Examples
     --------
     >>> network_of("range:8,delay:0.5", loss=0.1).media
-    (Loss(probability=0.1), Range(cells=8.0), Delay(mean=0.5))
+    (Medium(kind='loss', numbers=(0.1,)), Medium(kind='range', numbers=(8.0,)), Medium(kind='delay', numbers=(0.5,)))
     """
     if not 0 <= loss <= 1:
         raise InvalidInputError(f"loss: expected a probability from 0 to 1, got {loss!r}")
-    media: list[Medium] = [Loss(loss)] if loss else []
+    media = [Medium("loss", (loss,))] if loss else []
     for part in filter(None, (piece.strip() for piece in text.split(","))):
         name, *words = part.split(":")
         if name == "perfect" and not words:
             continue
         try:
-            make, _, limits = _KINDS[name]
-            numbers = [float(word) for word in words]
+            limits = _MODELS[name].limits
+            numbers = tuple(float(word) for word in words)
             if len(numbers) != len(limits) or not all(low <= n <= high for n, (low, high) in zip(numbers, limits, strict=True)):
                 raise ValueError
         except (KeyError, ValueError):
-            known = ", ".join(":".join((kind, shape)) for kind, (_, shape, _) in _KINDS.items())
+            known = ", ".join(f"{kind}:{model.form}" for kind, model in _MODELS.items())
             raise InvalidInputError(f"network: expected perfect or some of {known}, got {part[:60]!r}") from None
-        media.append(make(*numbers))
+        media.append(Medium(name, numbers))
     return RadioNetwork(tuple(media))

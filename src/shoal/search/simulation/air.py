@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from numpy.random import Generator
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.problem.network import Link, Replays, damage
+from shoal.search.problem.network import BadLinks, Link, damage
 from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.messages import LONGEST, Beacon, Heartbeat
 from shoal.search.simulation.scenario import Scenario
@@ -31,8 +31,8 @@ class Air:
     def __init__(self, scenario: Scenario, rng: Generator) -> None:
         self.sent = self.lost = 0
         self._scenario, self._rng = scenario, rng
-        recorded = any(isinstance(medium, Replays) for medium in scenario.network.media)
-        self._split = scenario.signed or scenario.packet > 0 or recorded
+        self._split = scenario.signed or scenario.packet > 0 or scenario.network.has("replays")
+        self._bad = BadLinks(set)
         self._recorded: list[bytes] = []
         numbers = range(1, len(scenario.starts) + 1)
         key, most = _KEY if scenario.signed else b"", scenario.packet or LONGEST
@@ -51,7 +51,7 @@ class Air:
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
         """Yield the copies of a message that arrive at one receiver, with their delays. Without ``reaches``, no copy arrives."""
         self.sent += 1
-        copies = self._scenario.network.send(link, self._rng) if reaches else []
+        copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)
         for copy in copies:
             come = message

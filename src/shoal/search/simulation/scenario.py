@@ -21,7 +21,7 @@ from shoal.search.cells.footprint import check_widths
 from shoal.search.flight.pace import climbing_seconds, working_seconds
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.faults import Crash, Fault, WrongPosition
-from shoal.search.problem.network import Forgeries, RadioNetwork, network_of
+from shoal.search.problem.network import RadioNetwork, network_of
 from shoal.search.protocol.robot import Brief
 from shoal.search.regions.places import read_points
 from shoal.search.tours.bitset import bitset_of
@@ -88,7 +88,7 @@ class Scenario:
         for fault in self.faults:
             if not 1 <= fault.robot <= m:
                 raise InvalidInputError(f"fault: expected a robot from 1 to {m}, got {fault}")
-        if not self.signed and any(isinstance(medium, Forgeries) for medium in self.network.media):
+        if not self.signed and self.network.has("forgeries"):
             raise InvalidInputError(
                 "network: expected a key together with forged messages, because robots without a key believe them, got none"
             )

@@ -16,7 +16,6 @@ from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 from shoal.search.allocation.partition import partition
 from shoal.search.problem.faults import Crash, Slow
-from shoal.search.problem.network import Loss
 from shoal.search.protocol.messages import LONGEST, SHORTEST
 from shoal.search.protocol.robot import Brief
 from shoal.search.simulation.live.outcome import LiveEvent, LiveOutcome, covered_share
@@ -47,8 +46,8 @@ def run_live(
     ----------
     scenario : Scenario
         The search. The processes of crashed robots are killed (SIGKILL). A received message is discarded with the probability of
-        the network's `Loss`. If ``brief.hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in time,
-        even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
+        the network's model ``loss``. If ``brief.hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in
+        time, even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
     speed : float
         Speed in cells per second of a robot of speed 1, in real time.
     channel : str
@@ -110,7 +109,7 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
         if not isinstance(fault, Crash | Slow) or not 0 <= fault.time < inf:
             raise InvalidInputError(f"live: expected only crashes and slow robots as faults, at times of 0 or more, got {fault}")
     for medium in scenario.network.media:
-        if not isinstance(medium, Loss):
+        if medium.kind != "loss":
             raise InvalidInputError(f"live: expected no network, because a live search has only loss, got {medium}")
     check_integer(scenario.packet or LONGEST, what="packet", least=SHORTEST, most=LARGEST)
     if not 0 <= port <= 65_535:

@@ -7,7 +7,6 @@ from random import Random
 from shoal.core.checks import shortened
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
-from shoal.search.problem.network import Loss
 from shoal.search.protocol.envelope import Receiver, Sender
 from shoal.search.protocol.messages import LONGEST, Beacon
 from shoal.search.protocol.robot import Robot
@@ -66,7 +65,7 @@ class LiveTask:
         scenario, most = self.scenario, self.scenario.packet or LONGEST
         receiver = Receiver(self.key, robots=len(scenario.starts), cells=len(scenario.brief.tour_cost), most=most)
         random = Random(f"{scenario.seed} {number}")
-        loss = next((medium.probability for medium in scenario.network.media if isinstance(medium, Loss)), 0.0)
+        loss = next((medium.numbers[0] for medium in scenario.network.media if medium.kind == "loss"), 0.0)
         return Radio(self.channel, Sender(number, self.key, most), receiver, port=self.port, loss=loss, random=random)
 
     def robot(self, number: int) -> Robot:
