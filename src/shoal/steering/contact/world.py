@@ -21,13 +21,7 @@ PUSHED = kernels.PUSHED
 
 
 class SteeringWorld(ABC):
-    """Base class of the steering worlds: particles in a workspace, moved by one shared displacement.
-
-    Attributes
-    ----------
-    workspace : ConvexWorkspace or Region
-    friction : float
-    """
+    """Base class of the steering worlds: particles in a workspace, moved by one shared displacement."""
 
     workspace: Any
     friction: float

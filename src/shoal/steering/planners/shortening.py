@@ -39,14 +39,7 @@ class Plan:
 
 
 class Shortening:
-    """Random changes of plans for one task.
-
-    Parameters
-    ----------
-    task : SteeringTask
-    world : shoal.steering.kernels.sampling.World
-    rng : numpy.random.Generator
-    """
+    """Random changes of plans for one task."""
 
     def __init__(self, task: SteeringTask, world: Any, rng: np.random.Generator) -> None:
         self.task, self.world, self.rng = task, world, rng

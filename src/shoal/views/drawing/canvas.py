@@ -20,13 +20,7 @@ _CIRCLE = Path.unit_circle()
 
 
 class Canvas:
-    """A pixel canvas. x points to the right and y down, both in pixels.
-
-    Parameters
-    ----------
-    width, height : int
-    background : str
-    """
+    """A pixel canvas. x points to the right and y down, both in pixels."""
 
     def __init__(self, width: int, height: int, *, background: Colour = "#ffffff") -> None:
         self.width, self.height = width, height

@@ -8,12 +8,7 @@ from numpy.typing import NDArray
 
 
 class LiveWindow:
-    """A window with one picture. Without a display, the class shows nothing and raises no error.
-
-    Parameters
-    ----------
-    title : str
-    """
+    """A window with one picture. Without a display, the class shows nothing and raises no error."""
 
     def __init__(self, title: str) -> None:
         self._figure = plt.figure()

@@ -57,10 +57,6 @@ class SearchHistory:
 
     The parts of the tour are those that the robots compute if all robots know one another. A robot that was dead from the beginning
     has no part.
-
-    Parameters
-    ----------
-    episode : SearchEpisode
     """
 
     def __init__(self, episode: SearchEpisode) -> None:

@@ -29,12 +29,6 @@ MAP = "map.png"
 class MissionFolder:
     """A folder for the missions of a plan. The missions assume that no fault occurs.
 
-    Parameters
-    ----------
-    folder : path
-    problem : SearchProblem
-    options : MissionOptions
-
     Raises
     ------
     InvalidInputError, UnknownNameError

@@ -28,10 +28,6 @@ class LayerPanels:
 
     Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. The panels are ordered from left to
     right, and then downwards.
-
-    Parameters
-    ----------
-    plan : SearchPlan
     """
 
     def __init__(self, plan: SearchPlan) -> None:

@@ -47,12 +47,7 @@ class RobotTrajectory:
 
 
 class RobotWays:
-    """The paths of an episode's robots.
-
-    Parameters
-    ----------
-    episode : SearchEpisode
-    """
+    """The paths of an episode's robots."""
 
     def __init__(self, episode: SearchEpisode) -> None:
         self.episode = episode

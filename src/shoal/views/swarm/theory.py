@@ -135,13 +135,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the move ratios and scan ratios of schedules against the distance of the wall.
-
-    Parameters
-    ----------
-    schedules : sequence of ScanSchedule
-    max_distance : int
-    """
+    """Return a figure of the move ratios and scan ratios of schedules against the distance of the wall."""
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)

@@ -43,12 +43,7 @@ _ROUGH_ROUND = REFINING[:4]
 
 @dataclass
 class ChainPool:
-    """The shortest chains found so far.
-
-    Parameters
-    ----------
-    query : ChainQuery
-    """
+    """The shortest chains found so far."""
 
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)

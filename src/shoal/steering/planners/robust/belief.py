@@ -18,14 +18,6 @@ SURE, SATISFIED = 0.95, 0.5  # share of the states that have arrived: of a run t
 class PositionBelief:
     """A particle filter: many possible states of the particles, all equally likely.
 
-    Parameters
-    ----------
-    room : ConvexWorkspace or Region
-    world : shoal.steering.kernels.sampling.World
-    noise : SteeringProblem
-    seen : ndarray of float64, shape (2, 2)
-    rng : numpy.random.Generator
-
     Attributes
     ----------
     states : ndarray of float64, shape (states, 2, 2)
