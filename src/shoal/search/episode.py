@@ -257,7 +257,7 @@ class SearchEpisode(Episode):
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
-            return Verification(good, f"a live search, {'' if good else 'not '}consistent: what was searched, and when")
+            return Verification(good, f"a live search: the stored cells and times are {'' if good else 'not '}consistent")
         again = simulated_trace(self.plan, self.scenario) if self.simulated else planned_trace(self.plan, self.scenario.brief)
         difference = self.trace.difference(again)
         return Verification(not difference, difference or "planned and simulated again: all robots act as in the episode")

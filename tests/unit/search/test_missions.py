@@ -281,7 +281,7 @@ def test_a_format_of_ones_own(tmp_path, monkeypatch):
     ("name", "content", "said"),
     [
         ("robot-01.plan", "{}", "expected the key 'fileType', got none"),
-        ("robot-01.plan", "[" * 100_000, "expected JSON, got one nested too deeply"),
+        ("robot-01.plan", "[" * 100_000, "expected JSON, got values nested too deeply"),
         ("robot-01.waypoints", "", "expected 'QGC WPL 110', got 'an empty file'"),
         ("robot-01.kml", "<kml><Document/></kml>", "expected one Placemark named 'route', got 0"),
         ("robot-01.kml", "<kml>" + "<a>" * 500, "expected XML, got tags nested too deeply"),

@@ -112,7 +112,7 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
     if sheet.landing is not None and sheet.loiter is None and sheet.altitudes and sheet.altitude_frame != "sea":
         away = float(np.hypot(*(way[-1] - way[-2])))
         if sheet.altitudes[-1] > away * math.tan(math.radians(_STEEPEST)):
-            said = f"expected an approach of at most {_STEEPEST:g} degrees, got one of {sheet.altitudes[-1]:g} m on {away:.4g} m"
+            said = f"expected an approach of at most {_STEEPEST:g} degrees, got {sheet.altitudes[-1]:g} m down over {away:.4g} m"
             sheet.add("approach", sheet.places[-1], said)
     numbers = np.flatnonzero(np.hypot(*np.diff(way, axis=0).T) > ROUNDING)
     legs = np.diff(way, axis=0)[numbers]
@@ -125,7 +125,7 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
         worst = int(np.argmax(short))
         widest = radius * lengths[worst] / (needs[worst] + needs[worst + 1])
         place = sheet.places[min(int(numbers[worst]), len(sheet.places) - 1)]
-        sheet.add("turn-radius", place, f"expected turns of at least {radius:.4g} m, got one of {widest:.3g} m at most")
+        sheet.add("turn-radius", place, f"expected a radius of at least {radius:.4g} m, got at most {widest:.3g} m")
 
 
 def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
@@ -144,7 +144,7 @@ def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
         rate, most = ups[worst] / max(lasting[worst], ROUNDING), vehicle.climb_speed if ups[worst] > 0 else vehicle.sink_speed
         verb = "climb" if ups[worst] > 0 else "sink"
         place = sheet.places[min(worst, len(sheet.places) - 1)]
-        sheet.add("climb", place, f"expected legs on which it {verb}s by at most {most:g} m/s, got {abs(rate):.3g} m/s")
+        sheet.add("climb", place, f"expected legs on which the vehicle {verb}s by at most {most:g} m/s, got {abs(rate):.3g} m/s")
 
 
 def _check_homes(sheets: list[Sheet]) -> None:
@@ -167,7 +167,7 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
     if len(by_autopilot) == 2:
         (rare, few), (usual, _) = sorted(by_autopilot.items(), key=lambda entry: len(entry[1]))
         for sheet in few:
-            sheet.add("firmware-mixed", "", f"expected a mission for {usual!r}, as most are here, got one for {rare!r}")
+            sheet.add("firmware-mixed", "", f"expected a mission for {usual!r}, as in most files, got a mission for {rare!r}")
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
@@ -192,7 +192,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
         known = first.setdefault((sheet.robot, sheet.sortie), sheet)
         what = _difference(known, sheet)
         if what:
-            sheet.add("formats-differ", "", f"expected what {known.file} says, got {what}")
+            sheet.add("formats-differ", "", f"expected the content of {known.file}, got {what}")
 
 
 def _difference(one: Sheet, other: Sheet) -> str:

@@ -83,14 +83,14 @@ def _check_meridian(sheet: Sheet) -> None:
     assert sheet.home is not None
     way = np.vstack([sheet.home, sheet.points])
     for index in np.flatnonzero(np.abs(np.diff(way[:, 0])) > 180).tolist():
-        said = f"expected no leg across the 180° meridian, got one from {text_of(way[index])} to {text_of(way[index + 1])}"
+        said = f"expected no leg across the 180° meridian, got a leg from {text_of(way[index])} to {text_of(way[index + 1])}"
         sheet.add("antimeridian", sheet.places[index], said)
 
 
 def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None) -> None:
     """Add diagnostics for implausible heights, speeds and mission lengths, and for an unexpected autopilot."""
     if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
-        sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got one for {sheet.autopilot!r}")
+        sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got a mission for {sheet.autopilot!r}")
     _check_cap(sheet, cap, autopilot)
     _check_altitude(sheet)
     _check_acceptance(sheet)
@@ -104,7 +104,7 @@ def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None =
     if len(sheet.altitudes) == len(sheet.points):
         again &= np.abs(np.diff(sheet.altitudes)) <= _SAME_HEIGHT
     for index in np.flatnonzero(again).tolist():
-        sheet.add("duplicate", sheet.places[index + 1], f"expected a new place, got {text_of(sheet.points[index + 1])} again")
+        sheet.add("duplicate", sheet.places[index + 1], f"expected a new position, got {text_of(sheet.points[index + 1])} again")
     assert sheet.home is not None
     nearest = float(_distances(sheet, sheet.home).min())
     if nearest > _FAR_HOME:
@@ -185,7 +185,7 @@ def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
     if len(circle):
         lines = np.append(lines, shapely.linestrings(circle))
     for index in np.flatnonzero(~shapely.covers(area, lines)).tolist():
-        said = f"expected ways inside the fence, got one that leaves it or enters a zone, {names[index]}"
+        said = f"expected paths inside the fence, got a path that leaves the fence or enters a zone, {names[index]}"
         sheet.add("fence", sheet.places[min(index, len(sheet.places) - 1)], said)
 
 
@@ -302,9 +302,9 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
         ends = way[1:][np.concatenate([outside[:-1] | outside[1:], outside[-1:]])]
         away = float(shapely.distance(region.free, shapely.points(ends)).max())
         if airspace is None:
-            sheet.add("transit", "", f"expected turns inside the region, got some up to {away:.3g} m outside")
+            sheet.add("transit", "", f"expected turns inside the region, got turns up to {away:.3g} m outside")
         elif away > airspace + ROUNDING:
-            sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got some up to {away:.3g} m")
+            sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m")
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
@@ -332,9 +332,9 @@ def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden:
     for index in np.flatnonzero(outside | through).tolist():
         place = sheet.places[min(index, len(sheet.places) - 1)]
         if through[index]:
-            sheet.add("no-go", place, f"expected legs around the no-go zones, got one through them, {names[index]}")
+            sheet.add("no-go", place, f"expected legs around the no-go zones, got a leg through a zone, {names[index]}")
         elif sheet.kind == "rover":
-            sheet.add("leg-outside", place, f"expected legs inside the region, got one that leaves it, {names[index]}")
+            sheet.add("leg-outside", place, f"expected legs inside the region, got a leg that leaves the region, {names[index]}")
         elif 0 < index < len(sheet.points):
-            sheet.add("transit", place, f"expected legs inside the region, got one that leaves it, {names[index]}")
+            sheet.add("transit", place, f"expected legs inside the region, got a leg that leaves the region, {names[index]}")
     return np.asarray(turned)

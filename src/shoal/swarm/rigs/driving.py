@@ -217,7 +217,7 @@ def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Dr
         if result.status is Status.LIMIT:  # the end of the log is not a limit set by a user
             episode = None if result.episode is None else replace(result.episode, status=Status.INTERRUPTED)
             result = replace(result, status=Status.INTERRUPTED, episode=episode)
-        return result, Verification(True, f"{result.moves} moves replayed; the log {how} there, before the run ended")
+        return result, Verification(True, f"{result.moves} moves replayed; the log {how} before the end of the run")
     if rig.problem.noise is None and result.belief.complete != (ended["status"] == "complete"):
         return result, Verification(
             False, f"status {ended['status']!r} in the log, {len(result.belief.frontier)} frontier cells left"

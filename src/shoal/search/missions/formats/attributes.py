@@ -80,7 +80,7 @@ def spread_altitudes(sheet: Sheet, place: str) -> None:
     """Assign an altitude to each waypoint of a sheet: the waypoint's own altitude, or the common altitude."""
     count = len(sheet.points)
     if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
-        sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one a waypoint, got {len(sheet.altitudes)}")
+        sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one per waypoint, got {len(sheet.altitudes)}")
         sheet.altitudes = sheet.altitudes[:1]
     if len(sheet.altitudes) == 1:
         sheet.altitudes *= count

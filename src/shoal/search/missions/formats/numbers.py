@@ -57,7 +57,7 @@ def load_json(text: str, sheet: Sheet) -> Any:
     except json.JSONDecodeError as error:
         sheet.add("unreadable", f"line {error.lineno}", f"expected JSON, got something else: {error.msg.lower()}")
     except (RecursionError, ValueError):
-        sheet.add("unreadable", "", "expected JSON, got one nested too deeply or with a number too long")
+        sheet.add("unreadable", "", "expected JSON, got values nested too deeply or a number of too many digits")
     return None
 
 

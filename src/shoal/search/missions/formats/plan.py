@@ -169,7 +169,7 @@ def scan(text: str, sheet: Sheet) -> None:
         if item.do_jump_id != number:
             sheet.add("do-jump-id", f"item {number}", f"expected doJumpId {number}, got {item.do_jump_id}")
         if not item.auto_continue:
-            sheet.add("autocontinue", f"item {number}", "expected autoContinue true, got false: the vehicle stops here")
+            sheet.add("autocontinue", f"item {number}", "expected autoContinue true, got false, with which the vehicle stops here")
 
 
 def _note(sheet: Sheet, fault: Any) -> None:

@@ -41,7 +41,7 @@ def scan(text: str, sheet: Sheet) -> None:
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1) if row]
     except csv.Error as error:
-        sheet.add("unreadable", "", f"expected a table of commas, got something else: {error}")
+        sheet.add("unreadable", "", f"expected a table with commas, got something else: {error}")
         return
     heading = [name.strip() for name in rows[0][1]] if rows else []
     sheet.geographic = not {*_METRES} & {*heading}
@@ -88,7 +88,7 @@ def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
     for line, row in rows[1:]:
         for name in names:
             if name != _ALTITUDE and row[name] != first[name]:
-                sheet.add("wrong-value", f"line {line}", f"expected {first[name]!r} as {name!r}, as above, got {row[name][:40]!r}")
+                sheet.add("wrong-value", f"line {line}", f"expected {first[name]!r} as every {name!r}, got {row[name][:40]!r}")
 
 
 def _position(sheet: Sheet, line: int, row: dict[str, str]) -> tuple[float, float]:
