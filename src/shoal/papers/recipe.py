@@ -206,7 +206,7 @@ def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published
 
 
 def ends(found: Estimate) -> tuple[float, float]:
-    """Return both ends of the confidence interval of an estimate. Both ends of an exact number equal the number."""
+    """Return both ends of the confidence interval of an estimate. For an exact number, both ends equal the number."""
     return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
 
 

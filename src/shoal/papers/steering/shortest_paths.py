@@ -168,7 +168,7 @@ def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, be
 
 
 def best_angle(s: float, e: float, beta: float) -> float:
-    """Return the angle of the shortest path, found by a search without any formula."""
+    """Return the angle θ of the shortest path, which a numerical search finds without a formula for θ."""
     around = np.linspace(-pi, pi, 2001)
     near = around[np.argmin(length_by_contact(around, s, e, beta))]
     bounds = (near - 0.01, near + 0.01)

@@ -5,9 +5,9 @@ contacts determine the set that k moves reach. Let particle 1 (σ = 1) or partic
 the largest depth below the wall that the other particle can have at the contact c after k moves. The sets that k + 2 moves reach
 are
 
-    { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) },
+    { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) }.
 
-and linear programs over these sets give the depths for the next two moves.
+Linear programs over the sets give the depths for the next two moves.
 """
 
 from __future__ import annotations

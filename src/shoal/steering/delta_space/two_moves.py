@@ -151,8 +151,8 @@ def contact_angles(radius: float, before: Points, after: Points) -> tuple[float,
     """Return start, end and half-width in radians of the arc where particle 1 can touch the wall of a disk, or None without an arc.
 
     A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. The arc is the intersection of
-    three arcs. At the contacts of the first two arcs, ``before`` and ``after`` fit inside the disk. At the contacts of the third
-    arc, the wall holds particle 1.
+    three arcs. The first arc contains the contacts at which ``before`` fits inside the disk, and the second arc those at which
+    ``after`` does. At the contacts of the third arc, the wall holds particle 1.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):

@@ -36,7 +36,8 @@ class SteeringWorkspace(ABC):
     @property
     @abstractmethod
     def rings(self) -> tuple[Points, ...]:
-        """Corners of the outline and of each obstacle in the plane; each float64, shape (n, 2), with free space on the left."""
+        """Corners of the outline and of each obstacle, in an order with free space on the left of each edge; each float64, shape
+        (n, 2)."""
 
     @cached_property
     def size(self) -> float:
@@ -50,7 +51,8 @@ class SteeringWorkspace(ABC):
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """All edges as coordinates (x and y) of both ends, with the free space on the left side; float64, shape (edges, 4)."""
+        """All edges as coordinates (x, y, x, y) of both ends, with free space on the left of each edge; float64, shape (edges,
+        4)."""
         return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
 
     @cached_property
@@ -62,7 +64,7 @@ class SteeringWorkspace(ABC):
 
     @abstractmethod
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest wall, which is negative outside; float64, shape (...)."""
+        """Return the distance of each point to the nearest wall, negative for points outside; float64, shape (...)."""
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
         """Return for each point whether it lies inside or on a wall, with the tolerance `TOUCH`; bool, shape (...)."""

@@ -119,16 +119,17 @@ class ConvexWorkspace(SteeringWorkspace):
         return polygon(hull((self.vertices[:, None] - self.vertices[None]).reshape(-1, 2)))
 
     def wall_distances(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to each flat wall, which is negative outside; float64, shape (..., walls)."""
+        """Return the distance of each point to each flat wall, negative for points outside; float64, shape (..., walls)."""
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return each point's distance to the round wall, negative outside, or infinity without a round wall; float64."""
+        """Return each point's distance to the round wall, negative for points outside, or infinity without a round wall;
+        float64."""
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest wall, which is negative outside; float64, shape (...)."""
+        """Return the distance of each point to the nearest wall, negative for points outside; float64, shape (...)."""
         walls = self.wall_distances(points)
         nearest = walls.min(axis=-1) if walls.shape[-1] else np.full(walls.shape[:-1], np.inf)
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))

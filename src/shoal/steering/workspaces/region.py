@@ -40,7 +40,7 @@ class Region(SteeringWorkspace):
         return self.outline, *self.obstacles
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest edge, which is negative outside; float64, shape (...)."""
+        """Return the distance of each point to the nearest edge, negative for points outside; float64, shape (...)."""
         import shapely
 
         array = np.asarray(points, dtype=np.float64)

@@ -168,8 +168,8 @@ def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
     """Return the distances at which a chart shows a schedule's ratios.
 
     The result contains the distances just before and just after each scan. If there are more than 40 scans, the result contains
-    only one distance per scan, so that the line connects the peaks of the ratios. If there are more than 400 scans, the result
-    contains ten distances per decade.
+    only one distance per scan. The line of the chart then connects the peaks of the ratios. If there are more than 400 scans, the
+    result contains ten distances per decade.
     """
     scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), _POINTS + 1)]
     if len(scans) <= _TEETH:
