@@ -36,8 +36,7 @@ class SteeringWorkspace(ABC):
     @property
     @abstractmethod
     def rings(self) -> tuple[Points, ...]:
-        """Corners of the outline and of each obstacle, in an order with free space on the left of each edge; each float64, shape
-        (n, 2)."""
+        """Corners of the outline and of each obstacle, with free space on the left of each edge; each float64, shape (n, 2)."""
 
     @cached_property
     def size(self) -> float:
@@ -51,8 +50,7 @@ class SteeringWorkspace(ABC):
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """All edges as coordinates (x, y, x, y) of both ends, with free space on the left of each edge; float64, shape (edges,
-        4)."""
+        """All edges as (x, y) of both ends, with free space on the left of each edge; float64, shape (edges, 4)."""
         return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
 
     @cached_property

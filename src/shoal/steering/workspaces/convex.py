@@ -123,8 +123,10 @@ class ConvexWorkspace(SteeringWorkspace):
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return each point's distance to the round wall, negative for points outside, or infinity without a round wall;
-        float64."""
+        """Return each point's distance to the round wall, negative for points outside.
+
+        Without a round wall, distances are infinite.
+        """
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 
