@@ -152,13 +152,7 @@ class LayeredPaths:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through stops in their order.
-
-        Parameters
-        ----------
-        stops : array_like of float, shape (n, 3) or (n, 2)
-            Points in metres. Points without an altitude lie in the lowest layer.
-        """
+        """Return the path through stops in metres, of shape (n, 3), or of shape (n, 2) for stops in the lowest layer."""
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])

@@ -216,28 +216,16 @@ def _without_slivers(shape: Any) -> Any:
 def _halves(block: Any) -> list[Any]:
     import shapely
 
-    low_x, low_y, high_x, high_y = block.bounds
-    if high_x - low_x > high_y - low_y:
-        middle = (low_x + high_x) / 2
-        boxes = [shapely.box(low_x, low_y, middle, high_y), shapely.box(middle, low_y, high_x, high_y)]
-    else:
-        middle = (low_y + high_y) / 2
-        boxes = [shapely.box(low_x, low_y, high_x, middle), shapely.box(low_x, middle, high_x, high_y)]
+    low, high = np.reshape(block.bounds, (2, 2))
+    first, second, axis = high.copy(), low.copy(), int(high[0] - low[0] <= high[1] - low[1])
+    first[axis] = second[axis] = (low[axis] + high[axis]) / 2
+    boxes = [shapely.box(*low, *first), shapely.box(*second, *high)]
     # Cuts along a border leave lines, and the library GEOS cannot subtract from lines.
     return [polygons_in(half) for half in shapely.intersection(block, boxes)]
 
 
 def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:
-    """Return the footprint of each robot in metres; float64, shape (robots,).
-
-    Parameters
-    ----------
-    footprint : float, or array_like of float
-        One number for all robots, or one number for each robot.
-    robots : int
-        Number of robots.
-    what : str
-        The word for a robot in error messages.
+    """Return the footprint of each robot in metres, from one number or one number for each robot; float64, shape (robots,).
 
     Raises
     ------

@@ -56,17 +56,7 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
-    """Refuse a file with more than ``most`` things of a kind.
-
-    Parameters
-    ----------
-    count : int
-        Number of these things in the file.
-    most : int
-    where : str
-        Name of the file in error messages.
-    what : str
-        Name of the things in error messages, in the plural.
+    """Refuse a file with more than ``most`` things. In error messages, ``where`` is the file, and ``what`` is the kind of things.
 
     Raises
     ------

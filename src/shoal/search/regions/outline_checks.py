@@ -46,12 +46,7 @@ class Ring:
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
 
     def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:
-        """Refuse the first vertex for which ``right`` is false. ``expected`` and ``note`` are parts of the message.
-
-        Parameters
-        ----------
-        right : array_like of bool, shape (n,)
-        expected, note : str
+        """Refuse the first vertex for which ``right`` (bool, shape (n,)) is false. The message contains ``expected`` and ``note``.
 
         Raises
         ------

@@ -53,13 +53,7 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return a frame whose origin is the middle of the points' extent, rounded to a millionth of a degree.
-
-        Parameters
-        ----------
-        lonlat : array_like of float, shape (n, 2)
-            Longitudes and latitudes in degrees.
-        """
+        """Return a frame around points (longitude, latitude) in degrees, with the middle of their bounding box as its origin."""
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))

@@ -98,7 +98,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
     Parameters
     ----------
     cells : array_like of int, shape (..., 2)
-        (row, col) with row 0 on top, each from 0 to 2^order - 1.
+        As in `hilbert_encode`.
     order : int
         Order of the curve, which has 2^order cells per side: 0 to 31.
 
