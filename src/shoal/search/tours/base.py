@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
+from shoal.search.tours.masks import component_after_component, smallest_part
 from shoal.search.tours.tour import Tour
 
 
@@ -36,6 +38,24 @@ class TourMaker(Protocol):
 
 
 TOURS: Registry[type[TourMaker]] = Registry("tour")
+
+
+class TourByOrder(ABC):
+    """A tour maker that puts the cells in an order, in which the cells of each connected component then follow one another."""
+
+    name: str
+    dimensions: tuple[int, ...] = (2,)
+    closed = True
+
+    def make(self, mask: NDArray[np.bool_]) -> Tour:
+        """Return the tour of all True cells."""
+        low, region = smallest_part(mask)
+        cells = component_after_component(self._in_order(region), region)
+        return Tour(cells + low, mask.shape, closed=self.closed, name=self.name)
+
+    @abstractmethod
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """Return all True cells in the order of the tour; int64, shape (N, dimensions)."""
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:

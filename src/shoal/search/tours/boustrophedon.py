@@ -5,16 +5,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import component_after_component, smallest_part
-from shoal.search.tours.tour import Tour
+from shoal.search.tours.base import TOURS, TourByOrder
 
 MOST_RUNS = 1500
 """Maximum number of runs whose order is improved. More runs keep the order of the boustrophedon decomposition."""
 
 
 @TOURS.register("boustrophedon")
-class BoustrophedonTour:
+class BoustrophedonTour(TourByOrder):
     """A tour that traverses each run (consecutive cells of a row) without interruption, with about two turns per run.
 
     At first, the runs have the order of the boustrophedon decomposition of Choset, "Coverage of known spaces: the boustrophedon
@@ -24,14 +22,9 @@ class BoustrophedonTour:
     """
 
     name = "boustrophedon"
-    dimensions: tuple[int, ...] = (2,)
 
-    def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
-        low, region = smallest_part(mask)
-        region = np.ascontiguousarray(region)
-        cells = component_after_component(_cells_in_order(region), region)
-        return Tour(cells + low, mask.shape, closed=True, name=self.name)
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        return _cells_in_order(np.ascontiguousarray(region))
 
 
 def _cells_in_order(region: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -8,13 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import component_after_component, smallest_part
-from shoal.search.tours.tour import Tour
+from shoal.search.tours.base import TOURS, TourByOrder
+from shoal.search.tours.masks import component_after_component
 
 
 @TOURS.register("comb")
-class CombTour:
+class CombTour(TourByOrder):
     """Lanes back and forth over all columns except the first. The first column leads back to the start.
 
     In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. If both
@@ -24,16 +23,13 @@ class CombTour:
     """
 
     name = "comb"
-    dimensions: tuple[int, ...] = (2,)
 
-    def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
-        low, region = smallest_part(mask)
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
         cells = closed_lanes(*region.shape)
-        if not region.all():
-            ways = (cells[region[tuple(cells.T)]], *_sweeps(region))
-            cells = min((component_after_component(way, region) for way in ways), key=_length)
-        return Tour(cells + low, mask.shape, closed=True, name=self.name)
+        if region.all():
+            return cells
+        ways = (cells[region[tuple(cells.T)]], *_sweeps(region))
+        return min((component_after_component(way, region) for way in ways), key=_length)
 
 
 def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:

@@ -6,14 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shoal.core.errors import InvalidInputError
-from shoal.search.tours.base import TOURS
+from shoal.search.tours.base import TOURS, TourByOrder
 from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
-from shoal.search.tours.masks import component_after_component, smallest_part
-from shoal.search.tours.tour import Tour
 
 
 @TOURS.register("hilbert")
-class HilbertTour:
+class HilbertTour(TourByOrder):
     """The Hilbert curve through the smallest square of 2^k cells per side that covers the cells from their lower left corner.
 
     As in paper H, the tour is closed: it continues from its last cell to its first cell. The closing edge is one cell side shorter
@@ -23,12 +21,17 @@ class HilbertTour:
 
     name = "hilbert"
     dimensions: tuple[int, ...] = (2, 3)
-    closed = True
+    encode = staticmethod(hilbert_encode)
 
-    def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
-        cells, order = in_covering_square(mask, self.name)
-        return _along(hilbert_encode(cells, order=order), mask, closed=self.closed, name=self.name)
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        order = (max(region.shape) - 1).bit_length()
+        if order > MAX_ORDER[region.ndim]:
+            longest = 2 ** MAX_ORDER[region.ndim]
+            raise InvalidInputError(f"tour {self.name}: expected at most {longest} cells along each side, got shape {region.shape}")
+        cells = np.argwhere(region)
+        of_square = cells.copy()
+        of_square[:, -2] += 2**order - region.shape[-2]  # rows count from the top, but the curve begins at the bottom
+        return cells[np.argsort(self.encode(of_square, order=order))]
 
 
 @TOURS.register("open-hilbert")
@@ -40,36 +43,9 @@ class OpenHilbertTour(HilbertTour):
 
 
 @TOURS.register("moore")
-class MooreTour:
+class MooreTour(HilbertTour):
     """The Moore curve through the smallest covering square with 2^k cells per side: four Hilbert curves, closed by one step."""
 
     name = "moore"
     dimensions: tuple[int, ...] = (2,)
-
-    def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
-        cells, order = in_covering_square(mask, self.name)
-        return _along(moore_encode(cells, order=order), mask, closed=True, name=self.name)
-
-
-def in_covering_square(mask: NDArray[np.bool_], name: str) -> tuple[NDArray[np.int64], int]:
-    """Return the True cells as positions in the smallest covering square or cube of 2^order cells per side, and the order.
-
-    Raises
-    ------
-    InvalidInputError
-        If no curve with 64-bit indices covers the cells.
-    """
-    low, region = smallest_part(mask)
-    order = (max(region.shape) - 1).bit_length()
-    if order > MAX_ORDER[mask.ndim]:
-        longest = 2 ** MAX_ORDER[mask.ndim]
-        raise InvalidInputError(f"tour {name}: expected at most {longest} cells along each side, got shape {mask.shape}")
-    cells = np.argwhere(mask) - low
-    cells[:, -2] += 2**order - region.shape[-2]  # rows count from the top, but the curve begins at the bottom
-    return cells, order
-
-
-def _along(indices: NDArray[np.int64], mask: NDArray[np.bool_], *, closed: bool, name: str) -> Tour:
-    cells = np.argwhere(mask)[np.argsort(indices)]
-    return Tour(component_after_component(cells, mask), mask.shape, closed=closed, name=name)
+    encode = staticmethod(moore_encode)

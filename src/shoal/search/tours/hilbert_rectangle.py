@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from shoal.search.tours.base import TOURS
-from shoal.search.tours.masks import component_after_component, smallest_part
-from shoal.search.tours.tour import Tour
+from shoal.search.tours.base import TOURS, TourByOrder
 
 
 @TOURS.register("hilbert-rectangle")
-class HilbertRectangleTour:
+class HilbertRectangleTour(TourByOrder):
     """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
     In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. In a box
@@ -21,13 +19,9 @@ class HilbertRectangleTour:
     name = "hilbert-rectangle"
     dimensions: tuple[int, ...] = (2, 3)
 
-    def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
-        low, region = smallest_part(mask)
-        cells = closed_path(region.shape) + low
-        if len(cells) > np.count_nonzero(mask):
-            cells = cells[mask[tuple(cells.T)]]
-        return Tour(component_after_component(cells, mask), mask.shape, closed=True, name=self.name)
+    def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
+        cells = closed_path(region.shape)
+        return cells if region.all() else cells[region[tuple(cells.T)]]
 
 
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
