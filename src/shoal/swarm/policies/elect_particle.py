@@ -22,12 +22,11 @@ class _Elected:
 
 @dataclass(frozen=True)
 class ElectParticle(Searching):
-    """Elect a random particle and move it along the shortest path to a frontier cell. Plan again when the frontier cell is
-    classified.
+    """Elect a random particle and move it along the shortest path to a frontier cell.
 
-    A particle that blocks the elected particle occupies the next cell of the path. Therefore the blocking particle becomes the
-    elected particle. Without this rule, the algorithm of paper M can repeat the same moves forever. Source: paper M, algorithm 2;
-    docs/concepts/policies.md.
+    The policy plans again when the frontier cell is classified. A particle that blocks the elected particle occupies the next cell
+    of the path. Therefore the blocking particle becomes the elected particle. Without this rule, the algorithm of paper M can
+    repeat the same moves forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"
