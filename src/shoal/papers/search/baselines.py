@@ -60,8 +60,8 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
 def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
     """Return the time until all cells are searched by random walks. A step out of the region leaves a robot in place.
 
-    A walk that stays at the border has the same distribution as an unbounded walk in which the cells i and 2 SIDE - 1 - i count as
-    one cell.
+    The function folds an unbounded walk at the border: the cells i and 2 SIDE - 1 - i count as one cell. The folded walk has the
+    same distribution as a walk that stays in place at the border.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():
