@@ -1,4 +1,4 @@
-"""Observations and rewards of swarm environments. The single environment and the vector environment both use this code."""
+"""Observations and rewards of swarm environments. The classes `SwarmEnv` and `SwarmVectorEnv` use these functions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule
 def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
     """Return the observation of each world, in the form that the options choose.
 
-    If the array ``out`` is given, the planes are written into it.
+    If the array ``out`` is given, the function writes the planes into ``out``.
     """
     if options.observation == "planes":
         return batch.planes(PLANES, where=where, out=out)

@@ -1,6 +1,6 @@
 """SteeringWorlds: a batch of steering worlds with observations, rewards and infos.
 
-The single and the vector environment use this class.
+The classes `SteeringEnv` and `SteeringVectorEnv` use these worlds.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """SwarmWorlds: a batch of swarm worlds with observations, rewards and infos.
 
-The single and the vector environment use this class.
+The classes `SwarmEnv` and `SwarmVectorEnv` use these worlds.
 """
 
 from __future__ import annotations

@@ -80,7 +80,7 @@ class InProcess(_OneMachine):
 
 @dataclass
 class Processes(_OneMachine):
-    """Worker processes on this machine. These worker processes end when the coordinator ends, even after a crash.
+    """Worker processes on this machine. The worker processes end when the coordinator ends, even after a crash.
 
     Parameters
     ----------

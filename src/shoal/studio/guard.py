@@ -198,7 +198,7 @@ class LimitedConnection(H11Protocol):
     silent: ClassVar[dict[LimitedConnection, None]] = {}  # oldest first
 
     def connection_made(self, transport: Any) -> None:
-        """Accept a connection, or close it."""
+        """Accept a connection, and close a connection if there are too many."""
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)

@@ -1,4 +1,4 @@
-"""The kinds of problems that a sweep can run: the problems of the three parts, and three further kinds.
+"""The kinds of problems that a sweep can run: swarm, steering, search, line, schedule and function.
 
 A sweep's problem contains only values that can be written as text. Therefore a sweep's problem has one canonical form, and can be
 sent to any worker. Each worker process opens a map, workspace or region only once.

@@ -14,7 +14,7 @@ from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """A sweep as it is stored. Its problem is created only when the method `sweep` is called.
+    """A sweep in the form in which a store contains it. The problem is created only when the method `sweep` is called.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ def copies(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def save_problem(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write a problem file, and return its name."""
+    """Write a problem file, and return the name of the file."""
     problem = checked_problem(about["problem"], folder)
     name = folder.new_name(str(about.get("name") or problem.part), ".json")
     with atomic(folder.path(name)) as temporary:

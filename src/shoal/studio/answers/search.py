@@ -183,9 +183,9 @@ def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return polynomials that convert metres to degrees and back around a position, as lists of (i, j, coefficient, coefficient).
 
-    The coefficients (of east or longitude, and of north or latitude) belong to x**i * y**j. Here x and y are metres divided by
-    ``reach``, or degrees from the origin. The polynomials agree with the projection within 0.1 mm up to 30 km from the position,
-    and within 2 cm up to 100 km.
+    Both coefficients belong to x**i * y**j: the first is that of the longitude or east, the second that of the latitude or north.
+    Here x and y are metres divided by ``reach``, or degrees from the origin. The polynomials agree with the projection within 0.1
+    mm up to 30 km from the position, and within 2 cm up to 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:

@@ -177,8 +177,8 @@ class JobQueue:
     def told(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers, or empty data if the job does not exist.
 
-        A job has ``id, kind, spec, state, created, began, ended, result``. A running job also has ``done`` (0 to 1), ``note``,
-        ``left``.
+        The keys of the data are ``id, kind, spec, state, created, began, ended, result``. The data of a running job also have
+        ``done`` (0 to 1), ``note`` and ``left`` (seconds).
         """
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)
