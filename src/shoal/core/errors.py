@@ -8,6 +8,8 @@ plan, the status of the episode reports this, and no exception is raised.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 LONGEST_ECHO = 200
@@ -36,6 +38,15 @@ class InvalidInputError(ShoalError, ValueError):
 
 class UnknownNameError(ShoalError, LookupError):
     """Raised if no object is registered under a given name."""
+
+
+@contextmanager
+def errors_at(where: object) -> Iterator[None]:
+    """Put ``where`` in front of the message of an `InvalidInputError` or `UnknownNameError` that the block raises."""
+    try:
+        yield
+    except (InvalidInputError, UnknownNameError) as error:
+        raise type(error)(f"{where}: {error}") from None
 
 
 class OutputError(ShoalError, OSError):

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Self, get_type_hints
 
 from shoal.core.checks import shortened, suggestion
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.problem.declaration import Declaration, declaration_of, option
 
 __all__ = ["Declaration", "Problem", "check_known", "option"]
@@ -76,10 +76,8 @@ class Problem:
         for name, declared in known.items():
             if declared.required and name not in given:
                 raise InvalidInputError(f"{where}: {name}: expected this field, got none")
-        try:
+        with errors_at(where):
             return cls(**given)
-        except (InvalidInputError, UnknownNameError) as error:
-            raise type(error)(f"{where}: {error}") from None
 
     @classmethod
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:

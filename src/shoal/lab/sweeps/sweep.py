@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictInt, ValidationError
 
 from shoal.core.checks import check_depth, check_integer, read_text, validation_message
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.problem import Problem
 from shoal.lab.problems import FunctionProblem, trial_problem
 from shoal.lab.sweeps.axes import MAX_POINTS, axis_values
@@ -258,10 +258,8 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
     InvalidInputError
     """
     form = form_of(data, where=where)
-    try:
+    with errors_at(where):
         return Sweep(form.name, form.problem, form.axes, form.trials, form.seed, tuple(form.paired))
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{where}: {error}") from None
 
 
 def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:

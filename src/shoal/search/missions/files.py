@@ -15,7 +15,7 @@ import numpy as np
 
 from shoal.core.checks import parse_json, read_text
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic, write_json
 from shoal.core.registry import Registry
 from shoal.search.flight.vehicle import Vehicle
@@ -286,7 +286,5 @@ def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
         "heights": np.array(sheet.altitudes) - base if varied and not above_ground else None,
         "altitudes": np.array(sheet.altitudes) if varied and above_ground else None,
     }
-    try:
+    with errors_at(path):
         return Mission(sheet.points, **told)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from None

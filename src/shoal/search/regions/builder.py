@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from shoal.core.checks import check_choice
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.search.regions.builtin import builtin_region, is_builtin
 from shoal.search.regions.formats import read_outlines
 from shoal.search.regions.outline_checks import (
@@ -171,12 +171,10 @@ def build_region(
         taken += [polygon for k, polygon in enumerate(wanted) if k in inside]
         wanted = [polygon for k, polygon in enumerate(wanted) if k not in inside]
     no_go = polygons_in(shapely.union_all(taken)) if taken else None
-    try:
+    with errors_at(found.where):
         whole = polygons_in(shapely.union_all(wanted))
         region = region_of(whole, frame=frame, no_go=no_go, name=name, no_go_zones=len(taken))
         return replace(region, height=found.height)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{found.where}: {error}") from None
 
 
 def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:

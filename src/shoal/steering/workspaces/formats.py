@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from shoal.core.checks import check_choice, parse_json, read_polygon, read_text, shortened, suggestion
-from shoal.core.errors import InvalidInputError, UnknownNameError
+from shoal.core.errors import InvalidInputError, UnknownNameError, errors_at
 from shoal.steering.workspaces.convex import ConvexWorkspace, cylinder, disk, polygon, prism, regular_polygon
 from shoal.steering.workspaces.region import Region, region
 from shoal.steering.workspaces.svg import read_drawing, rings_of_path
@@ -221,7 +221,5 @@ def _from_geometry(geometry: Any, *, where: str) -> Workspace:
 
 def _from_rings(rings: list[Any], *, where: str) -> Workspace:
     """Return a polygon made of the first closed line, or a region in which the other lines are obstacles."""
-    try:
+    with errors_at(where):
         return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{where}: {error}") from None

@@ -10,7 +10,7 @@ from numpy.random import Generator
 from numpy.typing import NDArray
 
 from shoal.core.checks import shortened
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.registry import Registry, configured
 from shoal.swarm.grid.commands import offsets_of
 from shoal.swarm.grid.world import check_start
@@ -57,10 +57,8 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
         if _takes(function, workspace, n, rng):
             raise
         raise _no_placement(function) from None
-    try:
+    with errors_at(f"placement {_name(placement)}"):
         checked = check_start(workspace, cells)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"placement {_name(placement)}: {error}") from None
     if len(checked) != n:
         raise InvalidInputError(f"placement {_name(placement)}: expected {n} cells, got {len(checked)}")
     return checked

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from shoal.core.checks import check_file
 from shoal.core.dataclass import dataclass
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.core.files import atomic
 from shoal.swarm.maps.arrays import encode_npy, read_npy
 from shoal.swarm.maps.pictures import LARGEST_FILE, PICTURES, encode_picture, read_picture, read_slices
@@ -109,10 +109,9 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
 def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None) -> GridWorkspace:
     """Return a workspace named after its file without the suffix. Error messages name the file."""
     stem = path.name[: len(path.name) - len(_suffix(path))]
-    try:  # undecodable bytes of a name become "?"
+    with errors_at(path):
+        # undecodable bytes of a name become "?"
         return GridWorkspace(free, name=stem.encode("utf-8", "replace").decode(), spacing=spacing)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from None
 
 
 def _suffix(path: Path) -> str:

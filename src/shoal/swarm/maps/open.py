@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shoal.core.errors import InvalidInputError
+from shoal.core.errors import InvalidInputError, errors_at
 from shoal.swarm.maps import imaging
 from shoal.swarm.maps.arrays import free_by_number
 from shoal.swarm.maps.files import named_after, read_map
@@ -120,16 +120,12 @@ def _stamp(path: str | os.PathLike[str]) -> int:
 @lru_cache(maxsize=1)
 def _vessels_in(path: Path, stamp: int, low: float, high: float, options: tuple[tuple[str, Any], ...]) -> imaging.Vessels:
     finder = _finder_of(path, stamp, options)
-    try:
+    with errors_at(path):
         return finder.find(low=low, high=high)
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from None
 
 
 @lru_cache(maxsize=1)
 def _finder_of(path: Path, _stamp: int, options: tuple[tuple[str, Any], ...]) -> imaging.VesselFinder:
     pixels = read_pixels(path)
-    try:
+    with errors_at(path):
         return imaging.VesselFinder(pixels, **dict(options))
-    except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error}") from None
