@@ -56,8 +56,8 @@ def convex_outline(vertices: ArrayLike) -> Points:
         worst = int(np.argmax(turns < 0))
         corner = tuple(corners[worst].tolist())
         raise InvalidInputError(
-            f"polygon: expected a convex outline (a region takes any outline), got one that bends inward at vertex {places[worst] + 1}, "
-            f"{corner}"
+            "polygon: expected a convex outline (a region takes any outline), "
+            f"got one that bends inward at vertex {places[worst] + 1}, {corner}"
         )
     return np.ascontiguousarray(corners)
 
