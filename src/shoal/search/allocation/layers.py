@@ -51,12 +51,12 @@ class LayeredGrid:
 
     @property
     def footprint(self) -> float:
-        """Footprint of the lowest layer in metres."""
+        """Side in metres of the footprint in the lowest layer."""
         return self.layers[0].footprint
 
     @property
     def angle(self) -> float:
-        """Angle of the rows of the lowest layer in degrees."""
+        """Angle in degrees of the rows in the lowest layer, counter-clockwise from the x axis."""
         return self.layers[0].angle
 
     @property

@@ -1,4 +1,4 @@
-"""Orientation: the angle of the rows, their shift, and the tour for which one round takes the shortest time, including turns."""
+"""Orientation: the choice of the angle and the shift of the rows, and of the tour, so that one round takes the shortest time."""
 
 from __future__ import annotations
 

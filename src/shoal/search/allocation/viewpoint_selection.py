@@ -1,9 +1,9 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell from which the
-robot sees most new cells in relation to the cost of the path there. The robot prefers stops along the border of the searched area,
-because a narrow strip that remains costs as much as a wide strip. The path therefore runs in circles inside the robot's part, for
-any tour.
+Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell with the
+largest number of newly visible cells per cost of the path to this cell. The robot prefers stops along the border of the searched
+area, because a narrow strip that remains costs as much as a wide strip. The path therefore runs in circles inside the robot's part,
+for any tour.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop from which a robot sees most wanted cells, in relation to the cost of reaching the stop.
+    """Return the stop with the largest number of visible wanted cells per cost of reaching the stop.
 
     Parameters
     ----------

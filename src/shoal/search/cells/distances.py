@@ -151,7 +151,7 @@ class CellDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return distances from a cell to all cells, in cell sides.
 
-        The distance to a cell without a path is the number of cells.
+        If no path leads to a cell, the distance is set to the number of cells of the tour.
         """
         return np.minimum(self._found(here, 0)[0], float(self._n))
 

@@ -1,8 +1,8 @@
 """Straightening: the choice of the viewpoints of border cells for a short path with few bends along a tour.
 
-A border cell may allow a choice of its viewpoint: the cell's piece is completely visible from every point of its *window*. Between
-two cells that allow no choice, a path of a few straight legs crosses the windows of all cells between them. The viewpoint of a cell
-is the point where the path crosses the cell's window.
+The *window* of a border cell contains all points from which the cell's piece is completely visible. Each point of the window can be
+the cell's viewpoint. Between two cells without a window, a path of a few straight legs crosses the windows of all cells between
+them. The viewpoint of a cell is the point where the path crosses the cell's window.
 """
 
 from __future__ import annotations

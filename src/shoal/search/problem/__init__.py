@@ -260,7 +260,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """The altitudes of the search in metres, from the lowest: ``bands``, a volume's layers, or the vehicle's altitude."""
+        """The altitudes of the search in metres, from the lowest: the bands, a volume's layers, or the vehicle's altitude."""
         if self.bands is not None:
             return self.bands
         if not self._volume:

@@ -73,7 +73,7 @@ _SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 
 
 def check_faults(value: Any) -> tuple[Fault, ...]:
-    """Return the faults in a list as objects.
+    """Return the fault objects that a list or a text describes.
 
     Each entry is an object, or a text such as ``crash:2@30``. A text may contain several faults, separated by commas.
 

@@ -20,7 +20,7 @@ TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 def joined(
     tours: Sequence[Tour], points: Sequence[Floats] | None = None, *, floors: Sequence[int] | None = None, turn: float = TIE
 ) -> Tour:
-    """Return one tour through the cells of all layers, which climbs from layer to layer and descends beside each climb.
+    """Return one tour that visits the cells of all layers, climbs from layer to layer, and descends beside each climb.
 
     One step of a layer's tour and one step of the next layer's tour are replaced by a climb and a descent. The two replaced steps
     are chosen so that the tour gets as short as possible. If all layers are equal, each further layer adds two climbs and saves two
