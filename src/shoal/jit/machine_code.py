@@ -78,7 +78,7 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def compiled_form(kinds: Any) -> Any:
-    """Return a common form of kinds of arguments for which Numba compiles the same code.
+    """Return the same value for all kinds of arguments for which Numba compiles the same code.
 
     Array flags that do not change the code are left out. An array that is contiguous in both orders counts as an array in C order.
     A Python number counts as the NumPy number with the same bits.

@@ -76,7 +76,7 @@ class SimulatedRig:
 
 
 class NoisyRig(SimulatedRig):
-    """A simulated rig with noise under the move rule block. Particles may slip, be missed, or appear in a neighbouring cell.
+    """A simulated rig with noise under the move rule block. Particles may slip, stay unseen, or appear in a neighbouring cell.
 
     Each scan draws new errors.
 

@@ -102,7 +102,7 @@ Fixed commands need no kernel and no working memory.
 
 
 class SearchGame:
-    """A run of a policy of the papers in compiled code (kernels/episodes).
+    """An episode in compiled code by a built-in policy that is not a planner.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ class SearchGame:
 
 
 class PlannerGame:
-    """A run of a planner in compiled code. See `SearchGame` for the parameters."""
+    """An episode in compiled code by a planner. See `SearchGame` for the parameters."""
 
     def __init__(
         self, policy: PlannerPolicy, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
@@ -199,7 +199,7 @@ class PlannerGame:
 
 
 class NoisyGame:
-    """A run of closest-frontier with noise in compiled code.
+    """An episode in compiled code by the policy closest-frontier with noise.
 
     Parameters
     ----------

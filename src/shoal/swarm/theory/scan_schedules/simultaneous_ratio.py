@@ -30,8 +30,8 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
     """Return the smallest c for which one schedule keeps its move ratio and its scan ratio at or below c.
 
     With j scans after the first one, the scan ratio is (j + 1) / 2. The smallest possible move ratio falls as j grows. Jumps that
-    are as long as the ratio allows reach the smallest move ratio. The best j is where both ratios cross. Therefore a search over j
-    gives the exact result.
+    are as long as the ratio allows reach the smallest move ratio. The best bound lies at the j at which the two ratios cross.
+    Therefore a search over j gives the exact result.
 
     Parameters
     ----------
