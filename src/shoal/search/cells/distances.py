@@ -75,7 +75,9 @@ class CellPlane:
 
 
 class CellDistances:
-    """Shortest paths from cell to neighbouring cell. A step may cross a corner if both cells beside the corner are open.
+    """Shortest paths whose steps lead from a cell to a neighbouring cell.
+
+    A step may cross a corner if both cells beside the corner are open.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ TOURS: Registry[type[TourMaker]] = Registry("tour")
 
 
 class TourByOrder(ABC):
-    """A tour maker that puts the cells in an order, in which the cells of each connected component then follow one another."""
+    """A tour maker that sorts the cells of each connected component, and visits one component after another."""
 
     name: str
     dimensions: tuple[int, ...] = (2,)

@@ -2,8 +2,8 @@
 
 - ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
 - ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, the reader takes the first KML file.
-- ``.gpkg``: GeoPackage. Each layer of a GeoPackage names its coordinate system. A layer without a coordinate system on Earth is in
-  metres.
+- ``.gpkg``: GeoPackage. Each layer of a GeoPackage names its coordinate system. The coordinates in a layer without a coordinate
+  system on Earth are metres.
 - ``.shp .zip``: Shapefile. The ``.prj`` file of a Shapefile names the coordinate system. A zip archive must contain exactly one
   Shapefile.
 - ``.csv``: one vertex per line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with #
