@@ -219,6 +219,7 @@ class SearchEpisode(Episode):
         grid, seen = layers_of(self.plan.grid)[number], self.coverages[number]
         return {
             "altitude_m": self.plan.altitudes[number],
+            "ground_sample_m": self.problem.vehicle_at(self.plan.altitudes[number]).ground_sample,
             "angle_degrees": grid.angle,
             "cells": grid.n_cells,
             "cell_m": grid.size,

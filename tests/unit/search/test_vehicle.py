@@ -140,6 +140,8 @@ def test_a_camera():
     assert vehicle.row_spacing == 48.0  # 54 m, but for the length of an image
     assert vehicle.trigger_distance == 9.6
     assert vehicle.ground_sample == pytest.approx(0.012)
+    [layer] = run_search(SearchProblem("square:300", vehicle=vehicle), seed=1).report()["layers"]
+    assert layer["ground_sample_m"] == pytest.approx(0.012)
     assert SearchProblem("square:300", vehicle=vehicle).chosen_footprint == 48.0
     assert SearchProblem("square:300", vehicle=vehicle, footprint=20).chosen_footprint == 20.0
     assert SearchProblem("square:300", vehicle="rover,detector_width=4").chosen_footprint == 4.0

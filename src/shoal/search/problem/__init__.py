@@ -281,15 +281,16 @@ class SearchProblem(Problem):
         speeds = {name: getattr(asked, name) or asked.cruise for name in ("climb_speed", "sink_speed")}
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
+    def vehicle_at(self, altitude: float) -> Vehicle:
+        """Return the vehicle as it sees the ground from an altitude. In a volume, the vehicle's own altitude counts instead."""
+        return self._asked_vehicle if self._volume else self._asked_vehicle.replaced(altitude=altitude)
+
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
         """Return the side of the footprint in metres at an altitude.
 
-        By default, the footprint is the view of the vehicle's camera or detector. Without a camera or detector, it is 10 m. In a
-        volume, the vehicle's own altitude counts instead of ``altitude``.
+        By default, the footprint is the view of the vehicle's camera or detector. Without a camera or detector, it is 10 m.
         """
-        vehicle = self._asked_vehicle
-        seeing = vehicle if self._volume else vehicle.replaced(altitude=altitude)
-        return self.footprint or seeing.row_spacing or FOOTPRINT
+        return self.footprint or self.vehicle_at(altitude).row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
