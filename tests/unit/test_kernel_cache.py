@@ -262,3 +262,14 @@ def test_archives_fit_their_kernels():
         with zipfile.ZipFile(part / lowered.NAME) as archive:
             assert archive.comment.decode().startswith(lowered.stamp(part).hex()), f"{part.parent.name}: make kernels"
             assert not [kernel for kernel in archive.namelist() if str(Path.home()).encode() in archive.read(kernel)]
+
+
+def test_archives_hold_what_every_kind_of_command_calls():
+    """Offline plans, drives, noise, the line, friction, regions, reach and rows once compiled theirs from the source."""
+    held = set()
+    for path in Path(lowered.__file__).parents[1].glob("*/kernels/lowered.zip"):
+        with zipfile.ZipFile(path) as archive:
+            held |= {kernel.rpartition("-")[0] for kernel in archive.namelist()}
+    called = {"rollout.prepare", "anneal.anneal", "policy_episode.begin_run", "noisy_state.learn_noisy", "line_samples.trials"}
+    called |= {"friction_barrier.kept_out", "roadmap.widen", "shooting.search_guided", "region_contact.advance", "cycles.deeper"}
+    assert called <= held
