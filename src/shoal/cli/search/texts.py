@@ -66,12 +66,12 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
     """Return a row of text for each altitude layer, if a search has several; for one layer, a row for the pixels of a camera."""
-    pixels = [f"{100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
+    pixels = [f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
     if len(layers) == 1:
-        return [("camera", pixels[0])] if pixels[0] else []
+        return [("camera", pixels[0][2:])] if pixels[0] else []
     texts = [
         f"{layer['altitude_m']:.4g} m: {layer['cells']} cells of {layer['cell_m']:.4g} m, "
-        f"rows at {layer['angle_degrees']:.4g}\N{DEGREE SIGN}, {100 * layer['covered_fraction']:.4f} % seen{', ' * bool(pixel)}{pixel}"
+        f"rows at {layer['angle_degrees']:.4g}\N{DEGREE SIGN}, {100 * layer['covered_fraction']:.4f} % seen{pixel}"
         for layer, pixel in zip(layers, pixels, strict=True)
     ]
     told = texts[:_ROWS] + [f"and {len(texts) - _ROWS} more"] * (len(texts) > _ROWS)
