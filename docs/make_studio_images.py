@@ -135,7 +135,8 @@ FORMS = [(theme, *size) for theme in ("light", "dark") for size in ((1280, 800),
 
 
 def main(folder: Path | None) -> None:
-    with tempfile.TemporaryDirectory() as place:
+    with tempfile.TemporaryDirectory() as parent:
+        place = str(Path(parent) / "example")
         server = subprocess.Popen(
             [sys.executable, "-m", "shoal", "studio", place, "--no-browser"], stderr=subprocess.PIPE, text=True
         )
