@@ -205,7 +205,7 @@ def _most() -> tuple[str, bool]:
 @erratum(
     "paper W, Fig. 15",
     "the remaining distance from the goals falls as 8.66 / length³",
-    "the printed law holds only if particle 2 is always the toucher. If the nearer particle touches the wall, half of the "
+    "the printed law holds only if particle 2 always touches the wall. If the nearer particle touches the wall, half of the "
     "printed length brings the particles within 0.01 of the goals",
     "a program computes two kinds of plans, cycle by cycle. Particle 2 is the toucher in one kind of plans, and the nearer "
     "particle is the toucher in the other kind",

@@ -146,9 +146,9 @@ def _doubling() -> tuple[str, bool]:
 def _configurations() -> tuple[str, bool]:
     m, n = 8, 3
     gaps = {tuple(np.diff([0, *p, m + 1]).tolist()) for p in _placements(m, n)}
-    return f"the list has {len(gaps)} configurations; C(8, 3) = {comb(m, n)}, C(5, 4) = {comb(m - n, n + 1)}", len(gaps) == comb(
-        m, n
-    ) != comb(m - n, n + 1)
+    return f"the list has {len(gaps)} configurations, as C(8, 3) = {comb(m, n)}; the printed C(5, 4) is {comb(m - n, n + 1)}", len(
+        gaps
+    ) == comb(m, n) != comb(m - n, n + 1)
 
 
 @erratum(

@@ -6,7 +6,8 @@ The same state machine runs in the simulation (`shoal.search.simulation`) and in
 The robot first listens. Then the robot divides the tour among all robots that it knows, and searches its own part. A robot that has
 searched its own part searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next
 live robot is idle, it searches the cells of the silent robots from the other side. A robot without work waits while other robots
-work. A robot waits only as long as it could still search all unsearched cells alone within the time of one complete round.
+work. A robot stops waiting at the last moment at which it can still search all unsearched cells alone and end by its deadline. The
+deadline is the end of one complete round that begins when the robot first divides the tour.
 Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other robots are lost.
 Paper H, p. 4 to 7, demands a complete search as long as one robot remains alive.
 

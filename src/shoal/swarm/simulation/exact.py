@@ -38,7 +38,7 @@ class ExactSwarm:
         return self.belief.complete
 
     def carry_out(self, command: str, steps: int, *, scan: bool = True) -> tuple[list[Row], bool]:
-        """Send a run of commands; see `shoal.swarm.simulation.loop.Controlled`."""
+        """Send one command several times; see `shoal.swarm.simulation.loop.Controlled`."""
         rows, stuck = [], False
         for pushes in self._pushes(command, steps):
             travelled = classified = 0

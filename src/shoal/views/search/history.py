@@ -76,7 +76,7 @@ class SearchHistory:
     def owners(self) -> tuple[Numbers, dict[int, int]]:
         """The robot to whose part each cell belongs (0: none), by tour index.
 
-        The second item of the property is the rank of each robot around the tour, by its number.
+        The second item maps the number of each robot to its position in the order of the robots along the tour, counted from 0.
         """
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)

@@ -83,8 +83,8 @@ class MovingPoint:
         return replace(self, speed=0.0)
 
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
-        """Return the vehicle on a new leg from its position. The vehicle must stop one cell before the end of the leg.
+        """Return the vehicle on a new leg from its position. At first, ``limit`` is one cell before the end of the leg.
 
-        On a leg shorter than one cell, the vehicle must stop immediately.
+        If the leg is shorter than one cell, ``limit`` is the beginning of the leg. The vehicle does not move until ``limit`` grows.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -20,7 +20,7 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 def between_few_sides(query: ChainQuery) -> ChainQuery:
     """Return the query with only `FEW` sides of its polygon.
 
-    A query with few sides remains unchanged. A query also remains unchanged if the chosen sides enclose no area.
+    If the polygon has few sides, or if the chosen sides enclose no area, the function returns the query as it was given.
     """
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found)
