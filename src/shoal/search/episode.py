@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name, times in seconds. ``share`` is the makespan divided by the least time of a single robot."""
+        """Return the metrics, times in seconds. ``share`` is the makespan divided by the least time of a search by one robot."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -304,7 +304,7 @@ class SearchEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
-        """Read an episode. A third-party tour or allocation runs only if ``trust`` is true.
+        """Read an episode. An episode with a third-party tour or allocation is refused unless ``trust`` is true.
 
         Raises
         ------

@@ -246,7 +246,10 @@ class RegionDistances:
         self._steps: dict[tuple[int, int], NDArray[np.float64]] = {}
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. Only 0 is possible for ``closed``."""
+        """Return the length of the path between two cells, in cell sides.
+
+        Distances are computed for a region without closed cells, so ``closed`` must be 0.
+        """
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
         if length is None:

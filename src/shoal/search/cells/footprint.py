@@ -1,8 +1,9 @@
 """Visibility from a cell: the cell itself and, for a footprint wider than one cell, the cells around it.
 
 A footprint is a square of ``width`` cells per side, where ``width`` is odd. The robot stands in the central cell of its footprint.
-The robot sees another cell if the cell's own piece lies entirely in the footprint, and a path inside the footprint leads from the
-robot to the piece. Walls therefore block the view.
+The cell's own piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if the own piece
+of this cell lies entirely in the footprint, and a path inside the footprint leads from the robot to the piece. Walls therefore
+block the view.
 """
 
 from __future__ import annotations
@@ -148,7 +149,7 @@ class RegionFootprint(MaskFootprint):
 
 
 def check_widths(widths: NDArray[np.int64], robots: int) -> None:
-    """Refuse footprint widths that are not odd whole numbers of cells from 1 to `WIDEST`, one for each robot.
+    """Refuse footprint widths unless each robot has one width, an odd whole number of cells from 1 to `WIDEST`.
 
     Raises
     ------
@@ -160,7 +161,9 @@ def check_widths(widths: NDArray[np.int64], robots: int) -> None:
 
 
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:
-    """Return the effective widths of footprints in cells: the largest odd numbers that fit, from 1 to `WIDEST`; int64.
+    """Return the effective width of each footprint, from 1 to `WIDEST`; int64.
+
+    The effective width is the largest odd number of cells that fits in the footprint.
 
     Parameters
     ----------
@@ -179,10 +182,10 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
-    """Return the cell size with which all robots together see most area per second, at most the smallest footprint.
+    """Return the cell size in metres with which all robots together see the most area per second.
 
-    If several sizes are equally good, the result is the largest one of them. A footprint wider than one cell counts as three
-    quarters of its width. The function `gain_of` measures about this factor.
+    The cell size is at most the side of the smallest footprint. If several sizes are equally good, the result is the largest one of
+    them. A footprint wider than one cell counts as three quarters of its width. This factor approximates `gain_of`.
 
     Parameters
     ----------

@@ -153,7 +153,10 @@ class CellGrid:
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
-        """Index of the part in `SearchRegion.parts` that contains a cell's own piece; -1 without a cell; int64, shape (H, W)."""
+        """For each cell, the index of the part of the region that contains the cell's own piece; int64, shape (H, W).
+
+        The index counts in `SearchRegion.parts`. Positions without a cell have the index -1.
+        """
         import shapely
 
         labels = np.where(self.mask, 0, -1)

@@ -19,6 +19,8 @@ _ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding m
 class Portals:
     """All portals between two pieces of cells, and between a piece and a whole cell.
 
+    A whole cell lies entirely inside the region. The region's border divides the other cells into pieces.
+
     The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index plus the number of pieces.
 
     Parameters

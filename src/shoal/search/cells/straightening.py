@@ -1,8 +1,8 @@
 """Straightening: the choice of the viewpoints of border cells for a short path with few bends along a tour.
 
 The *window* of a border cell contains all points from which the cell's piece is completely visible. Each point of the window can be
-the cell's viewpoint. Between two cells without a window, a path of a few straight legs crosses the windows of all cells between
-them. The viewpoint of a cell is the point where the path crosses the cell's window.
+the cell's viewpoint. Where the tour visits several cells with windows one after another, a path of a few straight legs crosses all
+these windows. The viewpoint of a cell is the point where the path crosses the cell's window.
 """
 
 from __future__ import annotations

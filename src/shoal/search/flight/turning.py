@@ -103,10 +103,11 @@ def turned_way(
     """Return a path that follows the legs of a given path, and turns outside these legs with at least a minimum radius.
 
     The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. A curve may replace a leg of length
-    ``link`` or less. If the first or the last point is given twice, the leg at this point is flown straight. Headings (`HEADINGS`
-    choices at free points) and curves are chosen for the smallest total length. If all curves from the end of a leg are blocked,
-    the straight leg ends earlier. A shortened leg continues as points, at most a footprint apart, that may be passed in any
-    direction.
+    ``link`` or less. If the first or the last point is given twice, the leg at this point is flown straight. The headings at the
+    vertices and the curves are chosen for the smallest total length. At a vertex without a straight leg, `HEADINGS` headings are
+    compared. If all curves at an end of a straight leg are blocked, the part near this end is not flown straight. The path only
+    passes points on this part, at most a footprint or an eighth of the radius apart, whichever is longer. The path may pass these
+    points in any direction.
 
     Parameters
     ----------

@@ -259,8 +259,8 @@ class Vehicle(Problem):
     def row_spacing(self) -> float | None:
         """The distance between neighbouring rows in metres (the footprint's width), or None without a camera or a detector.
 
-        For a camera, this distance is the width of an image minus the overlap. The row spacing never exceeds the length of an
-        image, because only half an image extends beyond the end of a row.
+        For a camera, this distance is the width of an image minus the overlap, but at most the length of an image. At the end of a
+        row, half a row spacing of the region may lie ahead, and the camera sees half an image length ahead.
         """
         if self.image_size is None:
             return self.detector_width

@@ -102,7 +102,9 @@ class MissionApproach:
 def missions_approach(
     missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
 ) -> MissionApproach | None:
-    """Return the nearest approach of two vehicles that follow missions, each late by at most the separation's delay.
+    """Return the nearest approach of two vehicles that follow missions.
+
+    Each vehicle may be late by up to ``separation.delay`` seconds.
 
     Parameters
     ----------

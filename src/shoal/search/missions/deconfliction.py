@@ -127,7 +127,10 @@ class _Schedule:
         self.stay = 0.0
 
     def settled(self, made: list[Sorties]) -> list[Sorties]:
-        """Return the missions with their layers, delays, start times, and altitudes for takeovers."""
+        """Return the missions with their layers, delays, start times and takeover altitudes.
+
+        A vehicle that searches cells of a failed robot flies at its takeover altitude.
+        """
         self.stay = 2 * max((self._flights(made, robot, 0, 0.0)[0].duration for robot, one in enumerate(made) if one), default=0.0)
         while True:
             found, last = self._once(made)

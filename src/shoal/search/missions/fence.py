@@ -54,10 +54,10 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     """Return the fence around a region and all vehicles' paths, in degrees for a region in degrees and otherwise in metres.
 
     The fence contains the whole region, and a margin `ROOM` around each path outside the region. No-go zones, and holes without
-    paths, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines differently. If
-    necessary, the outline is a convex hull. If there are too many corners, the outline is simplified so that it only grows. An
-    exclusion zone is also simplified, but it grows only where no path enters it. A fence that still has too many corners causes a
-    notice.
+    paths, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines differently. If the
+    region and these margins are not connected, the outline is their convex hull. If there are too many corners, the outline is
+    simplified so that it only grows. An exclusion zone is also simplified, but it grows only where no path enters it. A fence that
+    still has too many corners causes a notice.
 
     Parameters
     ----------

@@ -56,8 +56,8 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 class SearchProblem(Problem):
     """A search of a region by robots that have no coordinator.
 
-    The fields are the options of ``shoal search``, the fields of sweeps, and the fields of problem files. In Python, the region may
-    also be a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
+    The options of ``shoal search``, sweeps and problem files have the same fields. In Python, the region may also be a
+    `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
 
     Raises
     ------

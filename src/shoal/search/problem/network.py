@@ -59,8 +59,8 @@ class RadioNetwork:
     def send(self, link: Link, rng: Generator, bad: BadLinks) -> list[Copy]:
         """Return the copies of a message that arrive at the receiver.
 
-        The model ``bursts`` changes ``bad``: the set of its bad links (sender, receiver), for each model by number. Before the
-        first message, no link is bad.
+        ``bad`` contains the bad links (sender, receiver) of each model ``bursts``, under the index of the model in `media`. The
+        method changes these sets. Before the first message, no link is bad.
         """
         copies = [Copy()]
         for number, medium in enumerate(self.media):

@@ -1,9 +1,9 @@
 """The envelope of a message: version, sender and time stamp before its content, and a signature or a checksum after it.
 
-A stamp is the time of the sender's clock in milliseconds. A sender increases a stamp that is not later than its previous stamp. A
-receiver opens at most one message with a given sender and stamp. A receiver refuses stamps that are too far from its own clock, and
-stamps older than the last 64 of the same sender. A receiver that was switched off for a while still refuses replayed messages,
-because its clock did not stop.
+A stamp is the time of the sender's clock in milliseconds, or the sender's previous stamp plus 1 if this is later. A receiver opens
+at most one message with a given sender and stamp. A receiver refuses stamps that are too far from its own clock, and stamps older
+than the last 64 of the same sender. A receiver that was switched off for a while still refuses replayed messages, because its clock
+did not stop.
 """
 
 from __future__ import annotations

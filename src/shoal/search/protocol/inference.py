@@ -68,7 +68,11 @@ def is_live(robot: Robot, number: int, time: float) -> bool:
 
 
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Return whether the robot ``number`` is alive and can reach the cells ``own``, which this robot can reach."""
+    """Return whether the robot ``number`` is presumed alive, and starts in a cell of the bitset ``own``.
+
+    ``own`` contains the cells that the robot ``robot`` can reach. A robot whose start cell is unknown counts as starting in
+    ``own``.
+    """
     peer = robot.peers.get(number)
     return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 

@@ -1,7 +1,7 @@
 """Content and encoding of the robots' messages. Numbers have a variable length, and sets of cells are stored as intervals.
 
-Every message contains complete facts. Messages may be lost, duplicated or reordered, because a robot understands each fact without
-any other message. A beacon that is too long for one message is divided into several messages.
+Every message contains complete facts. The protocol tolerates lost, duplicated and reordered messages, because a robot understands
+each fact without any other message. A beacon that is too long for one message is divided into several messages.
 """
 
 from __future__ import annotations

@@ -41,7 +41,7 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
     """Return the indices of the route points between which a robot observes each cell of its log; int64, shape (k, 2).
 
-    If robots move from cell to cell, the observation begins with the cells on the way to the stop.
+    If the robot passes other cells on the way to a cell, the observation begins in the first of these cells.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

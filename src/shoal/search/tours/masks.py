@@ -89,7 +89,7 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
 
 
 def smallest_part(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the smallest part of a mask with all True cells: its first cell (int64, shape (dimensions,)), and the part itself."""
+    """Return the first cell of the bounding box of all True cells (int64, shape (dimensions,)), and the mask inside this box."""
     ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))

@@ -18,11 +18,12 @@ class SpanningTreeTour:
     The method is that of Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
     Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, all steps of the tour lead to neighbours. Cells of
     partial blocks are added in two stages. In the first stage, the tour takes in pairs of cells beside one of its edges, and full
-    blocks that are not aligned with the others. These additions cost nothing. In the second stage, the remaining cycles are
-    connected. Each connection replaces one edge of each of two cycles by two steps between these cycles. Of the two steps of a
-    connection, one leads to a neighbouring cell. The other step of a connection may be longer: a diagonal to a single cell, or the
-    way back from a dead end one cell wide. Of the four alignments of blocks, the tour uses the alignment with the most full blocks.
-    The spanning tree consists of straight corridors and a spine, because this shape gives few turns.
+    blocks that are not aligned with the others. These additions cost nothing. In the second stage, the cycles of cells that are
+    still separate are connected. A single cell counts as a cycle. Each connection replaces one edge of each of two cycles by two
+    steps between them. Of the two steps of a connection, one leads to a neighbouring cell. The other step of a connection may be
+    longer: a diagonal to a single cell, or the way back from a dead end one cell wide. Of the four alignments of blocks, the tour
+    uses the alignment with the most full blocks. The spanning tree consists of straight corridors and a spine, because this shape
+    gives few turns.
     """
 
     name = "spanning-tree"

@@ -17,7 +17,7 @@ _FARTHEST = 10**300  # a larger whole number may overflow a float
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a GeoJSON file. A single waypoint is a point, because a line needs two."""
+    """Return a mission as the text of a GeoJSON file. A single waypoint is written as a Point, because a LineString needs two."""
     points = [[raw(degrees(value)) for value in point] for point in mission.waypoints.tolist()]
     line: dict[str, Any] = {"type": "LineString", "coordinates": points}
     if len(points) == 1:

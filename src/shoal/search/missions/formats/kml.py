@@ -17,7 +17,7 @@ SUFFIX = ".kml"
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a KML file. A single waypoint is a point, because a line needs two."""
+    """Return a mission as the text of a KML file. A single waypoint is written as a Point, because a LineString needs two."""
     mode, heights = _heights(mission)
     points = [f"{degrees(x)},{degrees(y)},{plain(z)}" for (x, y), z in zip(mission.waypoints.tolist(), heights, strict=True)]
     shape = "LineString" if len(points) > 1 else "Point"

@@ -25,7 +25,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 def read_zipped_shapefile(path: Path) -> RegionOutlines:
     """Return the polygons in the Shapefile of a zip archive, which must contain exactly one Shapefile.
 
-    The parts of the Shapefile are unpacked under new names. Therefore no path in the archive can lead to another folder.
+    The files of the Shapefile are unpacked under new names. Therefore no path in the archive can lead to another folder.
 
     Raises
     ------

@@ -65,7 +65,7 @@ class MovingPoint:
     def moved(self, time: float, *, rate: float) -> MovingPoint:
         """Return the vehicle at a later time, if its desired speed is ``rate``. The motion is computed exactly for any time step.
 
-        The vehicle never passes the position ``limit``. At this position, the stored speed is the speed of arrival.
+        The vehicle never passes the position ``limit``. There, `speed` keeps its value until `stopped` sets it to 0.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -85,6 +85,6 @@ class MovingPoint:
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg from its position. At first, ``limit`` is one cell before the end of the leg.
 
-        If the leg is shorter than one cell, ``limit`` is the beginning of the leg. The vehicle does not move until ``limit`` grows.
+        If the leg is shorter than one cell, ``limit`` is 0, and the vehicle does not move until ``limit`` grows.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

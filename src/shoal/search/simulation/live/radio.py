@@ -3,8 +3,8 @@
 Messages go to a multicast group, or to each robot's port if multicast is not available.
 
 Every process on the machine can send to the radio. Therefore each message is signed with a key that only the robots of one search
-have, and a robot opens each message only once. Messages that are not signed so, or come again, are dropped and counted. Messages
-that are too long are not read.
+have, and a robot opens each message only once. Messages without this signature and repeated messages are dropped and counted.
+Messages that are too long are not read.
 """
 
 from __future__ import annotations
@@ -61,9 +61,10 @@ def speaker(channel: Channel) -> socket.socket:
 
 
 def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
-    """Return a socket on a port of the group (0 for any free port), or None if multicast is not available.
+    """Return a socket on a port of the group, or None if multicast is not available.
 
-    The port stays reserved until the socket is closed. The function tests that the port receives a datagram.
+    If ``port`` is 0, the function chooses a free port. The port stays reserved until the socket is closed. The function tests that
+    the port receives a datagram.
     """
     with ExitStack() as stack, suppress(OSError):
         if not port:
