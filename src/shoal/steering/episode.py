@@ -103,11 +103,12 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: the largest ratio of a final error to an error of the start or of the contact tolerance.
+        """Amplification of errors: the largest ratio of a final error to the small error that causes it.
 
-        For most plans, the condition is between a few and a few hundred. A plan is sensitive if the condition times the contact
-        tolerance (1e-9 of the size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds
-        all numbers exactly as the planner did.
+        The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the condition
+        is between a few and a few hundred. A plan is sensitive if the condition times the contact tolerance (1e-9 of the
+        workspace's size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds all numbers
+        exactly as the planner did.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
@@ -136,7 +137,7 @@ class SteeringEpisode(Episode):
     def verify(self) -> Verification:
         """Replay the inputs.
 
-        Compare the particles' positions with the stored positions, and check that the status is consistent with the positions.
+        Compare the replayed positions with the stored positions, and check that the status is consistent with the positions.
         """
         near = _EQUAL * self.problem.place.size
         try:

@@ -200,7 +200,7 @@ class SteeringProblem(Problem):
 
     @property
     def noisy(self) -> bool:
-        """Whether disturbances make runs with different seeds differ for every planner."""
+        """Whether the execution of moves or the camera has noise, or the gain is nonuniform."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property

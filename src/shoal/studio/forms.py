@@ -1,4 +1,4 @@
-"""Forms and copies. A form is the JSON schema of a problem's declarations. Copies are a problem as Python, command and file."""
+"""Forms and copies. A form is the JSON schema of a problem's declarations. A copy is a problem as code, command or file."""
 
 from __future__ import annotations
 

@@ -205,7 +205,7 @@ class SwarmEpisode(WithTrace, Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        Without noise, the belief contains the information of the last scan and of later commands with a certain outcome. With
+        Without noise, the belief contains the information of the last scan, and of later commands whose outcome is certain. With
         noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()

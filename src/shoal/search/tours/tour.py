@@ -135,7 +135,7 @@ class Tour:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """Length of the step from each cell to the next in cell sides; float64, shape (N,), or (N - 1,) for an open tour."""
+        """Length of each step of the tour, in cell sides; float64, shape (N,), or (N - 1,) for an open tour."""
         from shoal.search.kernels.measures import squared_steps
 
         squares = np.empty(len(self.cells), dtype=np.int64)

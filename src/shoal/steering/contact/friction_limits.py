@@ -1,11 +1,12 @@
-"""Limits due to finite friction on changes of the difference Δ of two particles, proved by gauges and barriers of Δ.
+"""Proofs that finite friction keeps the difference Δ of two particles from some values, by gauges and barriers of Δ.
 
 A wall acts on a particle with a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
 directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. A gauge is a measure of the length of Δ, with a
 convex polygon as its unit ball. If no single reaction can increase a gauge of Δ, the value of the gauge never increases. A barrier
 is a closed curve around Δ = 0 and the initial Δ. No possible reaction moves Δ across the barrier. Each barrier belongs to one
-initial Δ. The longer Δ is, the fewer walls the particles can touch. In both directions around Δ = 0, the barrier therefore follows
-at each angle the reaction that moves Δ farthest outwards.
+initial Δ. From the initial Δ, the barrier is computed in both directions of rotation, in small steps of the angle of Δ. In each
+step, the barrier follows the possible reaction that moves Δ farthest outwards. The longer Δ is, the fewer walls a particle can
+touch while the other particle stays inside the workspace.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ _ANGLES = 3000  # number of corners of a barrier
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
     """Return the reason why friction keeps Δ from changing from ``before`` to a value near ``after``, or None if no proof is found.
 
-    On a disk of radius r with the friction coefficient μ, the limit of |Δ| is 2 r sin(atan μ). If |Δ| is above 2 r sin(atan μ), no
-    reaction of the wall on either particle makes Δ longer. Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the
-    initial |Δ|. While |Δ| is above the limit, Δ can turn only while |Δ| shrinks. On a polygon, the function uses a barrier and
-    several gauges. In the unit ball of each gauge, the walls' normals are either the normals of the sides or the corners. The
-    function ignores a gauge if a reaction can increase the gauge.
+    On a disk of radius r with the friction coefficient μ, no reaction of the wall makes Δ longer while |Δ| is above
+    2 r sin(atan μ). Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the initial |Δ|. While |Δ| is above
+    2 r sin(atan μ), Δ can turn only while |Δ| shrinks. On a polygon, the function uses several gauges and a barrier. The sides of
+    the first gauge's unit ball have the walls' normals and the opposite vectors as their normals. The unit ball of the second gauge
+    has these vectors as its corners. With friction up to 1, a polygon of four sides has two more gauges. The function ignores a
+    gauge that a reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -72,9 +74,10 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
     """Return the largest angle in radians by which Δ can turn while |Δ| shrinks from ``large`` to ``small``.
 
-    The friction is so low that |Δ| cannot grow. The largest turn results from reactions at the edge of the friction cone, whose
-    half-angle is ``cone``: d(turn) = tan(φ + cone) tan φ dφ with |Δ| = 2 radius cos φ. The integral of d(turn) has a closed form.
-    The result is infinite if φ + cone reaches a right angle, because the difference can then turn without shrinking.
+    The particles are on a disk, and ``cone`` is the half-angle of the friction cone. The largest turn results from reactions at the
+    edge of this cone. Let φ be the angle for which |Δ| = 2 radius cos φ. While φ grows by dφ, Δ turns by tan(φ + cone) tan φ dφ.
+    The result is the integral of these turns, in closed form. The result is infinite if ``small`` is at most 2 radius sin(cone),
+    because Δ can turn without shrinking if |Δ| is 2 radius sin(cone).
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

@@ -30,7 +30,7 @@ _LEVEL = 1e-12
 class DiskReach:
     """The differences Δ of two particles that an even number of moves reaches on a disk.
 
-    The frame is rotated so that the initial difference Δ points to the right.
+    The coordinates are rotated so that the initial difference Δ points to the right.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class DiskReach:
 
     @property
     def outline(self) -> Points:
-        """Boundary of the set; float64, shape (2 n, 2)."""
+        """Boundary of the set; float64, shape (2 n, 2) for n radii."""
         ahead = _ahead(len(self.radii))
         angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
         radii = np.concatenate([self.radii, self.radii[::-1]])
@@ -79,7 +79,7 @@ class DiskReach:
 
 
 def check_moves(moves: int) -> int:
-    """Return an even number of moves after checking it. Other numbers raise InvalidInputError."""
+    """Return ``moves`` if this number is even and at least 2. Other numbers raise InvalidInputError."""
     if check_integer(moves, what="moves", least=2) % 2:
         raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves}")
     return int(moves)

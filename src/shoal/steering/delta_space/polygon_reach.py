@@ -1,9 +1,8 @@
 """The differences Δ of two particles that k moves reach on a polygon, and their fraction of all differences.
 
 While one particle touches a wall, the other particle can have a certain largest depth below this wall. The largest depths at all
-contacts determine the set that k moves reach. Let particle 1 (σ = 1) or particle 2 (σ = -1) be at a contact c of a wall. H_k(c) is
-the largest depth below the wall that the other particle can have at the contact c after k moves. The sets that k + 2 moves reach
-are
+contacts determine the set that k moves reach. Let particle 1 (σ = 1) or particle 2 (σ = -1) touch a wall at the contact c after k
+moves. H_k(c) is then the largest possible depth of the other particle below this wall. The sets that k + 2 moves reach are
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) }.
 

@@ -55,7 +55,9 @@ class Crossing:
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return the cycle of two moves with the largest margin that changes Δ from ``before`` to ``after``, or None if no cycle does.
+    """Return a cycle of two moves that changes Δ from ``before`` to ``after``, or None if no cycle does.
+
+    Among several cycles, the function chooses the cycle with the largest margin of feasibility (`Crossing.slack`).
 
     Parameters
     ----------
@@ -120,7 +122,11 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the part of each side whose points stay in the polygon under all shifts, as two fractions of the side's length."""
+    """Return the part of each side from which every vector of ``shifts`` leads to a point of the polygon.
+
+    The result contains the start and the end of the part of each side, as fractions of the side's length. If a side has no such
+    part, the end lies before the start.
+    """
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
     low, high = np.zeros(len(corners)), np.ones(len(corners))

@@ -26,8 +26,8 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 class Greedy:
     """A planner whose cycles each bring the difference of the particles as near as possible to the goals' difference.
 
-    If several cycles are equally good, the planner chooses the one in which the toucher has the shortest path over the wall to its
-    goal. In three dimensions, a plan in the plane gets vertical components.
+    If several cycles are equally good, the planner chooses the one in which the toucher has the shortest path to the contact and
+    from there to its goal. In three dimensions, a plan in the plane gets vertical components.
 
     Notes
     -----

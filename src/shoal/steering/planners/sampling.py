@@ -199,7 +199,7 @@ class Translations:
 
 @dataclass
 class FreeOffsets:
-    """The common displacements (offsets) of all particles from their goals from which a path without collision leads to the goals.
+    """The offsets (common displacements of all particles from their goals) with a path to the goals without collision.
 
     Attributes
     ----------

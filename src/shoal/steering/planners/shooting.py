@@ -1,4 +1,4 @@
-"""Plans with a given number of straight moves, for which the planner simulates trial moves and computes the remaining moves."""
+"""Plans with a given number of straight moves: the last two moves are computed, and trials in simulations give the others."""
 
 from __future__ import annotations
 

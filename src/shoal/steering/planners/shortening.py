@@ -1,4 +1,4 @@
-"""Shortening of plans for two particles around obstacles: many plans are changed at random, and the shortest plans again."""
+"""Shortening of plans for two particles around obstacles: first random changes of all plans, then of the shortest plans."""
 
 from __future__ import annotations
 

@@ -178,7 +178,7 @@ class SteeringTask(StartAndGoal):
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan without its tiny moves, as far as longer moves before them have the same effect.
+        """Return a plan without the tiny moves that a slightly longer previous move can replace.
 
         In a chain, the particle that touches no wall keeps a margin from the walls. If this particle touches a wall in the next
         cycle, the move to this wall is only as long as the margin.

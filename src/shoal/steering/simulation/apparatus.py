@@ -69,11 +69,11 @@ def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
 
 
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
-    """Return the amplification of errors: the largest ratio of a final error to an error of the start or of the contact tolerance.
+    """Return the amplification of errors: the largest ratio of a final error to the small error that causes it.
 
-    The function simulates the moves once for each coordinate of each start, which it displaces by 1e-12 of the size in both
-    directions. In another simulation, the contact tolerance is 1e-12 of the size. The amplification is large if a wall no longer
-    holds a particle after a small change.
+    The small error is a displacement of one particle's start along one axis, by 1e-12 of the workspace's size in either direction.
+    The function simulates the moves for each displacement. In one more simulation, the contact tolerance is 1e-12 of the
+    workspace's size, not 1e-9. The amplification is large if a wall no longer holds a particle after a small change.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

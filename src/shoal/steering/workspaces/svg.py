@@ -40,9 +40,9 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     """Return the content of a drawing: a disk if it is a single circle, otherwise its closed lines, sorted by decreasing size.
 
-    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. The reader applies groups,
-    transforms and repeated use of elements. The reader skips elements that are not displayed. The units are those of the drawing.
-    The y axis points upwards.
+    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. It also supports groups,
+    transforms and repeated elements (``use``). The reader skips elements that are not displayed. The units are those of the
+    drawing. The y axis points upwards.
 
     Raises
     ------

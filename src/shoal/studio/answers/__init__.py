@@ -18,7 +18,8 @@ from shoal.studio.sweeps import sweep_forms
 def answer_all(connection: Connection, root: str) -> None:
     """Answer questions until the connection ends.
 
-    A question is a tuple (number, what, about). Its answer is a tuple (number, "answer" or "error", value).
+    A question is a tuple: its number, a name in `ANSWERS`, and the data of the page. The answer is a tuple: the number of the
+    question, "answer" or "error", and the data of the answer or the error message.
     """
     os.chdir(root)
     folder = Folder(root)

@@ -119,7 +119,7 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
-    """Return the search that a page describes, with its drawing. The region of the search is opened.
+    """Return the search that a page describes, with its drawing. The problem contains its region, not only the region's name.
 
     Raises
     ------

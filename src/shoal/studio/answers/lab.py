@@ -24,7 +24,7 @@ MOST_SHOWN = 300
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the sweeps in all stores of the folder, with their progress."""
+    """Return the sweeps in all SQLite files of the folder, with their progress."""
     told: list[dict[str, Any]] = []
     for file in folder.files():
         if file["kind"] == "store":

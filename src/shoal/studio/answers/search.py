@@ -152,7 +152,7 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with a vehicle, which missions require. By default, the vehicle is a multirotor, as in the command."""
+    """Return the problem with a vehicle, which missions require. By default, the vehicle is a multirotor, as in `shoal search`."""
     return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
 
 

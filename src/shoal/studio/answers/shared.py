@@ -1,4 +1,4 @@
-"""Common code of answers: seeds, opened places, pictures."""
+"""Common code of answers: places in a cache, and pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _places: dict[str, Any] = {}
 
 
 def opened(problem: Any) -> Any:
-    """Return the opened place of a problem. The places that were opened last stay in a cache while their files are unchanged."""
+    """Return the place of a problem: its map, workspace or region. A cache keeps eight places while their files are unchanged."""
     name = next(iter(problem.declarations()))
     path = getattr(problem, name)
     stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0

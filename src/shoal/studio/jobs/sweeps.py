@@ -23,7 +23,10 @@ FIGURES = ("png", "svg")
 
 
 def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run the missing trials of a sweep. After the store has accepted the sweep, the sweep file is written beside the store."""
+    """Run the missing trials of a sweep.
+
+    After the sweep is recorded in the SQLite file of the results, the job writes the sweep file beside this SQLite file.
+    """
     text = check_text(spec.get("toml"), what="toml")
     sweep = checked_sweep(text, folder)
     store = check_text(spec.get("store", f"{sweep.name}.sqlite"), what="store")

@@ -2,9 +2,9 @@
 
 While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
 pushes is therefore also the i-th particle after the run. The displacement of each particle is thus known although particles have no
-labels. If a particle's displacement d is smaller than the number of commands, d free cells and then an obstacle or a stopped
-particle lie ahead of the particle. A stopped particle stays stopped. Two scans therefore determine the positions after every single
-command. A scan after a run gives the same information as a scan after each command.
+labels. Let d be the displacement of a particle during a run. If d is smaller than the number of commands, the particle entered d
+free cells, and then an obstacle or a stopped particle stopped it. A stopped particle stays stopped. Two scans therefore determine
+the positions after every single command. A scan after a run gives the same information as a scan after each command.
 """
 
 from __future__ import annotations

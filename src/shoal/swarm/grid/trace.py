@@ -81,7 +81,7 @@ class Trace(NamedTuple):
 
 
 class WithTrace:
-    """Base class of objects with a trace: the commands and their numbers."""
+    """Base class of objects with a trace: the commands, and the numbers of moves and scans."""
 
     trace: Trace
 

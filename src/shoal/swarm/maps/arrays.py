@@ -35,7 +35,7 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of a numeric array: the cells of at least the level, or the cells with the label.
+    """Return the free cells of a numeric array: the cells whose number is at least the level, or equals the label.
 
     Without a level or a label, the array may contain only 0 (obstacles) and one other number (free cells).
 

@@ -38,7 +38,7 @@ class Decider(Protocol):
     def due(self) -> bool:
         """Whether a scan must follow the last run of commands.
 
-        If the value is false, a scan with a certain outcome may be left out.
+        If the value is false, a scan may be left out if its outcome is certain.
         """
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:

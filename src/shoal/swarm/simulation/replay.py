@@ -83,7 +83,7 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield state and belief at the start and after each command.
 
-        The belief contains the information of the last scan and of later commands with a certain outcome.
+        The belief contains the information of the last scan, and of later commands whose outcome is certain.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)

@@ -18,11 +18,11 @@ def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float
 
     The result is None if the goals' difference is much shorter than the diameter, or if more than ``cycles`` cycles are necessary.
 
-    On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' has the length sqrt(2 r
-    |Δ|) and is turned by acos(|Δ'| / 2 r). Seen backwards, the difference before Δ' therefore has the length |Δ'| cos(turn), and
-    the direction of this difference is turned back to either side. The algorithm repeats the backward step until the difference is
-    short enough for a chain of a few cycles. ``sides`` contains the signs of two successive backward turns, which repeat. A
-    positive turn is counter-clockwise.
+    On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' then has the length
+    sqrt(2 r |Δ|), and the cycle turns Δ by the angle t = acos(|Δ'| / (2 r)) to either side. The algorithm plans backwards: before a
+    cycle that ends with Δ', the difference has the length |Δ'| cos t. The algorithm repeats this backward step until the difference
+    is short enough for a chain of a few cycles. ``sides`` contains the signs of the first two backward turns, counter-clockwise
+    positive. Later turns alternate between these two signs.
 
     Notes
     -----

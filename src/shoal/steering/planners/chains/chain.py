@@ -126,7 +126,7 @@ class ChainQuery(StartAndGoal):
     deadline: float = inf
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return the parameters of the kernels for cycles, with margin and push multiplied by ``inside``."""
+        """Return the parameters of the kernels for cycles, with ``margin`` and ``push`` multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -168,7 +168,10 @@ class ChainQuery(StartAndGoal):
         return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
-        """Return initial unknowns: the midpoints of the walls, and half the differences on the straight line to the goal."""
+        """Return initial unknowns: contacts at the midpoints of the walls, and a difference after each cycle but the last.
+
+        The differences are equally spaced on the straight line from Δ at the start to Δ at the goal, and divided by 2.
+        """
         between = (self.before + (self.after - self.before) * np.arange(1, cycles)[:, None] / cycles) / 2
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 

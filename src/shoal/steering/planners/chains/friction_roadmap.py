@@ -1,4 +1,7 @@
-"""Roadmap nodes for a disk with friction: differences Δ close to the difference of distant goals, and on a path around Δ = 0."""
+"""Roadmap nodes for a disk with friction.
+
+The nodes are differences from which cycles reach distant goals, and differences on a path on which Δ turns and |Δ| shrinks.
+"""
 
 from __future__ import annotations
 
@@ -18,8 +21,8 @@ BETWEEN = 300  # number of differences on a path around the centre
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
     """Return the smallest differences from which one, two, three, ... cycles reach ``after``; float64, shape (nodes, 2).
 
-    Each cycle can turn Δ by the same angle to either side. The nodes belong to chains that always turn Δ to one side, and to chains
-    that turn Δ to both sides in turn.
+    Each cycle can turn Δ by the same angle to either side. The nodes belong to chains that always turn Δ to the same side, and to
+    chains that alternate between the two sides.
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()

@@ -63,7 +63,10 @@ class ChainPool:
         return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
 
     def add(self, chain: Chain) -> bool:
-        """Add a chain unless it is too long or as long as a chain of no more cycles. Return whether it was added."""
+        """Add a chain, and return whether it was added.
+
+        The pool refuses a chain that is too long, and a chain that is about as long as a chain with at most as many cycles.
+        """
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
             return False
@@ -187,7 +190,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return, for each cycle over a round wall, the toucher with the shorter path for the same differences."""
+    """Return, for each cycle at a round wall, the toucher with the shorter path for the same differences."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored

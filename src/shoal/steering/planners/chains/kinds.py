@@ -3,7 +3,7 @@
 The path of a particle that touches walls is at least as long as the distance between its start and the mirror image of its goal in
 these walls. Only moves during which a particle is held change the difference. If only one particle touches walls, the chain is
 therefore at least as long as the path of this particle plus |Dg - Ds|, where Dg and Ds are the differences at goal and start. If
-both particles touch walls, the chain is at least as long as half the sum of both paths and |Dg - Ds|.
+both particles touch walls, the chain is at least half as long as both paths and |Dg - Ds| together.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
 
 def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
-    """Return the length of each particle's shortest path to its goal over each wall; float64, shape (2, walls + 1).
+    """Return, for each particle and wall, the length of the shortest path to the goal that touches the wall.
 
-    The last column belongs to the circle.
+    The result is float64, shape (2, walls + 1). The last column belongs to the circle.
     """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
@@ -85,7 +85,7 @@ def bounds_of(
 def kinds_of(
     start: Points, goal: Points, walls: NormalizedWalls, *, cycles: int, push: float, bound: float = inf
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the kinds of chains of ``cycles`` cycles over flat walls that may be shorter than a bound, sorted by lower bound.
+    """Return the kinds of chains with ``cycles`` contacts on flat walls that may be shorter than a bound, sorted by lower bound.
 
     Returns
     -------

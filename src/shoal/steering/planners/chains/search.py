@@ -56,7 +56,7 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains over flat walls, close to chains over a few of these walls."""
+    """Yield increasingly short chains with contacts on flat walls, close to chains on a few of these walls."""
     for rough in _flat(few, cycles, 1.1 * bound):
         guess = on_all_sides(query, few, rough)
         length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
@@ -68,7 +68,7 @@ def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -
 
 
 def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains over flat walls only."""
+    """Yield increasingly short chains with contacts on flat walls only."""
     touchers, on, bounds = kinds_of(query.start, query.goal, query.walls, cycles=cycles, push=query.push, bound=bound)
     for kind, least in enumerate(bounds):
         if least >= bound - 1e-9 or query.late:
@@ -137,7 +137,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
-    """Yield feasible chains of contacts of particle 1 over a round wall, for contact angles all around the circle."""
+    """Yield feasible chains of contacts of particle 1 with a round wall, for contact angles all around the circle."""
     walls, d = query.walls, query.walls.dimensions
     radius = walls.circle[2]
     ends = {1: 9, 2: 7, 3: 3}.get(cycles, 2)

@@ -1,4 +1,4 @@
-"""Chains over polygons with many corners: a search over a few sides, and then over the sides near the contacts of its result."""
+"""Chains in polygons with many corners: a search with a few sides, then a search with all sides near the contacts found."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
     """Move a chain's contacts from the few walls of the first search to the nearest walls of the polygon.
 
-    The result keeps the length of ``chain``, although the moved contacts change the length.
+    The attribute ``length`` of the result is copied from ``chain``, so it is not the exact length after the contacts have moved.
     """
     walls, d = query.walls, query.walls.dimensions
     sides, on = walls.sides, chain.walls.copy()

@@ -31,8 +31,8 @@ class Replanning:
     """One run of the closed loop in the plane.
 
     A plan is a sequence of steps. Each step leads to its target from any positions of the particles. Therefore each step corrects
-    the effects of noise. Plans are compared by their mean number of moves in simulations with noise. If a plan ends before the
-    goals, an estimate of the remaining moves is added to its number of moves.
+    the effects of noise. Plans are compared by their mean number of moves in simulations with noise. If the particles do not reach
+    their goals by the end of a plan, an estimate of the remaining moves is added to the plan's number of moves.
 
     Parameters
     ----------

@@ -80,7 +80,7 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return start and end of each branch, shape (n, 3), and the number of tips behind it, shape (n,). The trunk is first."""
+    """Return start and end of each branch, shape (n, 3), and the number of its tips, shape (n,). The trunk is first."""
     starts, ends, fed = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
