@@ -89,12 +89,12 @@ class _Commands(TyperGroup):
     listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of commands and groups, in the order of the table."""
+        """Return the names of commands and groups, in the order of `COMMANDS`."""
         names = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
         return list(dict.fromkeys(name.split()[0] for name in names))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command. While the list of commands is printed, the command holds only its name and its summary."""
+        """Return a command. For the list of commands, the result has only a name and a summary, and no module is imported."""
         whole = self.prefix + cmd_name
         if whole in GROUPS:
             group = _Commands(

@@ -164,7 +164,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
 
 
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
-    """Return a function that prints the progress of a long episode on stderr: its moves and its frontier cells left."""
+    """Return a function that prints the progress of a long episode on stderr: the numbers of moves and frontier cells."""
     last = [time.monotonic()]
 
     def tell(moves: int, frontier: int) -> None:

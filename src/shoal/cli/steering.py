@@ -80,7 +80,7 @@ def reach(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute the fraction of all differences of two particles' positions that 2, 4, ... moves can reach."""
+    """Compute which fraction of all possible position differences two particles can reach in 2, 4, ... moves."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place

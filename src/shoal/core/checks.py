@@ -270,7 +270,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return one sentence about the first error that Pydantic found. It names the field, without the path parts ``without``."""
+    """Return one sentence about the first error that Pydantic found, with the field's path. Parts in ``without`` are left out."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])

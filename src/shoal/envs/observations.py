@@ -22,7 +22,7 @@ PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
 def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str) -> gymnasium.spaces.Box:
     """Return the observation space of one world.
 
-    ``window`` is the shape of the observation's planes, including the rim of one cell.
+    ``window`` is the shape of the map plus a rim of one cell on each side. A plane of the observation has this shape by default.
     """
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)

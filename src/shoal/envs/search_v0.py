@@ -45,16 +45,16 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     A step takes the time that the fastest robot needs for a cell. Action 0 means wait, or continue. With ``action="direction"``,
     each other action selects the cell that the robot moves to and searches: its own cell or a neighbour (see `DIRECTIONS`). With
     ``action="cell"``, action 1 + i selects the cell with tour index i. An action that ``infos[agent]["action_mask"]`` excludes
-    counts as 0: an agent that is moving or searching continues. Collisions over cells, obstacles, energy, faults and messages are
+    counts as 0: an agent that is moving or searching continues. Occupied cells, obstacles, energy, faults and messages are
     simulated as in `shoal.search`. After ``reset(seed=s)``, the start cells and the faults equal those of ``shoal.run(problem,
     seed=s)``.
 
     An agent's observation contains only what its robot knows. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes
     `PLANES`. ``position``: row and column of the robot's cell, preceded by the layer if the grid has several layers. ``heard``: for
-    each robot, the number of steps since the newest beacon of this robot that is known, or -1 without a beacon. ``told``: for each
-    robot, the number of cells that this robot has reported as searched. ``energy``: remaining fraction of the energy. ``time``:
-    time since the start, in steps. If a robot fails, its agent is terminated and leaves ``agents``. All agents are terminated when
-    all reachable cells are searched, and truncated after ``max_steps``.
+    each robot, the number of steps since a beacon last brought new data about this robot, 0 for the agent's own robot, or -1
+    without such a beacon. ``told``: for each robot, the number of cells that this robot has reported as searched. ``energy``:
+    remaining fraction of the energy. ``time``: time since the start, in steps. If a robot fails, its agent is terminated and leaves
+    ``agents``. All agents are terminated when all reachable cells are searched, and truncated after ``max_steps``.
 
     Parameters
     ----------

@@ -25,8 +25,8 @@ class SwarmEnv(WorldEnv):
     An action is one command to all particles, as an index of ``lurd`` (in three dimensions ``lurdio``). The first index is 0.
 
     After ``reset(seed=s)``, the particles, targets and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset
-    without a seed draws a seed, and returns this seed in ``info["seed"]``. With ``scan_every``, an action is a run of equal
-    commands followed by a scan.
+    without a seed draws a seed, and returns this seed in ``info["seed"]``. With ``scan_every``, an action sends its command
+    several times, and a scan follows.
 
     Parameters
     ----------

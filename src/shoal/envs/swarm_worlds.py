@@ -70,9 +70,9 @@ class SwarmWorlds:
         self._last[slice(None) if where is None else where] = -1
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
-        """Send an action (a command, or a run of equal commands) to each world.
+        """Send an action to each world: its command once, or several times in the interval between two scans.
 
-        Return the rewards and the effects of the commands on the cells.
+        Return the rewards and the trace, which contains the effect of each command.
         """
         batch, given = self.batch, np.asarray(actions)
         chosen: Any = slice(None) if where is None else where

@@ -1,8 +1,8 @@
 """Numba's interface to the kernels that are stored: archives of lowered code, and the cache of machine code.
 
-The cache has one file for each kernel that Python calls, for each kind of arguments and each processor. A kernel contains the code
-of the kernels that it calls. Therefore a kernel is compiled again if any kernel of its part has changed. A damaged file is compiled
-again and replaced. A read-only folder or a full disk costs compilation time but does not stop the run.
+For each kernel that Python calls, the cache has one file for each processor and each kind of arguments. A kernel contains the code
+of the kernels that it calls. Therefore a kernel is compiled again if any source file in its folder (see `part_of`) has changed. A
+damaged file is compiled again and replaced. A read-only folder or a full disk costs compilation time but does not stop the run.
 """
 
 from __future__ import annotations

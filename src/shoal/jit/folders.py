@@ -74,14 +74,14 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder of a kernel and of all kernels that it calls. A change in this folder makes the kernel outdated."""
+    """Return the folder that contains a kernel and all kernels that it calls. A change in this folder makes the kernel outdated."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 
 
 @cache
 def stamp(part: Path) -> bytes:
-    """Return a digest of all kernels of a part and of the compiler module."""
+    """Return a digest of the compiler module and of all kernels in the folder ``part``."""
     digest = hashlib.blake2b(digest_size=16)
     for file in (Path(__file__).with_name("compiler.py"), *sorted(part.rglob("*.py"))):
         digest.update(file.read_bytes())

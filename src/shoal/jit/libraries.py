@@ -1,4 +1,7 @@
-"""Two forms of kernel code. A part is only linked into other code. An entry is optimized together with all its parts."""
+"""Two forms of kernel code: an entry, which Python calls, and a part, which other kernels call.
+
+A part is only linked into other code. An entry is optimized together with all its parts.
+"""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ class Comparison:
 
     @property
     def note(self) -> str:
-        """The number of unfinished pairs and the bound, as the end of a text. Without unfinished pairs, the note is empty."""
+        """The number of unfinished pairs, and the limit ``bound`` of the values, in brackets; empty if all pairs are finished."""
         if not self.unfinished:
             return ""
         restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"

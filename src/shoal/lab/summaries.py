@@ -87,7 +87,7 @@ class Measured:
     def bound(self) -> float | None:
         """Return the smallest value at which an unfinished trial ended.
 
-        The result is None without unfinished trials, or if that value is not a lower bound.
+        The result is None if all trials are finished, or if the measure does not grow until the task is done.
         """
         return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
 

@@ -255,7 +255,7 @@ class Cluster:
         return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether Dask has given up a batch because its workers died. Before Dask gives up, it retries by itself."""
+        """Return whether Dask has given up a batch because its workers died. Before that, Dask itself retries the batch."""
         return isinstance(error, self._killed)
 
     def close(self, *, at_once: bool) -> None:

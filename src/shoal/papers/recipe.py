@@ -185,7 +185,7 @@ def trials_table(trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *,
 
 @cache
 def published_table(name: str) -> tuple[dict[str, str], ...]:
-    """Return the rows of a file with published data, which is a part of Shoal."""
+    """Return the rows of one of Shoal's files with published data."""
     text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
     return tuple(csv.DictReader(io.StringIO(text)))
 
@@ -198,7 +198,7 @@ def published_curve(name: str, *, points: bool = False, **only: str) -> Publishe
 
 
 def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any) -> Curve:
-    """Return the curve from the rows that have the given values on the other axes."""
+    """Return the curve along ``axis``, from the rows whose other axes have the values in ``others``."""
     kept = [(row.values[axis], row.estimate) for row in rows if all(row.values[key] == value for key, value in others.items())]
     found = [(float(x), e.mean, *ends(e)) for x, e in kept if e is not None]
     x, mean, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T

@@ -253,7 +253,7 @@ def zones_text(count: int) -> str:
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return the margin and the unseen area as part of a region's description, or an empty text without a margin."""
+    """Return the margin and the unseen area as part of a region's description. If the margin is 0, the text is empty."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
@@ -298,9 +298,9 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 
 
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
-    """Return the diagnostics in groups. Each group contains one mistake in a mission, from each file of this mission.
+    """Return groups of diagnostics. A group contains the diagnostics of one mistake, one for each file format of the mission.
 
-    In each file, the k-th diagnostic with the same rule and sentence counts as the same mistake.
+    If a rule and a sentence occur several times in each file, the k-th diagnostics of the files belong to the same mistake.
     """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()

@@ -65,7 +65,10 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return a row of text for each altitude layer, if a search has several; for one layer, a row for the pixels of a camera."""
+    """Return a row of text for each of several altitude layers.
+
+    For a single layer, return one row with the size of the camera's pixels on the ground, or no row without a camera.
+    """
     pixels = [f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
     if len(layers) == 1:
         return [("camera", pixels[0][2:])] if pixels[0] else []

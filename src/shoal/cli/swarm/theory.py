@@ -49,7 +49,7 @@ def line(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute exact mean values for particles on a line: moves to find both ends, moves to visit all cells, and the largest gap."""
+    """Compute exact means for particles on a line: moves to find both ends, moves to visit all cells, and length of largest gap."""
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)

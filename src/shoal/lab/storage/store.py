@@ -259,7 +259,7 @@ class Store:
         return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
-        """Return the number of rows that each set of versions of Shoal and its libraries wrote, with the oldest set first."""
+        """Return the number of rows written with each combination of versions (Shoal and its libraries), oldest first."""
         number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)

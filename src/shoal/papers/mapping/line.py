@@ -97,7 +97,7 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
-    """Return three ratios for D = 10^k, in an array of shape (3, k).
+    """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
 
     The first ratio is the larger of move ratio and scan ratio of the schedule i^i. The second ratio is the smallest value that the
     first ratio has for any schedule. The third ratio is log D / log log D.

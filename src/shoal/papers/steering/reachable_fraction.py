@@ -69,7 +69,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the initial distance from which two moves on a disk reach most of all differences, and the fraction that they reach.
+    """Return the initial distance from which two moves on a disk reach the largest fraction of all differences, and this fraction.
 
     Notes
     -----

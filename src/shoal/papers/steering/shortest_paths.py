@@ -35,8 +35,9 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is a reflection.
 
-    The goal is reflected in each wall. A contact at which the adjustment is impossible is moved to the nearest possible contact. A
-    path over a moved contact is not a reflection. The result is None if no wall is suitable.
+    The toucher (0 or 1) is the particle that touches a wall. To find the contact, its goal is reflected in the wall. While the wall
+    holds the toucher, the second move adjusts the other particle. If this is impossible at a contact, the contact is moved to the
+    nearest point at which it is possible, and the path is not a reflection. The result is None if no wall is suitable.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -60,7 +61,10 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 
 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
-    """Return three moves: the toucher to the wall, the other particle to the goals' difference, and both to their goals."""
+    """Return three moves: the first brings the toucher to the wall, and the third brings both particles to their goals.
+
+    The second move displaces the other particle until the particles' difference equals the goals' difference.
+    """
     change = (goal[1] - goal[0]) - (start[1] - start[0])
     return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
 
@@ -180,7 +184,7 @@ def best_angle(s: float, e: float, beta: float) -> float:
 
 @measuring("s", "e", "beta", "theta", "angles", "equation")
 def circle_check(*, seed: int) -> dict[str, float]:
-    """Return the best angle for random S and E, the difference of both angles at the contact, and the equation's residual."""
+    """Return the best θ for random S and E, the difference of both angles at the contact, and the residual of θ's equation."""
     rng = np.random.default_rng(seed)
     s, e, beta = rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.9), rng.uniform(-3.0, 3.0)
     theta = best_angle(s, e, beta)

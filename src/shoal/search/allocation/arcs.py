@@ -35,7 +35,7 @@ class Arc:
         return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
 
     def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return the runs of the arc's cells that are in the bitset ``wanted``, as (first cell, length) in visiting order.
+        """Return the sections of the arc with all cells in the bitset ``wanted``, as (first cell, length) in visiting order.
 
         Examples
         --------
@@ -67,7 +67,7 @@ class Arc:
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
     """Return the straight distance from a position to the cell ``first``, in cell sides.
 
-    If ``start`` is given, the result is at least the length of the path from the cell ``start`` to the cell ``first``.
+    If ``start`` is given and the path from the cell ``start`` is longer, for example around walls, return the length of this path.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

@@ -152,7 +152,7 @@ class LayeredPaths:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through stops in metres, of shape (n, 3), or of shape (n, 2) for stops in the lowest layer."""
+        """Return the path through ``stops`` in metres, an array of shape (n, 3), or (n, 2) if all stops are in the lowest layer."""
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])
@@ -269,7 +269,10 @@ class LayeredDistances:
         return np.asarray(self._places[:, 2] * self._paths.grid.climb / self._paths.grid.size)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. Only 0 is possible for ``closed``."""
+        """Return the length of the path between two cells, in cell sides.
+
+        Distances are computed for a region without closed cells, so ``closed`` must be 0.
+        """
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
         if length is None:
@@ -289,7 +292,7 @@ class LayeredDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from a cell to all cells, in cell sides.
 
-        For another layer, horizontal distances start from the cell of that layer above or below the given cell.
+        Horizontal distances to the cells of another layer start from the cell of that layer above or below the given cell.
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size

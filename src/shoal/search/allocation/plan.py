@@ -106,7 +106,7 @@ class SearchPlan:
 
     @property
     def cell_seconds(self) -> float:
-        """Time in seconds that a robot of speed 1 needs for one cell along the rows, averaged over both directions of the wind."""
+        """Time in seconds that a robot of speed 1 needs for one cell along a row; with wind, the mean of both directions."""
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
@@ -196,7 +196,7 @@ class SearchPlan:
 
     @cached_property
     def ways_out(self) -> WaysOut | None:
-        """The distances from launch points outside the region, or None if all robots start inside."""
+        """The distances from launch points outside the region to its cells, or None if all robots start inside."""
         outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
         if not outside:
             return None

@@ -147,9 +147,9 @@ class TourCost:
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the cost of moving from one cell to another cell and searching the other cell, minus the cost of one cell.
+        """Return the cost of moving from one cell to another cell, directly or along the tour, whichever is cheaper.
 
-        The robot moves directly or along the tour, whichever is cheaper.
+        The cost of one cell is deducted, because the cost of searching a cell already contains a move to a neighbour.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class TourCost:
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        The result has shape (0, 0) if distances are straight: without walls, if ``reckoned`` is false, or if m N is too large.
+        The result has shape (0, 0) if straight distances count: ``distances`` is None, ``reckoned`` is false, or m N is too large.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))
