@@ -76,7 +76,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file about ``side`` pixels wide. Of a larger map, some rows and columns are left out."""
+    """Return a PNG file at most ``side`` pixels wide and high. A larger picture loses some rows and columns."""
     from PIL import Image
 
     sheet = in_strips(raster)

@@ -27,7 +27,7 @@ def read_csv(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
 
 
 def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a MovingAI map, which are the letters ``.``, ``G`` and ``S``."""
+    """Return the free cells of a MovingAI map: the cells with the letters ``.``, ``G`` and ``S``."""
     lines = _lines(path)
     sizes: dict[str, int] = {}
     for number, line in enumerate(lines, start=1):

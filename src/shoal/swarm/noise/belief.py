@@ -190,7 +190,7 @@ class NoisyBelief:
 
 
 def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
-    """Return the memory by which a new episode gives up cells that cannot be decided."""
+    """Return the memory of the progress guard before the first move; see `noisy_episode.ProgressGuard`."""
     size = layout.words[0] * layout.words[1]
     memory = new_record(noisy_episode.MEMORY, budget=-1)
     return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)

@@ -16,9 +16,9 @@ from shoal.swarm.policies.protocol import Decision, View
 class ClosestFrontier(Searching):
     """Find the shortest path from any particle to a frontier cell, send its commands, and repeat.
 
-    A path always classifies its target cell. A particle that blocks the moving particle is one cell further on the path. The number
-    of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. Theorem 2 of paper M states m(m+1)/2, because the
-    theorem ignores the walls. Source: paper M, algorithm 3. Rules for ties: docs/concepts/policies.md.
+    A path always classifies its target cell: if another particle blocks the moving particle, the other particle follows the rest of
+    the path. The number of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. Theorem 2 of paper M states
+    m(m+1)/2, because the theorem ignores the walls. Source: paper M, algorithm 3. Rules for ties: docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "closest-frontier"

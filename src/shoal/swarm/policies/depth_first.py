@@ -30,8 +30,8 @@ class DepthFirst(Compiled):
     The particle probes an unknown neighbour. If no neighbour is unknown, the particle enters an unvisited neighbour. If all free
     neighbours were visited, the particle goes back.
 
-    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. With a single particle, the tree takes at
-    most twice as many moves as the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio
+    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. Along the tree, a single particle makes at
+    most twice as many moves as on the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio
     than 2. The other particles also move, and can only help. Source: paper M, section III.B.1.
     """
 

@@ -63,8 +63,8 @@ def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decid
 class PlannedRuns:
     """Divides the plans of a policy into runs.
 
-    A run never includes a change of direction in the plan. The last part of a plan leads into unknown cells, so that the run
-    for this part may be longer than the part.
+    A run never includes a change of direction in the plan. The last commands of a plan, all in one direction, lead to a frontier
+    cell. The run of these commands may continue beyond this cell, except with the policy manual.
     """
 
     due = True

@@ -222,7 +222,7 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief with its probabilities at the end of the replay, and all other values at the end."""
+        """The belief after the last command as a `NoisyBelief`, and the `End` of the replay."""
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned

@@ -1,4 +1,4 @@
-"""Charts with curves: means with confidence bands before published curves, and numbers of frontier cells by move."""
+"""Charts with curves: means with confidence bands, published curves behind them, and numbers of frontier cells by move."""
 
 from __future__ import annotations
 

@@ -27,7 +27,10 @@ ROBOTS = (
 
 
 def robot_colour(robot: int) -> str:
-    """Return the colour of a robot counted from 0. The twelve colours repeat. Robots of the same colour differ by their numbers."""
+    """Return the colour of the robot with a given index, from 0.
+
+    The twelve colours repeat. Robots of the same colour differ by their numbers.
+    """
     return ROBOTS[robot % len(ROBOTS)]
 
 
@@ -74,9 +77,10 @@ class SearchHistory:
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """The robot to whose part each cell belongs (0: none), by tour index.
+        """The number of the robot to whose part each cell belongs (0: none), by tour index, and the rank of each robot.
 
-        The second item maps the number of each robot to its position in the order of the robots along the tour, counted from 0.
+        A robot's rank is its position, from 0, in the order of the robots along the tour. The keys of the ranks are the robots'
+        numbers.
         """
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
@@ -96,14 +100,15 @@ class SearchHistory:
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
     def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the planned arcs of a robot counted from 0."""
+        """Return the planned arcs of the robot with a given index, from 0."""
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """For each cell where a robot stopped, return the robot to whose part it belongs, or 0 for its own part; int64, shape (k,).
+        """For each stop of a robot, return the robot to whose part the cell belongs, or 0 for own work; int64, shape (k,).
 
-        With a footprint wider than one cell, a stop counts as own work if the robot sees any new cell of its own part there. If the
-        robot sees no new cell of its own part, the part with the most newly seen cells counts.
+        Work is own if the cell belongs to the robot's own part. With a footprint wider than one cell, a stop counts as own work if
+        the robot sees any new cell of its own part there. If the robot sees no new cell of its own part, the part with the most
+        newly seen cells counts.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -124,7 +129,10 @@ class SearchHistory:
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """For each cell, the time of its first search by a robot that does not lie (or inf), and this robot's number (or 0)."""
+        """For each cell, the time of its first search (or inf), and the number of the robot that made this search (or 0).
+
+        Searches by robots with the fault `Liar` do not count.
+        """
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.trace.robots, start=1):
             if number not in self.liars and log.cells.size:
@@ -228,7 +236,7 @@ class SearchHistory:
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside."""
+        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside the region."""
         left, right, bottom, top = self.extent
         x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
         seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))

@@ -127,7 +127,7 @@ class LayerPanels:
 
 
 def sizes_text(plan: SearchPlan) -> str:
-    """Return the sides of cells as text: 8.8 to 14.7 m."""
+    """Return the sides of cells as text, such as "8.8 to 14.7 m"."""
     low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
     return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
 

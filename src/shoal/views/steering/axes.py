@@ -21,7 +21,7 @@ _BENT = 160  # maximum number of moves with numbers
 
 
 def colour_of(particle: int) -> str:
-    """Return the colour of a particle counted from 0. Five colours repeat."""
+    """Return the colour of the particle with a given index, from 0. Five colours repeat."""
     return PARTICLES[particle % len(PARTICLES)]
 
 

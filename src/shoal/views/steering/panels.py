@@ -193,7 +193,7 @@ class DeltaPanel(Panel):
         self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(self._episode)]
 
     def draw_background(self) -> None:
-        """Draw the outline. The other parts of the panel are drawn over the outline."""
+        """Draw the area and the outline of the Δ configuration space."""
         self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:

@@ -17,11 +17,10 @@ HEAVIEST = 40_000_000
 def packed_moments(frames: Iterable[Moment]) -> bytes:
     """Return moments as bytes.
 
-    For each moment, the bytes list the particles, and then the cells with a new colour code and this code.
-
-    Each list of particles or cells begins with the length of the list. Cells are indices into the grid with its rim, encoded as
-    differences from the previous index. Lengths and differences are base-128 numbers, with the lowest bits first. The high bit of a
-    byte is set if more bytes follow. Initially all cells look unknown.
+    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose colour code changed, each with its
+    new code. Each list begins with its length. Cells are indices into the grid with its rim, encoded as differences from the
+    previous index. Lengths and differences are base-128 numbers, with the lowest bits first. The high bit of a byte is set if more
+    bytes follow. Initially all cells look unknown.
 
     Raises
     ------

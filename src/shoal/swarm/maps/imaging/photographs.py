@@ -43,7 +43,10 @@ class Photograph(NamedTuple):
 
 
 def read_photograph(image: ArrayLike) -> Photograph:
-    """Return the field of view of a picture and its channel with the best contrast of blood, with values from 0 to 1.
+    """Return a picture as one grey channel, with values from 0 to 1, and its field of view.
+
+    Of a colour picture, the green channel is used, because green shows blood with the best contrast. If the green channel has
+    little contrast, the brightness is used.
 
     Raises
     ------

@@ -136,7 +136,7 @@ class VesselFinder:
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
         """Return the mask of vessels for other thresholds, resized to ``shape``.
 
-        The method is fast, because it uses the filter responses that `find` chose last and computes no confidence.
+        The method is fast, because it reuses the filter responses of the last `find` and computes no confidence.
         """
         _check_thresholds(low, high)
         if self._clearest is None:

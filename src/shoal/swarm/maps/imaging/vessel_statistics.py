@@ -68,8 +68,9 @@ class VesselStatistics:
     def summary(self) -> dict[str, float]:
         """Return one number for each measure, or NaN if the network has no bifurcation or segment.
 
-        The numbers are the medians over bifurcations, the mean ratio of length to diameter, and the length of all segments divided
-        by the length of their chords. The summary uses medians, because vessels that cross or touch give outliers.
+        The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations, because vessels that cross or
+        touch give outliers. The ratio of length to diameter is the mean over all segments. The tortuosity is the length of all
+        segments divided by the length of their chords.
         """
         bifurcations = {
             "branching_angle": self.angles,

@@ -1,7 +1,4 @@
-"""Policy beam-rollout, the best planner.
-
-It simulates plans to the end of the task with two base policies, and its prediction extends farther.
-"""
+"""Policy beam-rollout, the best planner: the policy rollout with a second base policy and a prediction of more cells."""
 
 from __future__ import annotations
 
@@ -43,9 +40,10 @@ TUNING = Tuning(
 class BeamRollout(Budgeted):
     """The policy rollout with three extensions. ``best`` is another name for this planner.
 
-    First, plans are simulated to the end of the task from the first move on. Second, a second base policy also completes plans,
-    carefully: before it moves on, it probes cells that it would leave behind. Third, the prediction extends farther. It stops where
-    the predicted cells are no longer likely to be all free. Source: docs/concepts/planners.md.
+    First, the planner simulates plans to the end of the task whenever its predictions are reliable, even if there are many frontier
+    cells. Second, a careful base policy also completes plans: before it moves on, it probes cells that it would leave behind.
+    Third, the prediction extends farther beyond the frontier. The prediction stops where the predicted cells are probably not all
+    free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -56,10 +54,10 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the budget and the tuning for a number of particles.
 
-        With few or with many particles, the budget is larger, and the extra part is spent on variations. With many particles, a
-        part of the budget also makes the beam wider and deeper. The more particles there are, the sooner all cells are classified.
-        Therefore, with many particles, plans are simulated to the end while the frontier is larger. Early classification then has
-        less weight.
+        With few or with many particles, the budget is larger, and the planner tries more random variations of plans. With many
+        particles, the beam is also wider and deeper. Many particles classify all cells in few moves. Therefore, with many
+        particles, the planner simulates plans to the end even if there are more frontier cells, and gives less weight to early
+        classification.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

@@ -10,7 +10,7 @@ from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 
 @dataclass(frozen=True)
 class GreedyClassify(PlannerPolicy):
-    """Send the command that is predicted to classify the most frontier cells.
+    """Send the command that immediately classifies the most frontier cells.
 
     If no command classifies a cell, send the path to the nearest frontier cell.
 

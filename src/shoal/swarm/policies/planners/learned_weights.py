@@ -26,7 +26,7 @@ def weights() -> dict[str, Any]:
 
 
 def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
-    """Return the network with an empty cache of predictions. If the network is not used, it has no cache."""
+    """Return the network with an empty cache of predictions. A network that is not used needs no cache."""
     size = 64 * len(inner) if used else 0
     return LearnedPrior(
         **weights(),

@@ -1,4 +1,4 @@
-"""Base classes of the planners. These policies (planners) observe every move and keep their memory in arrays for kernels."""
+"""Base classes of the planners, which observe every move and keep their memory in arrays for kernels."""
 
 from __future__ import annotations
 

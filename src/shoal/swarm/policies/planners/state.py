@@ -104,7 +104,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
 
 
 def kept_states_of(size: int) -> completion.KeptStates:
-    """Return room for the states of two plans on boards of ``size`` words."""
+    """Return memory for the states of two plans. A board (a set of cells) has ``size`` words."""
     places = max(1, min(KEPT_PLACES, KEPT_WORDS // size))
     return completion.KeptStates(
         states=np.zeros((2, places, forward_model.BOARDS, size), dtype=np.uint64),
@@ -113,7 +113,7 @@ def kept_states_of(size: int) -> completion.KeptStates:
 
 
 def beam_of(size: int, width: int, depth: int) -> beam.Beam:
-    """Return room for a beam of ``width`` states and ``depth`` commands on boards of ``size`` words."""
+    """Return memory for a beam of ``width`` states and ``depth`` commands. A board (a set of cells) has ``size`` words."""
     return beam.Beam(
         states=np.zeros((2, width, forward_model.BOARDS, size), dtype=np.uint64),
         plans=np.zeros((2, width, depth), dtype=np.int8),
@@ -136,7 +136,7 @@ class Pace:
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the budget for a number of moves, and measure the time in which the block computes these moves."""
+        """Set the budget for a number of moves, and measure how long the ``with`` block computes these moves."""
         if not self.milliseconds:
             yield
             return

@@ -1,6 +1,6 @@
 """Theory in one dimension: n particles on a line of m cells obey one shared command.
 
-All commands go first to the left, then to the right.
+The particles move to the left until the left end is found, and then to the right.
 
 Paper M, section III.A, with its errata: exact values, the printed formulas, and Monte Carlo estimates.
 """

@@ -81,7 +81,9 @@ class Distribution:
 
 @dataclass(frozen=True)
 class Line:
-    """n particles on a line of m cells, with all placements equally likely. All commands go first to the left, then to the right.
+    """n particles on a line of m cells, with all placements equally likely.
+
+    The particles move to the left until the left end is found, and then to the right.
 
     Parameters
     ----------

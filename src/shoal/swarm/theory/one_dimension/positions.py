@@ -67,7 +67,7 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
 
 def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the number of moves until every cell has held a particle and both ends are found, first to the left.
+    """Return the number of moves until every cell was visited and both ends are found, if the particles first move to the left.
 
     Particle i at the position p_i moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then ``R = cells - (p_n - L_n) + 1`` moves
     to the right find the other end, and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` moves close the gap behind particle i. The total is

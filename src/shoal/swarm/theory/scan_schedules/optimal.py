@@ -73,10 +73,10 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     """Return the schedule with the smallest worst-case weighted ratio over the distances 0 .. max_distance.
 
     Let c be the price of a scan, v the price of a move, and x_0 = 0 the position of the scan at the start. A schedule with
-    positions x_1 < x_2 < ... keeps a ratio r if every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later
-    scan never restricts the scans that follow. Therefore r is possible exactly if the schedule that always scans as late as allowed
-    keeps r. A bisection finds an interval that contains the smallest r. Then, with exact fractions, schedules with smaller and
-    smaller ratios are computed until none is left.
+    positions x_1 < x_2 < ... keeps a ratio r if every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. The
+    later a scan is, the later the following scans may be. Therefore r is possible exactly if the schedule that always scans as late
+    as allowed reaches the maximum distance. A bisection finds an interval that contains the smallest r. Then exact fractions give
+    schedules with smaller and smaller ratios, until no schedule has a smaller ratio.
 
     Parameters
     ----------
