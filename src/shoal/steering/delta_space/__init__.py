@@ -1,1 +1,1 @@
-"""The Δ configuration space: the differences of two particles' positions that a number of moves can reach."""
+"""The Δ configuration space: the differences of two particles' positions that a given number of moves can reach."""

@@ -1,12 +1,12 @@
 """The differences Δ of two particles that k moves reach on a disk, and their fraction of all differences.
 
-Two further moves begin with a contact of one particle with the wall at a point c. The two moves can bring the other particle to any
-point q that is not deeper than this particle was before the two moves. The depth of a point is its distance from the tangent of the
-wall at c. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0. The reachable set is described by its
-*radii*: the extent of the set in each direction. At a contact where the other particle can have depth H, Δ can extend in direction
-e to min(distance to the far wall, H / N·e), where N is the inward normal of the wall. The radius in direction e is the largest
-extent in direction e over all contacts. The depths for the next two moves follow from the radii. On a disk, contacts of either
-particle give the same sets.
+The first of two moves brings one particle into contact with the wall at a point c. The depth of a point is its distance from the
+tangent of the wall at c. The second move can bring the other particle to any point q of the disk that is not deeper than this
+particle was at the contact. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0. This union is
+described by its *radii*: the extent of the set in each direction. Let H be the largest depth that the other particle can have at a
+contact, and N the inward normal of the wall. In a direction e, this contact gives the extent H / (N·e), or the distance from c to
+the opposite wall if this distance is smaller. The radius in direction e is the largest extent over all contacts. The depths for the
+next two moves follow from the radii. On a disk, contacts of either particle give the same sets.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The set as polygons with holes for drawing, as pairs (outline, holes), rounded to 1e-6 of the workspace's size."""
+        """The set for drawing: polygons as pairs (outline, holes), rounded to 1e-6 of the workspace's size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)

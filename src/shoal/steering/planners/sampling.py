@@ -183,7 +183,7 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield paths from an offset to the goal as moves, one path for each margin that is possible.
+        """Yield paths from an offset to the goal as moves, one path for each margin from the walls that leaves a path.
 
         In a convex workspace, there are no paths around obstacles.
         """

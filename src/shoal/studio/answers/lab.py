@@ -43,7 +43,7 @@ def _status(store: Store, name: str) -> dict[str, Any]:
 
 
 def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the results of one sweep: means with intervals, and comparisons of paired points."""
+    """Return the results of one sweep: means with intervals, and comparisons of settings whose trials have the same seeds."""
     with Store(folder.path(str(about["store"]))) as store:
         name = store.only(about.get("sweep"))
         stored = store.stored(name)

@@ -135,7 +135,7 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the missions of a plan: sorties with their heights and delays, and the nearest approach."""
+    """Return the missions of a plan: sorties with their heights and delays, and the nearest approach of two vehicles."""
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))

@@ -42,7 +42,10 @@ class Task(Protocol):
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``. It depends only on ``before`` and ``after``, the occupied cells."""
+        """Return the belief after one push by ``command``.
+
+        ``belief`` is the belief before the push. ``before`` and ``after`` are the cells that hold particles before and after it.
+        """
 
 
 TASKS: Registry[type[Task]] = Registry("task")
