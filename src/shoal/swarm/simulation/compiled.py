@@ -139,7 +139,7 @@ class SearchGame:
             choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Run one piece; see `Game`. This method draws the random numbers, outside the kernel."""
+        """Run one piece; see `Game`. For the policy random-moves, this method draws the commands."""
         if self.code == policy_episode.RANDOM:
             trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
         played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)

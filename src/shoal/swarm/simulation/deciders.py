@@ -140,8 +140,8 @@ class AdaptiveRuns:
 class ReplannedRuns:
     """Runs of commands with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
 
-    A scan follows after each ``every`` commands, and after the end of each plan. After a scan, the rest of a plan is discarded if
-    the policy has no memory. A policy that classifies no new cell for too many moves is stopped. Therefore every episode ends. The
+    A scan follows after ``every`` commands, and after the end of each plan. After a scan, the rest of a plan is discarded if the
+    policy has no memory. A policy that classifies no new cell for too many moves is stopped. Therefore every episode ends. The
     limit on these moves is `NOISY_TIMES` times the largest number of moves that closest-frontier may need to cross all known free
     cells.
     """

@@ -208,7 +208,7 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of curves of different lengths as float64. After its end, a curve counts as 0."""
+    """Return the median of curves of different lengths as float64. Short curves are extended by zeros."""
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve

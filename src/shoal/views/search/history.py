@@ -58,8 +58,7 @@ class Activity:
 class SearchHistory:
     """An episode with derived data for drawing.
 
-    The parts of the tour are those that the robots compute if all robots know one another. A robot that was dead from the beginning
-    has no part.
+    The parts of the tour are computed as if all robots knew one another. A robot that was dead from the beginning has no part.
     """
 
     def __init__(self, episode: SearchEpisode) -> None:
@@ -222,9 +221,9 @@ class SearchHistory:
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return values for the squares of the panels from ``values``, one per cell in tour order.
+        """Return the value of each square of the panels.
 
-        Squares without a cell are ``empty``.
+        ``values`` has one value per cell, in tour order. Squares without a cell get the value ``empty``.
         """
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]

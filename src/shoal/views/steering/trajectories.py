@@ -155,7 +155,7 @@ class FilmMoment:
 
 
 class FilmSchedule:
-    """The schedule of a film. In a film, the duration of a move is proportional to its length.
+    """The schedule of a film. The duration of a move is proportional to its length, but short moves have a minimum duration.
 
     A pause follows each move, and a longer pause follows the last move.
 
