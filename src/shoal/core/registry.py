@@ -217,8 +217,9 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 def configured(registry: Registry[Any], text: str) -> Any:
     """Return the object for ``NAME`` or ``module:attribute``. Options follow as ``NAME:option=value,option=value``.
 
-    In the options, a value without ``option=`` sets the first option. Each value is converted to the parameter's annotated type, or
-    to the type of its default. Without annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
+    In the options, a value without ``option=`` sets the first option. Each option sets a parameter of the class or
+    function. The value is converted to the parameter's annotated type, or to the type of its default. For a parameter without
+    annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
 
     Raises
     ------

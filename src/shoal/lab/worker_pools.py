@@ -119,7 +119,7 @@ class Processes(_OneMachine):
             return future
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether a worker died. After a death, the executor is broken, and the next call creates a new one."""
+        """Return whether a worker died. A worker's death breaks the executor, and the next call of `submit` creates a new one."""
         if not isinstance(error, BrokenExecutor):
             return False
         self.close(at_once=True)

@@ -80,7 +80,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
 def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the name of a problem's field
-    """Return the work of closest-frontier with one particle: breadth-first searches, and cells that they expand."""
+    """Return how many breadth-first searches, expanded cells and moves closest-frontier needs with one particle."""
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     known: dict[tuple[int, ...], bool] = {cell: True}

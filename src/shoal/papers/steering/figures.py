@@ -213,7 +213,7 @@ class _Scale:
         self.image = ScalarMappable(self.norm, self.colours)
 
     def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
-        """Return the quantity of a sweep that the figure shows."""
+        """Return the numbers of moves or the path lengths of a sweep, whichever the figure shows."""
         return sweep.moves if self.what == "moves" else sweep.lengths
 
     def draw(self, axes: Axes, sweep: GoalSweep) -> None:
