@@ -83,7 +83,7 @@ class MaskFootprint:
 
 
 class RegionFootprint(MaskFootprint):
-    """Visibility inside a region. Walls block the view, but within its footprint a robot can see around a corner.
+    """Visibility inside a region. A robot sees a piece behind a wall only if a path inside the footprint leads around the wall.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """A vehicle in physical units. A field that is not given has the preset's value, or sets no limit if the preset has none.
+    """A vehicle in physical units. A field that is not given has the preset's value. A field without any value has no effect.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Coverage check of mission files: the part of a region that the missions in a folder would see."""
+"""Coverage check of mission files: the part of a region that vehicles see if they fly the missions in a folder."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class MissionCheck:
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
         """Write the uncovered areas as GeoJSON, one polygon per feature with its ``area_m2``, largest first.
 
-        Coordinates are in degrees. For a region in metres, the coordinates are in metres, so maps cannot show the file.
+        Coordinates are in degrees. For a region in metres, the coordinates are in metres, so map programs cannot show the file.
 
         Raises
         ------

@@ -35,7 +35,7 @@ def lint(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
 ) -> list[Diagnostic]:
-    """Return the mistakes in a mission file. For a folder, return the mistakes in each mission file and the conflicts between them.
+    """Return the mistakes in a mission file, or in the mission files of a folder, including conflicts between missions.
 
     Parameters
     ----------

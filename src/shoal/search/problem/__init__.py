@@ -312,7 +312,7 @@ class SearchProblem(Problem):
         return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
-        """Return the fields that define the region as a text, or None for a region object."""
+        """Return a text with the fields that define the region, or None for a region object."""
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")

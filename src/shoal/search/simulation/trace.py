@@ -1,4 +1,4 @@
-"""The trace of a search: the planned or simulated actions of each robot."""
+"""The trace of a search: what each robot did in a plan, in a simulation or in a live search."""
 
 from __future__ import annotations
 

@@ -12,11 +12,13 @@ from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
 
 @TOURS.register("hilbert")
 class HilbertTour(TourByOrder):
-    """The Hilbert curve through the smallest square of 2^k cells per side that covers the cells from their lower left corner.
+    """The Hilbert curve through the smallest square with 2^k cells per side around all cells.
 
-    As in paper H, the tour is closed: it continues from its last cell to its first cell. The closing edge is one cell side shorter
-    than a side of the square. If the cells do not fill the square, they keep the order of the curve, and some steps lead across
-    positions without a cell. In 3 dimensions, the square is a cube.
+    The lower left corner of the square is the lower left corner of the cells' bounding box.
+
+    As in paper H, the tour is closed: it continues from its last cell to its first cell. In a full square, the closing edge is one
+    cell side shorter than a side of the square. If the cells do not fill the square, they keep the order of the curve, and some
+    steps lead across positions without a cell. In 3 dimensions, the square is a cube.
     """
 
     name = "hilbert"

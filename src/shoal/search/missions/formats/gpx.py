@@ -1,8 +1,8 @@
 """GPX 1.1 missions: a route for the waypoints, and a waypoint for home.
 
 Elevations in GPX are heights above sea level. Elevations are written only if home's height above sea level is known, or if
-altitudes refer to the sea. The reader uses elevations only if the file stores one altitude for all waypoints, and this altitude is
-not above ground.
+altitudes are heights above sea level. The reader uses elevations only if the file stores one altitude for all waypoints, and this
+altitude is not above ground.
 """
 
 from __future__ import annotations

@@ -37,9 +37,10 @@ class Vertex(NamedTuple):
 
 
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
-    """Return the points in a CSV file, with None for each blank line, and their unit.
+    """Return the points in a CSV file, and the unit of their coordinates.
 
-    The second result is true for degrees, false for metres, and None if no heading names the unit.
+    Each blank line gives None instead of a point. The second result is true for degrees, false for metres, and None if no heading
+    names the unit.
 
     Parameters
     ----------
