@@ -85,9 +85,10 @@ def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
 
 @erratum(
     "paper W, algorithm 2",
-    "line 3: p'_i = s1 + s2 - p_i; line 11: [l_i ... p_i] - p'_i and [p_i+1 ... l_i+1] - p'_i+1",
-    "line 3 is p_i + s_a - s_b, where b is the particle nearer to the edge. Line 11 subtracts the other end from each "
-    "chain. The algorithm must skip edges out of reach",
+    "line 3 sets p'_i = s1 + s2 - p_i. Line 11 subtracts p'_i from the chain [l_i ... p_i] and p'_i+1 from the chain "
+    "[p_i+1 ... l_i+1]",
+    "line 3 must set p'_i = p_i + s_a - s_b, where b is the particle nearer to the edge and a is the other particle. Line 11 must "
+    "subtract p'_i+1 from the first chain and p'_i from the second chain. The algorithm must skip edges that b cannot touch",
     "a program computes the overlap (intersection over union) of the algorithm's set and the exact set, in 4 polygons with "
     "6 random starts each",
 )

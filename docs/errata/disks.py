@@ -61,10 +61,11 @@ def _half_angle() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.E, eq. 4",
+    "when particle 1 touches the disk's wall at the angle ψ, the distance of particle 2 from the tangent is "
     "d⊥ = 2 ‖s1·p_ψ - s2·p_ψ‖",
-    "d⊥ = |(s1 - s2)·e(ψ)|. The printed p_ψ has length r, so its factor must be 1/r. The printed factor 2 is right only for r = ½",
-    "a program computes the distance of particle 2 from the tangent at the contact of particle 1, for 1000 pairs on disks "
-    "of r = 0.5 and r = 1",
+    "the distance is d⊥ = |(s1 - s2)·e(ψ)|. The printed p_ψ has length r, so its factor must be 1/r. The printed factor 2 is right "
+    "only for r = ½",
+    "a program computes this distance directly from the positions, for 1000 pairs on disks of r = 0.5 and r = 1",
 )
 def _depth() -> tuple[str, bool]:
     rng, worst = np.random.default_rng(3), {}
@@ -109,10 +110,11 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
 
 @erratum(
     "paper W, section IV.E, eq. 6",
-    "l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)), which is a number. The line l2 belongs to γ(ψ_max) < γ < 0",
-    "the lines are vectors, l = r (e(ψ + a) - e(ψ)). The line l2 belongs to -γ(ψ_max) < a < 0",
-    "for Δ = (0.3, 0), a program computes the distance of the lines in 45 directions. The program compares this distance with a "
-    "bisection that uses the exact condition for two moves",
+    "the set of differences that two moves reach is bounded by the lines l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)). This l "
+    "is a number, but a point of a line must be a vector. The line l2 belongs to γ(ψ_max) < γ < 0",
+    "the points of the lines are the vectors l = r (e(ψ + a) - e(ψ)). The line l2 belongs to -γ(ψ_max) < a < 0",
+    "for Δ = (0.3, 0), a program computes the distance from 0 to the bounding lines, in 45 directions. In each direction, a "
+    "bisection with the exact condition for two moves gives the true distance",
 )
 def _outline() -> tuple[str, bool]:
     from shoal.steering import disk, reached_in_two_moves
@@ -132,7 +134,8 @@ def _outline() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.E, eq. 7",
-    "‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r cos γ",
+    "while the wall holds particle 1 at r e, a move can reach the difference Δg if ‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r cos γ, "
+    "where C = -r e",
     "both inequalities must be reversed",
     "a program simulates 2000 pairs of moves with random contacts",
 )
@@ -163,9 +166,10 @@ def _inequalities() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.E, eq. 8",
-    "ψ = arctan(w.x / w.y), w = Δp - Δg",
-    "ψ = atan2(w.x, -w.y) or this value + π, because the wall is parallel to w and not to its mirror image",
-    "a program simulates plans for 500 goals. First particle 1 moves to the contact at ψ, and then particle 2 moves along the wall",
+    "the first move must lead particle 1 to the wall at the angle ψ = arctan(w.x / w.y), where w = Δp - Δg",
+    "the angle is ψ = atan2(w.x, -w.y) or this value + π, because the wall at ψ is parallel to w and not to its mirror image",
+    "a program simulates plans for 500 goals. First particle 1 moves to the wall at ψ, and then particle 2 moves parallel to the "
+    "wall",
 )
 def _contact_of_a_chord() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk
@@ -191,9 +195,9 @@ def _contact_of_a_chord() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.F",
-    "two moves on a disk reach at most the share 0.373, from a distance of about 0.81 diameters",
-    "two moves reach at most the share 0.377, from a distance of about 0.82 diameters",
-    "a program computes the largest share that two moves reach, over all distances at the start",
+    "two moves on a disk reach at most 0.373 of the Δ configuration space, if the particles start about 0.81 diameters apart",
+    "two moves reach at most 0.377 of the Δ configuration space, if the particles start about 0.82 diameters apart",
+    "a program computes the share of the space that two moves reach, and its maximum over all distances at the start",
 )
 def _most() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import largest_two_move_fraction
@@ -205,8 +209,8 @@ def _most() -> tuple[str, bool]:
 @erratum(
     "paper W, Fig. 15",
     "the remaining distance from the goals falls as 8.66 / length³",
-    "the printed law holds only if particle 2 always touches the wall. If the nearer particle touches the wall, half of the "
-    "printed length brings the particles within 0.01 of the goals",
+    "the printed law holds only if particle 2 always touches the wall. If the particle nearer to its contact point touches the "
+    "wall, half of the printed length brings the particles within 0.01 diameters of the goals",
     "a program computes two kinds of plans, cycle by cycle. Particle 2 is the toucher in one kind of plans, and the nearer "
     "particle is the toucher in the other kind",
 )

@@ -89,7 +89,7 @@ def _coverage() -> tuple[str, bool]:
 
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
-    "full coverage of m = 1000, n = 100 takes 60.7 moves",
+    "full coverage of m = 1000 cells by n = 100 particles takes 60.7 moves",
     "full coverage takes 58.74 moves. The published data count a gap as the difference of two positions, so each gap is one"
     " cell too large",
     "a program compares the exact mean with the published curve at m = 5000",

@@ -148,9 +148,10 @@ def _turned(points: Vector) -> Vector:
 
 @erratum(
     "paper W, section V.A",
-    "a wall whose reflected contact cannot make the adjustment is discarded",
-    "the plan must use the nearest contact that allows the adjustment. With the nearest contact, three moves reach more "
-    "goals, and reach some goals by a shorter path",
+    "the contact with a wall lies on the particle's shortest path to its goal by way of this wall. If this contact does not allow "
+    "the adjustment, the wall is discarded",
+    "the plan must use the contact that is nearest to this one and allows the adjustment. With the nearest contact, three moves "
+    "reach more goals, and reach some goals by a shorter path",
     "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the paper discards",
 )
 def _discarded() -> tuple[str, bool]:

@@ -13,7 +13,8 @@ erratum = into(CHECKS)
 @erratum(
     "paper H, section Efficiency",
     "the expected time T_E is proportional to the reciprocal of the number of robots",
-    "T_E is proportional to H_m/m, which is about ln m / m. For 20 robots, paper H prints a value below 20 %, which is correct",
+    "for m robots, T_E is proportional to H_m/m, where H_m = 1 + 1/2 + ... + 1/m. H_m/m is about ln m / m. For 20 robots, paper H "
+    "prints a value below 20 %, which is correct",
     "a program computes the expected time T_E for 1024 cells over 10,000 random starts of 10, 20 and 50 robots",
 )
 def _reciprocal() -> tuple[str, bool]:

@@ -76,7 +76,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     Parameters
     ----------
     toucher : str
-        "nearer" or "second": the particle that touches. Both choices lead to differences of equal length and opposite direction.
+        "nearer" or "second": the particle that touches. Both choices lead to the same differences.
     cycles : int
         Number of cycles, at least 1.
     apart : float
