@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from shoal.papers.mapping.curves import POINTS, SUBSET_FILE
@@ -15,6 +17,14 @@ CHECKS: list[Check] = []
 erratum = into(CHECKS)
 
 
+def _episodes(place: Any, *, trials: int = 1, **fields: Any) -> Any:
+    """Return episodes of closest-frontier, or of another policy, on a map."""
+    from shoal.lab import run_trials
+    from shoal.swarm import SwarmProblem
+
+    return run_trials(SwarmProblem(place, **{"policy": "closest-frontier", **fields}), trials=trials, workers=1)
+
+
 @erratum(
     "paper M, section III.B.1",
     "depth-first search with one particle maps m free cells in at most 2 (m - 1) moves",
@@ -22,15 +32,13 @@ erratum = into(CHECKS)
     "a program runs three episodes of depth-first search on each of three maps",
 )
 def _probes() -> tuple[str, bool]:
-    from tests.swarm_runs import run_trials
-
     from shoal.swarm.maps.open import open_map
 
     words, fits = [], True
     for name in ("maze:21x15", "htree:300", "vessels:300"):
         workspace = open_map(name)
         tree = 2 * (workspace.n_free - 1)
-        played = run_trials(workspace, trials=3, policy="depth-first", particles=1, workers=1)
+        played = _episodes(workspace, trials=3, policy="depth-first", particles=1)
         walls = [len(episode.final()[1].obstacles) for episode in played]
         fits &= all(tree < episode.moves <= tree + found for episode, found in zip(played, walls, strict=True))
         words.append(
@@ -80,14 +88,10 @@ def _handover() -> tuple[str, bool]:
     "a program runs 60 episodes of 50 particles on line:500 with each of these two orders, from the same seeds",
 )
 def _ties() -> tuple[str, bool]:
-    from tests.swarm_runs import run_trials
-
     from shoal.lab.statistics import compare
-    from shoal.swarm.maps.open import open_map
 
-    workspace = open_map("line:500")
     moves = [
-        [episode.moves for episode in run_trials(workspace, trials=60, particles=50, workers=1, policy=policy)]
+        [episode.moves for episode in _episodes("line:500", trials=60, particles=50, policy=policy)]
         for policy in ("closest-frontier", "closest-frontier:neighbours=udlr")
     ]
     found = compare(*moves)
@@ -106,11 +110,7 @@ def _ties() -> tuple[str, bool]:
     "a program runs episodes with one particle in straight corridors of 1 to 6 cells",
 )
 def _theorem() -> tuple[str, bool]:
-    from tests.swarm_runs import run
-
-    from shoal.swarm.maps.open import open_map
-
-    rows = [(m, run(open_map(f"line:{m}"), policy="closest-frontier", particles=1).moves) for m in range(1, 7)]
+    rows = [(m, _episodes(f"line:{m}", particles=1)[0].moves) for m in range(1, 7)]
     words = ", ".join(f"{moves} ({m * (m + 1) // 2})" for m, moves in rows)
     return f"the episodes take these numbers of moves, with the printed bound in brackets: {words}", all(
         m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows
@@ -124,12 +124,10 @@ def _theorem() -> tuple[str, bool]:
     "a program runs one episode of coverage and one episode of mapping on a rectangle of 9 by 7 cells",
 )
 def _full() -> tuple[str, bool]:
-    from tests.swarm_runs import run
-
     from shoal.swarm.maps.open import open_map
 
     workspace = open_map("rectangle:9x7")
-    cover, mapped = (run(workspace, task=task, particles=workspace.n_free).moves for task in ("coverage", "mapping"))
+    cover, mapped = (_episodes(workspace, task=task, particles=workspace.n_free)[0].moves for task in ("coverage", "mapping"))
     return f"coverage takes {cover} moves, and mapping takes {mapped} moves", (cover, mapped) == (0, 4)
 
 
@@ -145,10 +143,6 @@ def _full() -> tuple[str, bool]:
     "program runs 120 episodes for each case on three maps of vessels, and 40 episodes for each case on a maze and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
-    from tests.swarm_runs import run_trials
-
-    from shoal.swarm.maps.open import open_map
-
     kinds = {
         "vessels": ("vessels:5000", "vessels:5000:1", "vessels:5000:2"),
         "maze": ("maze:99x99",),
@@ -162,7 +156,7 @@ def _subset() -> tuple[str, bool]:
                 played = [
                     episode.moves
                     for ground in names
-                    for episode in run_trials(open_map(ground), task="coverage", subset=share, particles=n, trials=40, workers=1)
+                    for episode in _episodes(ground, task="coverage", subset=share, particles=n, trials=40)
                 ]
                 moves[kind, n, name] = np.mean(played), 2 * np.std(played) / len(played) ** 0.5
             tenth, fifth = (moves[kind, n, name][0] / moves[kind, n, "all"][0] for name in ("10 %", "20 %"))

@@ -50,7 +50,7 @@ def check_errata() -> list[Erratum]:
     """Run the checks of all errata, in the order of their papers. If the repository is missing, return the recorded results."""
     if not CHECKS.exists():
         return recorded()
-    name = "docs.errata"
+    name = "shoal_errata"  # without a parent package, so that the checks run from any folder
     if name not in sys.modules:
         spec = importlib.util.spec_from_file_location(name, CHECKS, submodule_search_locations=[str(CHECKS.parent)])
         assert spec is not None

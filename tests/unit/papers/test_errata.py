@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import sys
 from html import escape
+from pathlib import Path
 
 import pytest
 from docs.errata import __main__ as documentation
@@ -18,7 +20,13 @@ from shoal.papers.page import write_page
 
 @pytest.fixture(scope="module")
 def errata():
-    return check_errata()
+    """Checked as from another folder, where neither the folder docs nor the folder tests can be imported."""
+    root = Path(__file__).parents[3]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [folder for folder in sys.path if Path(folder).resolve() != root])
+        for name in [name for name in sys.modules if name.split(".")[0] in {"docs", "tests"}]:
+            patch.delitem(sys.modules, name)
+        return check_errata()
 
 
 def test_every_erratum_is_shown_by_its_check(errata):
