@@ -92,7 +92,7 @@ def find_vessels(
     The response is the sum of two standardized filters. The first is the multi-scale line detector (U. T. V. Nguyen et al., Pattern
     Recognition 46, 2013). The second, with half the weight, consists of elongated second derivatives of Gaussians, similar to Gabor
     filters (J. V. B. Soares et al., IEEE Transactions on Medical Imaging 25, 2006). `python -m benchmarks.vessels_from_photographs`
-    measures the accuracy on drawn eyes.
+    measures the accuracy on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
