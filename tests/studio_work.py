@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import resource
 import signal
+import sys
 import time
 
 
@@ -36,5 +37,6 @@ def play_on_a_full_disk(connection, root, spec):
     from shoal.studio.jobs.work import work  # not for the others, which need it not
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    sys.dont_write_bytecode = True  # Python would keep compiled modules that are cut off
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))
     work(connection, root, "shoal.studio.jobs.work:play", spec, 1)

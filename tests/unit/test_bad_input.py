@@ -557,7 +557,7 @@ ROOM = 4096  # bytes, less than any of the outputs takes
 
 
 @pytest.fixture(params=["a file system of 16 kB", "a limit on the size of files"])
-def full_disk(request, tmp_path):
+def full_disk(request, tmp_path, monkeypatch):
     """A folder with room for a file of 4 kB, and a function that runs something in that room.
 
     The first way is the true one but only root can mount; the second works for everyone and gives another error.
@@ -570,6 +570,7 @@ def full_disk(request, tmp_path):
 
         def limited(function):
             soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+            monkeypatch.setattr(sys, "dont_write_bytecode", True)  # Python would keep compiled modules that are cut off
             resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, hard))
             try:
                 return function()

@@ -468,7 +468,8 @@ def test_a_full_disk_keeps_what_was_committed(tmp_path):
     for old, new in (("trials=150", "trials=2000"), ("0.004", "0.0"), ("workers=2", "workers=0"), ("0.02", "0.01")):
         script = script.replace(old, new)
     store, root = tmp_path / "s.sqlite", str(Path(__file__).parents[2])
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join([root, *sys.path])}
+    # Without the last variable, Python would keep compiled modules that are cut off at the limit.
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([root, *sys.path]), "PYTHONDONTWRITEBYTECODE": "1"}
     ended = subprocess.run(
         [sys.executable, "-c", script, str(store)], cwd=root, env=environment, capture_output=True, text=True, check=False
     )
