@@ -1,8 +1,8 @@
 """Compilation of kernels: a kernel is either an entry, which Python calls, or a part of another kernel.
 
 A part is only typed and lowered. An entry is optimized once, together with all its parts. Numba alone would optimize each kernel
-again at every level of calls, and would make machine code, a Python wrapper and a cache file for each one. That takes two thirds
-of the time. The measurements are in docs/adr/0012-kernels-compiled-once.md.
+again at every level of calls, and would make machine code, a Python wrapper and a cache file for each one. This additional work
+takes two thirds of Numba's time for compiling. The measurements are in docs/adr/0012-kernels-compiled-once.md.
 """
 
 from __future__ import annotations
@@ -57,20 +57,23 @@ class _PartLowering(_EntryLowering):
 
 
 def _load_array_functions() -> None:
-    """Load Numba's array functions without SciPy's linear algebra, which takes a third of a second and serves ``np.cov`` only."""
+    """Load Numba's array functions without SciPy's linear algebra.
+
+    The import of the linear algebra takes a third of a second, and only ``np.cov`` needs it.
+    """
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules or "numba.np.arraymath" in sys.modules:
         return
-    sys.modules[blas] = None  # type: ignore[assignment]  # what is None here is not there
+    sys.modules[blas] = None  # type: ignore[assignment]  # an import of this module now fails
     try:
         from numba.np import arraymath
     finally:
         del sys.modules[blas]
-    arraymath._HAVE_BLAS = True  # SciPy is there
+    arraymath._HAVE_BLAS = True  # SciPy is installed although its import failed above
 
 
 class _EntryCompiler(CompilerBase):
-    """Numba's pipeline with another lowering."""
+    """Numba's compiler pipeline with ``lowering`` in place of Numba's own lowering pass."""
 
     lowering: type[Any] = _EntryLowering
 
@@ -91,7 +94,7 @@ class _PartCompiler(_EntryCompiler):
 
 
 class _Dispatcher(CPUDispatcher):
-    """Numba's dispatcher, without the search for extensions of Numba when a compiled function is only loaded."""
+    """Numba's dispatcher without the search for Numba extensions, which Numba makes even when it only loads a compiled function."""
 
     def _compilation_chain_init_hook(self) -> None:
         pass
@@ -123,5 +126,5 @@ class CompiledForms:
 
     @property
     def part_type(self) -> Any:
-        """The Numba type of the part, which does not keep the part alive."""
+        """The Numba type of the part. It has only a weak reference to the part, so this object must keep the part alive."""
         return types.Dispatcher(self._part)

@@ -16,7 +16,7 @@ TOUCHED = 4096
 def best_exchange(links, c, a, width):
     """Return (cost, d, b) of the cheapest exchange of edges c-d and a-b for c-a and d-b.
 
-    Among equal ones, the longest is removed.
+    Among exchanges of equal cost, the result is the one that removes the longest edges.
     """
     cost, longest, best_d, best_b = np.inf, -1.0, c, a
     new = apart(c, a, width)
@@ -48,7 +48,7 @@ def offer(heap, mask, links, parent, c):
 
 @kernel
 def attach(mask, links, parent):
-    """Merge all cycles of a connected component into one by the cheapest exchanges, growing the tour after each."""
+    """Merge all cycles of a connected component into one by the cheapest exchanges. Call `grow` after each exchange."""
     width = mask.shape[1]
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     touched = np.empty(TOUCHED, dtype=np.int64)

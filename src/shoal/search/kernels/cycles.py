@@ -50,7 +50,8 @@ def tree_of_blocks(full, origin, width, along_rows, links, parent):
     """Make a cycle of each full block, and merge neighbouring ones into a spanning tree of blocks by Kruskal's algorithm.
 
     ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first one. All links along one direction come
-    first, and then those across, line by line. This gives straight corridors with a spine, and so few turns.
+    first, and then those across, line by line. So the tree consists of straight corridors and one spine across them where the
+    region permits, and the tour has few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -195,9 +196,9 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells sorted by cycle. ``starts`` contains the beginning of each cycle, and the end. The first cycle begins
-    at its first member. Every other cycle begins at its cell nearest to the end of the previous cycle, and is opened at the longer
-    edge of that cell.
+    ``members`` are the cells sorted by cycle. ``starts`` contains the beginning of each cycle, and the end of the last one. The
+    first cycle begins at its first member. Every other cycle begins at its cell nearest to the end of the previous cycle, and is
+    opened at the longer edge of that cell.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

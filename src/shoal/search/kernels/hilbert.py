@@ -54,7 +54,7 @@ def begin_of(order, transposed):
     """Return the initial state for which the curve, after the leading zeros, has state 0 or its transpose."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
-        filled = (filled + 1) % 2  # a level of zeros transposes
+        filled = (filled + 1) % 2  # each level of leading zeros transposes the curve
     return BEGIN_2[filled]
 
 
@@ -63,7 +63,7 @@ def encode_2(cells, order, indices):
     begin, top = begin_of(order, False), (1 << order) - 1
     for k in range(len(cells)):
         row, col = cells[k, 0], cells[k, 1]
-        if (row | col) >> order != 0:  # a negative number keeps its sign
+        if (row | col) >> order != 0:  # a negative number stays negative when shifted, so this also finds it
             return k
         indices[k] = index_of(col, top - row, order, begin)
     return -1

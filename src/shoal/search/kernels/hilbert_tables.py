@@ -22,7 +22,7 @@ def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     count = 1 << dimensions
     states = [(0, 0)]
     parts, following = [], []
-    for entry, direction in states:  # grows while it is read
+    for entry, direction in states:  # the loop appends to this list
         parts.append([_rotated(rank ^ (rank >> 1), direction + 1, dimensions) ^ entry for rank in range(count)])
         row = []
         for rank in range(count):

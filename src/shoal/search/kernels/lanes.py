@@ -1,9 +1,9 @@
 """Back and forth over any mask: runs of cells, chains of consecutive runs, and the path from chain to chain.
 
 A *run* consists of a row's cells between two gaps. Where the region neither splits nor joins, runs of consecutive rows correspond
-one to one and form a *chain*, which is swept back and forth. A chain is a cell of H. Choset, "Coverage of known spaces: the
-boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Chains are visited depth first. The next chain is the unvisited
-neighbour with the nearest end.
+one to one and form a *chain*, which is swept back and forth. A chain is called a cell in H. Choset, "Coverage of known
+spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Chains are visited depth first. The next chain is the
+unvisited neighbour with the nearest end.
 """
 
 from __future__ import annotations

@@ -58,7 +58,7 @@ def neighbour_gaps(position, closed, n):
 
 @kernel
 def dilation(cells, closed):
-    """Return the largest squared distance divided by distance along the tour, at distances 1, 2, 3, 4, 6, 8, 12, 16, ..."""
+    """Return the largest ratio of a squared straight distance to the distance along the tour, which is 1, 2, 3, 4, 6, 8, 12, ..."""
     n = len(cells)
     reach = n // 2 if closed else n - 1
     worst, apart, power = 0.0, 1, 1

@@ -93,7 +93,7 @@ def split(stack, top, p, i, a, j, b, k, c):
         q = moved(p, j, b2)
         top = push(stack, top, q[0], q[1], q[2], i, a, j, b - b2, k, c)
         return push(stack, top, p[0], p[1], p[2], j, b2, k, c, i, a2)
-    if 3 * d > 4 * h:  # the same along c
+    if 3 * d > 4 * h:  # up along c, along a, down along c
         q = moved(end, k, c2 - dc)
         top = push(stack, top, q[0], q[1], q[2], k, -c2, i, a2 - a, j, b)
         q = moved(p, k, c2)

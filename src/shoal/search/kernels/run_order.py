@@ -15,7 +15,7 @@ _LESS = 1e-9
 _LONGEST = 3  # maximum number of runs that are moved together
 _SPAN = 50  # number of places in the order among which a disturbance exchanges two parts
 _DISTURBANCES = 300
-_LINKS = 50_000  # limit of disturbances times runs
+_LINKS = 50_000  # maximum of the number of disturbances times the number of runs
 
 
 @in_place_kernel
@@ -100,7 +100,7 @@ def move_runs(ends, order, backwards, active, rest, i, count):
 
 @kernel
 def exchange(ends, order, backwards, active, rest):
-    """Shorten a closed tour of runs until no exchange at an active run helps. Then no run is active."""
+    """Shorten a closed tour of runs until no exchange at an active run helps. At the end, no run is active."""
     n, helped = len(order), True
     while helped:
         helped = False

@@ -115,20 +115,20 @@ def both_ways(tour, team, robot, at, low, budget):
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain
     behind = ahead[at] - ahead[low]
-    first = furthest(ahead, at, budget)  # if it comes back for the cells behind
+    first = furthest(ahead, at, budget)  # the end if the robot searches the cells ahead first
     while first > at + 1:
         if ahead[first] - ahead[at + 1] + 1.0 + gain * back(tour, team, robot, (first - 1) % n, (at - 1) % n) + behind <= budget:
             break
         first -= 1
     if first <= at + 1 or behind == 0:
         first = at + 1 if behind + 1.0 <= budget else at - 1
-    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)  # if it goes back first
+    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)  # for the cells behind first
     return max(first, furthest(ahead, at, rest + 1.0)) if rest >= 0 else first
 
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """One pass in which each robot searches the cells behind and ahead of it, the shorter part first and then returning."""
+    """One pass in which each robot searches the cells behind it and ahead of it, in the order in which it gets further."""
     m, n = team.starts.shape[0], tour.points.shape[0]
     here = first
     for i in range(m):
@@ -191,7 +191,7 @@ def hop_costs(tour, team, firsts, latest):
     """Write the completion time if the tour is cut into arcs of equal times and each robot goes straight to its arc.
 
     There is one row for each of ``firsts``, the beginning of the first arc, and one column per turn, the robot that gets this arc.
-    The order is kept.
+    The robots keep their order around the tour.
     """
     # Unpacked for the inner loop: passing the tuple counts references, which would take longer than all the rest.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
@@ -210,7 +210,7 @@ def hop_costs(tour, team, firsts, latest):
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
                 way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
                 worst = max(worst, way / rates[robot] + whole / power)
-                if worst > 1.5 * best and turn > 0:  # bisection will not make this the best
+                if worst > 1.5 * best and turn > 0:  # a bisection could not make this turn the best
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power

@@ -93,8 +93,8 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
-        # On a rectangle, all gauges |Δx| + k |Δy| with friction <= k <= 1 / friction are valid. The two extreme values of k are the
-        # strongest.
+        # Four walls may form a rectangle along the axes. Then all gauges |Δx| + k |Δy| with friction <= k <= 1 / friction are
+        # valid, and the two extreme values of k are the strongest. For other walls, the test below rejects invalid gauges.
         balls += [_sides_of_hull(both * np.tile([[weight], [1.0]], (4, 1))) for weight in (friction, 1 / friction)]
     for sides in balls:
         if _never_grows(sides, workspace.normals, friction):

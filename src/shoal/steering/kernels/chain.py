@@ -2,7 +2,7 @@
 
 On flat walls, the length and the constraints are convex in the unknowns. On the circle, a contact is an angle, and the result is a
 local optimum near the initial guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method for
-increasing sharpness, so every result lies strictly inside all limits. See `limits` for the definition of a chain.
+increasing sharpness, so every result lies strictly inside all limits. See `chain_limits` for the definition of a chain.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from shoal.steering.kernels.chain_limits import add_flat, add_hold, add_length, 
 
 GROWTH = 12.0
 NEWTON = 40
-NEAR = 1e-2  # relative to the sharpness: distance from the minimum at the end of a round
-BLUR = 0.03  # relative to the sharpness: smoothing of a length near zero
+NEAR = 1e-2  # divided by the sharpness: distance from the minimum length at the end of a round
+BLUR = 0.03  # divided by the sharpness: smoothing of a length near zero
 
 
 @in_place_kernel
 def add_limits(kind, work, slack, order):
-    """Add all limits of a chain. Return the sum, infinite if a limit is violated."""
+    """Add the negative logarithms of all limits of a chain. Return the sum, infinite if a limit is violated."""
     walls, flat = kind.walls, kind.shape.normals.shape[0]
     cycles, total = walls.shape[0], 0.0
     for m in range(cycles):
@@ -90,7 +90,7 @@ def assess(x, slack, sharpness, blur, kind, work, order):
 def newton_direction(derivatives, lower, direction, n):
     """Solve ``hessian @ direction = -gradient`` by Cholesky, raising the diagonal until that works. Return the Newton decrement.
 
-    For the first n unknowns. The gradient is the last row of the derivatives; the other rows are the Hessian.
+    Only the first n unknowns change. The gradient is the last row of the derivatives; the other rows are the Hessian.
     """
     last = derivatives.shape[1]
     raised = 0.0
@@ -132,11 +132,10 @@ def newton_direction(derivatives, lower, direction, n):
 
 @in_place_kernel
 def descend(phase, sharpness, blur, kind, work, enough):
-    """Apply Newton's method to the feasible chain ``wide`` in place.
+    """Apply Newton's method to the feasible chain ``work.wide`` in place.
 
-    With ``phase``, its last entry is the slack, and -enough suffices.
-
-    The method ends when a step would gain almost nothing. The criterion is divided by the sharpness, like lengths.
+    With ``phase``, the last entry of the chain is the slack, and the method ends when the slack is below ``-enough``. Otherwise the
+    method ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
     """
     x, tried, direction = work.wide, work.tried, work.direction
     last = x.shape[0] - 1
@@ -196,7 +195,7 @@ def settle(x, enough, sharpnesses, bound, kind, work):
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)
-    limits += sqrt(limits)  # for rounds that end near the minimum
+    limits += sqrt(limits)  # because a round ends near the minimum, not at it
     slack = worst_limit(x, kind, work)
     if slack == -inf:
         return inf
@@ -217,7 +216,7 @@ def settle(x, enough, sharpnesses, bound, kind, work):
             slack = wide[n]
             if slack < -enough or (slack < 0 and before < 0 and slack > 1.2 * before):
                 phase = False
-            # At the minimum for this sharpness, the smallest slack is at least that minus (limits / sharpness).
+            # The smallest possible slack is at least the slack after this round minus (limits / sharpness).
             elif slack > limits / sharpness or sharpness > 1e13:
                 if slack >= 0:
                     return inf

@@ -4,7 +4,7 @@ A chain has cycles m = 0 .. M-1. In cycle m, particle ``touchers[m]`` (0 or 1) m
 the other particle moves while the wall holds the toucher, which changes the difference D[m] to D[m+1]. D[0] is the start's
 difference and D[M] the goal's. The unknowns are the contacts, as d-1 coordinates on their wall, and D[1] .. D[M-1].
 
-A limit is a value that must be positive. The sum contains its negative logarithm.
+A limit is a value that must be positive. The function that is minimized contains its negative logarithm.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from shoal.jit import in_place_kernel
 
 CONSTANT = 1e-13  # a limit with a smaller gradient depends on no unknown
-FORGIVEN = 1e-12  # such a limit holds if it is above minus this value
+FORGIVEN = 1e-12  # a limit that depends on no unknown holds if it is above minus this value
 TINY = 1e-200  # product of limits above which logarithms can be combined
 
 Shape = namedtuple("Shape", "frames normals offsets circle near")
@@ -49,7 +49,7 @@ def new_work(cycles: int, d: int) -> Work:
 
 @in_place_kernel
 def put(x, kind, work):
-    """Write the contacts and differences for the unknowns x."""
+    """Write the contacts and differences for the unknowns x to ``work``."""
     contacts, delta, walls, start, goal = work.contacts, work.delta, kind.walls, kind.start, kind.goal
     frames, circle = kind.shape.frames, kind.shape.circle
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -80,7 +80,7 @@ def put(x, kind, work):
 
 @in_place_kernel
 def begin(work, points, row, factor):
-    """Set the vector to a row of points times a factor. A factor of 0 makes it zero."""
+    """Set the vector, the first row of ``work.span``, to a row of points times a factor."""
     for i in range(work.span.shape[1]):
         work.span[0, i] = factor * points[row, i]
 
@@ -157,7 +157,7 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Add ``-log(value + slack)``, infinite if that is undefined. The slack is the last unknown unless it is NaN.
 
-    ``second`` is used only if the value is ``curved``. If the value depends on no unknown, it may be negative by ``forgiven``.
+    ``second`` is used only if the value is ``curved``. A value that depends on no unknown may be as low as ``-forgiven``.
     """
     steep = 0.0
     for u in range(used):
@@ -190,10 +190,10 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Add the limits for a point, the vector, that must lie inside the flat walls by the margin.
+    """Add the limits that keep a point inside the flat walls by the margin. The vector is the position of the point.
 
-    If ``skipped`` is a wall, only walls near it count. All limits depend on the unknowns through the point, so they are first
-    summed up by the point.
+    If ``skipped`` is a wall, only walls near it count. All limits depend on the unknowns through the point. So their derivatives
+    with respect to the point are summed up first.
     """
     normals, offsets, near, margin = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.margin
     span, sums = work.span, work.sums
@@ -206,7 +206,7 @@ def add_flat(kind, work, used, skipped, forgiven, slack, order):
         if skipped >= 0 and not near[skipped, wall]:
             continue
         value = rows_dot(normals, wall, span, 0) - offsets[wall] - margin
-        if used < d and is_constant(normals, wall, span, used):  # none is constant if a difference is among the unknowns
+        if used < d and is_constant(normals, wall, span, used):  # none is constant if an unknown difference moves the point
             if value < -FORGIVEN - forgiven:
                 return inf
             continue
@@ -245,9 +245,9 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert the derivatives by a point, ``sums``, to derivatives by the unknowns that it depends on, and add them.
+    """Convert ``sums``, derivatives with respect to a point, to derivatives with respect to its unknowns, and add these.
 
-    ``ones`` and ``squares`` are the sums of 1 / limit and of its square, which are derivatives by the slack.
+    ``ones`` and ``squares`` are the sums of 1 / limit and of its square. They give the derivatives with respect to the slack.
     """
     span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]
@@ -271,7 +271,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Add the limit for a point, the vector, that must lie inside the circle by the margin. It contains c[one]."""
+    """Add the limit that keeps a point, the vector, inside the circle by the margin. The vector contains c[one]."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
@@ -280,7 +280,7 @@ def add_round(kind, work, used, one, forgiven, slack, order):
         first[u] = -(x * span[1 + u, 0] + y * span[1 + u, 1]) / circle[2]
         for v in range(used):
             second[u, v] = -(span[1 + u, 0] * span[1 + v, 0] + span[1 + u, 1] * span[1 + v, 1]) / circle[2]
-        if index[u] == one * (d - 1):  # the contact has the factor 1
+        if index[u] == one * (d - 1):  # the vector contains c[one] with the factor 1
             second[u, u] -= (x * contacts[one, d, 0] + y * contacts[one, d, 1]) / circle[2]
     return add_limit(index, first, second, work.derivatives, value, used, True, forgiven, slack, order)
 

@@ -15,7 +15,7 @@ from shoal.jit import in_place_kernel
 TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
 PUSHED = 1e-9  # relative to the length of a move: a particle that leaves a wall by less than this is held
 EVENTS = 4096  # maximum number of wall contacts, and of short steps along the circle, in one move
-SLOW = 1e-14  # change of the gain along the path below which it is ignored
+SLOW = 1e-14  # a smaller change of the gain along a path is ignored
 ARC = 1 / 400  # relative to the radius: step length of a slide along the circle
 
 Walls = namedtuple("Walls", "normals offsets circle size friction gain")
@@ -227,7 +227,10 @@ def advance_all(state, move, walls, velocity):
 
 @in_place_kernel
 def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
-    """Move all particles of the worlds ``chosen``, each by its own move and with its own gain, in place; note their shares."""
+    """Move all particles of the worlds ``chosen``, each by its own move and with its own gain, in place.
+
+    Write the share of each particle to ``shares``, shape (worlds, particles).
+    """
     for k in range(chosen.shape[0]):
         world = chosen[k]
         own = Walls(walls.normals, walls.offsets, walls.circle, walls.size, walls.friction, gains[world])

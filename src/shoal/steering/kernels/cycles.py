@@ -2,7 +2,7 @@
 
 Let s = 1 if the first particle touches and -1 if the second does. A cycle with a contact c on wall w changes D to D' under two
 conditions: c + sD and c + sD' are inside, and the wall holds the toucher, that is, s(D' - D) lies in the cone of pushes. On a
-polygon P, all such sD' form one convex polygon: shifts of P by minus the contacts, intersected with the cone.
+polygon P, all such sD' form one convex polygon: the union of the shifts of P by -c for all possible c, intersected with the cone.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DEPTH_SLACK = 1e-12  # in normalized units: enlargement of a polygon of depths
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range of a side, around its midpoint, from which the other particle is inside by a margin."""
+    """Return the range of contacts on a side for which the other particle is inside by a margin, as distances from its midpoint."""
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
@@ -226,7 +226,7 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
             nearest[0], nearest[1] = found[0], found[1]
     if not 0 < best < np.inf:
         return best, at
-    while step > 1e-11:  # the distance is smooth there
+    while step > 1e-11:  # near the best angle, the distance is a smooth function of the angle
         moved = False
         for side in range(-1, 2, 2):
             angle = min(max(at + side * step, middle - half), middle + half)
@@ -241,7 +241,7 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write the largest depths after one more cycle, shape (2, contacts); negative where the toucher cannot be.
+    """Write the largest depths after one more cycle, shape (2, contacts); negative where a contact is impossible.
 
     Take a used contact c of particle s and the next contact d of particle t. The depth is the largest t N_d . D over D = s (q - c),
     with q in the polygon not deeper below the wall of c than allowed, and d + t D in the polygon. The feasible set is a polygon cut

@@ -1,8 +1,9 @@
 """The differences to which reactions of walls with friction can lead: a barrier in polar coordinates.
 
-A wall that holds or brakes the first particle changes Δ by a vector within the angle atan(friction) of -N. A wall that stops the
-second particle changes Δ by a vector within this angle of N. Whether a wall can be touched depends on Δ: along a ray from zero,
-each wall can be touched up to some |Δ|. Angles of reactions are measured from the direction of -Δ, counter-clockwise.
+A wall with the inward normal N that holds or brakes the first particle changes Δ by a vector within the angle atan(friction) of -N.
+If it holds or brakes the second particle, it changes Δ by a vector within this angle of N. Whether a wall can be touched depends on
+Δ: along a ray from zero, each wall can be touched up to some |Δ|. Angles of reactions are measured from the direction of -Δ,
+counter-clockwise.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest |Δ| to which reactions turn a Δ of at most ``radius`` by a step, and the largest |Δ| before that.
+    """Return the largest |Δ| after and before reactions turn a Δ of initially at most ``radius`` by one step.
 
     Reactions lead outward only where they do not all point into one half-plane.
     """
@@ -67,12 +68,12 @@ def carried(radius, side, step, most, ends, turns, cone):
             if high - low > np.pi + FLAT:
                 before = min(ends[row], most)
     after = 0.0
-    for row in range(rows + 1):  # where on the ray one wall fewer can be touched, and at its end
+    for row in range(rows + 1):  # where the number of walls that can be touched changes on the ray, and at ``before``
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue
         low, high = spread_at(place, ends, turns, cone)
-        way = -low if side > 0 else high  # a turn of Δ by reactions that turn from -Δ in the opposite direction
+        way = -low if side > 0 else high  # a reaction on one side of -Δ turns Δ to the other side
         if way > 0:
             after = max(after, most if way + step >= np.pi else place * np.sin(way) / np.sin(way + step))
     return after, before
@@ -90,7 +91,9 @@ def spread_at(place, ends, turns, cone):
 
 @kernel
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
-    """Return whether reactions cannot lead a Δ of radius ``start`` to ``goal`` at the angles number ``first`` to ``last``.
+    """Return whether reactions cannot lead from a Δ to the radius ``goal`` at any of the angles ``first`` to ``last``.
+
+    The initial Δ has the angle with index ``start`` and the length ``radius``. ``first`` and ``last`` are indices of angles, too.
 
     The angles ascend over the full circle, and Δ is not parallel to a wall between two of them. ``farthest`` is the largest |Δ|
     there.

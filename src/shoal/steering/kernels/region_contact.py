@@ -50,8 +50,8 @@ def pushes(move, edge, normals, length):
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
     """Return whether the edge on the other side of a reflex corner releases a particle that this edge would hold.
 
-    At the corner, it does if the move leads away from that edge. Farther from the corner, where the wall between two edges is
-    thinner than ``touch``, the edge in front of the particle decides.
+    At the corner, the other edge releases the particle if the move leads away from it. Farther from the corner, where the wall
+    between two edges is thinner than ``touch``, only the edge counts that has the particle in front of it.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -62,7 +62,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return the first edge of a run and the one after its last; both are equal if the run is not near a straight path."""
+    """Return (first, last + 1) for a group of consecutive edges; (0, 0) if the group is not near a straight path."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0

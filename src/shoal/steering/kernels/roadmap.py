@@ -9,7 +9,7 @@ from shoal.steering.kernels.contact import dot
 from shoal.steering.kernels.cycles import contact_range
 
 HALVINGS = 24
-SHARES = 4  # relative to the longest adjustment in a direction: 1, 1/2, 1/4, ...
+SHARES = 4  # number of adjustments tried in a direction: the longest one, 1/2 of it, 1/4, ...
 
 
 @kernel
@@ -40,7 +40,7 @@ def linked(before, after, model, step):
 
 @kernel
 def linked_on_circle(before, after, model, step):
-    """Return the same for a disk with particle 1 touching, where three arcs of contacts intersect."""
+    """Do the same as `linked` for a disk with particle 1 touching. Three arcs of contacts must intersect."""
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
     way = np.sqrt(x * x + y * y)
@@ -84,7 +84,7 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Add to ``nodes``, from index ``count`` on, extreme differences that cycles reach or, with ``back``, that lead to one.
+    """Add to ``nodes`` extreme differences that cycles reach from ``delta`` or, with ``back``, from which they lead to ``delta``.
 
     A difference is extreme if it is larger than all found before in about the same direction or, with ``back``, smaller.
     ``records`` holds the best of each direction. Return the new number of nodes.
@@ -100,7 +100,7 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
         size = np.sqrt(dot(here, here))
         place = int((np.arctan2(here[1], here[0]) / (2 * np.pi) + 1) * bins) % bins
         if done > 1 and size != records[place]:
-            continue  # beaten since
+            continue  # a more extreme difference was found after it
         for d in range(directions.shape[0]):
             length = farthest(here, directions[d], back, most, model, tried, step)
             if length <= 2 * model.push:

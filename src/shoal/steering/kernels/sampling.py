@@ -27,7 +27,7 @@ STEPS = 8  # maximum number of moves of one manoeuvre
 EQUAL = 1e-11  # relative to the size: offsets with a smaller difference are equal
 LIFT = 1e-6  # relative to the size: distance to which particles are lifted off walls before a translation
 CHANGED = 1e-7  # relative to the size: a manoeuvre with a smaller change is discarded
-WORSE = 0.3  # fraction that is kept of the states farther from the goal than their parents
+WORSE = 0.3  # fraction of states that are kept although they are farther from the goal than their parents
 ROUNDS = 6  # number of nodes among which the most promising one is chosen
 
 
@@ -60,7 +60,7 @@ def add_normals(point, world, total):
 
 @kernel
 def send(state, x, y, world, moves, count):
-    """Make the move (x, y) if there is space for it. Return the number of moves made."""
+    """Make the move (x, y) if it is not zero and ``moves`` has space for it. Return the number of moves made."""
     if count < moves.shape[0] and (x != 0 or y != 0):
         moves[count, 0], moves[count, 1] = x, y
         step(state, moves[count], world)
@@ -156,7 +156,7 @@ def draw_move(rng, size):
 
 @kernel
 def adjustment(state, goal, held, normal, rng, size):
-    """Return a move that makes an offset, or a part of it, equal to the held particle's; or sometimes another move."""
+    """Return a move that makes an offset, or a part of it, equal to the held particle's, or sometimes a random move."""
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
     x = state[held, 0] - goal[held, 0] - state[other, 0] + goal[other, 0]

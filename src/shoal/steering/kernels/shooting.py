@@ -1,9 +1,13 @@
 """Plans of few straight moves found by simulation: all moves except the last two are tried, and the last two are computed.
 
-When one more change of the difference is needed, its direction is determined: the other particle must move by ``s (Dg - D)`` while
-the toucher is held. So the second-last move goes in this direction until the toucher meets its wall, and then as far again. The
-last move brings both particles to their goals. If no random plan succeeds, the best ones are changed until one succeeds. Their
-error is measured as a length: how much too early the other particle meets a wall.
+The second-last move changes the difference D of the positions to the difference Dg of the goals. A wall holds one particle, the
+toucher, while the other particle moves by ``s (Dg - D)``; s is 1 if the first particle touches and -1 if the second does. This
+determines the direction of the move. Its length is the distance from the toucher to its wall plus ``|Dg - D|``. The last move
+brings both particles to their goals.
+
+Such a plan is feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the part of
+this move for which the other particle has no space. If no random plan is feasible, the plans with the smallest shortage are
+changed to reduce it.
 """
 
 from __future__ import annotations
@@ -16,18 +20,18 @@ from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_
 EXACT = 1e-9  # relative to the size: maximum distance from the goal at the end of a plan
 WIDEST = 0.1  # relative to the size: initial changes of a plan
 FINEST = 1e-5
-HOPELESS = 10.0  # multiple of the change: a larger error cannot be repaired by smaller changes
-WORTH = 0.01  # multiple of the change: a smaller improvement does not count
-ENOUGH = 1e-6  # relative to the size: safety margin
+HOPELESS = 10.0  # multiple of a change: smaller changes cannot repair a larger shortage
+WORTH = 0.01  # multiple of a change: a smaller improvement does not count
+ENOUGH = 1e-6  # relative to the size: the repair of a plan ends when its shortage is below minus this length
 
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write candidate lengths of moves in a direction: until one particle meets a wall, until both do, and between.
+    """Write lengths of moves to try in a direction: from the first contact of a particle with a wall to the other one's contact.
 
     Return their number.
 
-    A held particle has already met its wall. Shorter moves change no difference and only delay the next one.
+    A held particle has already met its wall. A move that ends before the first contact does not change the difference.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -48,10 +52,10 @@ def lengths_along(points, direction, shares, walls, lengths):
 
 @kernel
 def shortage(points, goal, toucher, walls, direction):
-    """Return how much too early the other particle meets a wall for two moves with this toucher to end at the goal; and a length.
+    """Return the shortage of the second-last move with this toucher, and the length of the move.
 
-    The shortage is negative if it does not meet one, and infinite if the toucher meets no wall. ``direction`` receives the
-    direction of the first move. The length is its extent, 0 if the difference already equals the goal's.
+    The shortage is negative if the other particle meets no wall during the move, and infinite if the toucher meets no wall.
+    ``direction`` receives the direction of the move. Both results are 0 if the difference already equals the goal's.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -76,7 +80,10 @@ def shortage(points, goal, toucher, walls, direction):
 
 @kernel
 def finish(points, goal, toucher, walls, moves):
-    """Write the last two moves with this toucher. Return the remaining error, infinite if there are no such moves."""
+    """Write the last two moves with this toucher.
+
+    Return the largest remaining distance of a particle from its goal, infinite if there are no such moves.
+    """
     d = points.shape[1]
     direction = np.empty(d)
     short, length = shortage(points, goal, toucher, walls, direction)
@@ -125,9 +132,9 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
 
 @kernel
 def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
-    """Try first moves from a state with the two computed ones.
+    """Try first moves from the start, and compute the last two moves for each.
 
-    Write the shortest plan of three, and return the number of plans found.
+    Write the shortest plan of three moves found. Return the number of plans found, each shorter than the one before.
 
     The search ends when ``enough`` plans are found.
     """
@@ -187,7 +194,10 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
-    """Return the smaller shortage of both touchers after all moves of a plan except the last two, and write the state there."""
+    """Return the smaller shortage of the two touchers after all moves of a plan except the last two.
+
+    Write the positions after these moves to ``state``.
+    """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
         advance_all(state, trial[m], walls, direction)
@@ -198,7 +208,7 @@ def least_shortage(start, goal, trial, walls, state, direction):
 
 @kernel
 def repair(start, goal, walls, trial):
-    """Change all moves of a plan except the last two in place until these are feasible. Return the remaining shortage."""
+    """Change all moves of a plan except the last two, in place, until the last two are feasible. Return the remaining shortage."""
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
     best = least_shortage(start, goal, trial, walls, state, direction)
@@ -239,7 +249,7 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 
 @kernel
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
-    """Write the shortest plan found with as many moves as ``plan`` has. Return the number of plans found.
+    """Write the shortest plan found to ``plan``, with the number of moves that ``plan`` has space for. Return the number found.
 
     ``picks``, int64, has shape (tries, wide, moves - 2, 2). In each try, the best of ``wide`` random plans is repaired. The search
     ends when ``enough`` plans are found.

@@ -1,8 +1,9 @@
 """Improvement of plans of two particles by random changes of their steps, with the acceptance rule of simulated annealing.
 
-Each step has a target and reaches it from any state: a contact brings one particle to a place on a wall, an adjustment makes a
-difference of the positions while a wall holds one particle, and a translation brings the midpoint of the particles to a place.
-Without noise, the last adjustment makes the difference of the goals. With noise, a plan is judged by its mean number of moves.
+Each step has a target and reaches it from any state: a contact brings one particle to a place on a wall, an adjustment gives the
+difference of the positions a value while a wall holds one particle, and a translation brings the midpoint of the particles to a
+place. Without noise, the target of the last adjustment is the difference of the goals, and the cost of a plan is its length. With
+noise, the cost is the mean number of moves.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ Noise = namedtuple("Noise", "starts errors deviation cycle")
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 EXACT = 1e-9  # of the size: a step that goes elsewhere by more is another one
-WIDEST, FINEST = 0.3, 1e-6  # of the size: typical changes of targets
-WARMTH = 0.05  # of the length or the moves: by how much plans may get worse at first
-FAR = 4.0  # times as many moves it takes to mend a difference, where it is wrong by the size
-BLOCKED = 2.0  # moves more, where a wall is in the way of the last one
+WIDEST, FINEST = 0.3, 1e-6  # relative to the size: largest and smallest typical change of a target
+WARMTH = 0.05  # relative to the cost: typical increase that is accepted at the beginning
+FAR = 4.0  # relative increase of the moves that correct a difference, if its error equals the size
+BLOCKED = 2.0  # number of additional moves if a wall stops the last move
 
 
 @kernel
@@ -46,7 +47,7 @@ def make_move(steps, k, state, move):
 
 @kernel
 def is_near(state, goal, tolerance):
-    """Tell whether both particles are within the tolerance of their goals."""
+    """Return whether both particles are within the tolerance of their goals."""
     for q in range(2):
         if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
             return False
@@ -57,7 +58,7 @@ def is_near(state, goal, tolerance):
 def play(steps, count, start, goal, tolerance, bound, world, state):
     """Return the length of a plan, infinite if it does not end at the goal or is longer than a bound.
 
-    A step need not do what it should: the steps after it lead to their targets from wherever the particles are.
+    A step may miss its target. The steps after it lead to their own targets from the actual positions.
     """
     last = count - 2
     while last >= 0 and steps.kinds[last] != ADJUSTMENT:
@@ -82,7 +83,7 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
 
 @kernel
 def moves_left(state, goal, tolerance, noise, world, move):
-    """Estimate how many moves more it takes to arrive; the state is lost."""
+    """Estimate how many more moves bring both particles to their goals. The state is overwritten."""
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -102,7 +103,7 @@ def moves_left(state, goal, tolerance, noise, world, move):
 
 @kernel
 def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
-    """Return how many moves a plan takes on average over the scenarios, with what is left to do at its end."""
+    """Return the mean number of moves over the scenarios: those of the plan, and the estimated number after its end."""
     total, scenarios = 0.0, noise.starts.shape[0]
     for s in range(scenarios):
         copy(noise.starts[s], state)
@@ -128,7 +129,7 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Move the steps from a number on by one or two places, back or forth; return how many there are then."""
+    """Move the steps with index ``first`` and above by ``by`` places. Return the new number of steps."""
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
@@ -139,7 +140,10 @@ def shift(steps, first, count, by):
 
 @kernel
 def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
-    """Make a step a contact of a particle anywhere on the walls, at times behind them by about ``over``."""
+    """Replace a step by a contact of a particle with a random point of the walls.
+
+    The target is behind the wall by a random distance proportional to ``over``, the standard deviation of the noise.
+    """
     wall_point(near[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
     steps.along[k, 0], steps.along[k, 1] = -normal[1], normal[0]
@@ -150,7 +154,10 @@ def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
 
 @kernel
 def vary(steps, k, width, world, rng, over):
-    """Change the target of a step by so much; that of a contact along its wall, and off it by about ``over``."""
+    """Change the target of a step at random by about ``width``.
+
+    The target of a contact changes along its wall by about ``width``, and across the wall by at most about ``over``.
+    """
     x, y = width * rng.normal(), width * rng.normal()
     if steps.kinds[k] == CONTACT:
         off = min(width, over) * rng.normal()
@@ -168,7 +175,7 @@ def vary(steps, k, width, world, rng, over):
 
 @kernel
 def play_before(steps, k, start, world, state, move):
-    """Set the state to where the steps before a number lead."""
+    """Write the state to which the steps before step k lead."""
     copy(start, state)
     for n in range(k):
         make_move(steps, n, state, move)
@@ -177,7 +184,7 @@ def play_before(steps, k, start, world, state, move):
 
 @kernel
 def aim_near(steps, k, width, rng, state):
-    """Give a new step a target near to a state."""
+    """Give a new step a random target near the present difference (adjustment) or the present midpoint (translation)."""
     for i in range(2):
         here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
         steps.targets[k, i] = here + width * rng.normal()
@@ -185,10 +192,11 @@ def aim_near(steps, k, width, rng, state):
 
 @kernel
 def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
-    """Change a plan at random, in place; return how many steps it has then.
+    """Change a plan at random, in place. Return the new number of steps.
 
-    ``odds`` are the probabilities, added up, of other targets; a step less; another contact and toucher; a contact that hands the
-    toucher over; a contact and an adjustment more. The rest is the probability of a bend.
+    ``odds`` are the cumulative probabilities of five changes: change one or two targets; remove a step; replace a contact, perhaps
+    with the other particle as toucher; insert a contact so that the other particle is the toucher of the next adjustment; insert a
+    contact and an adjustment. Otherwise, a translation is inserted.
     """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
@@ -243,7 +251,7 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 @kernel
 def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
-    """Return the length of a plan in a world without noise, if it is within a bound; else the moves that it takes on average."""
+    """Return the length of a plan, infinite above a bound. With noise, return the mean number of moves instead of the length."""
     if noise.starts.shape[0] == 0:
         return play(steps, count, start, goal, tolerance, bound, world, state)
     return expected_moves(steps, count, goal, tolerance, noise, world, state, move)
@@ -251,9 +259,9 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 
 @kernel
 def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
-    """Change a plan, in place, so many times; write the best met to ``best``; return its steps and its cost.
+    """Try ``changes`` changes of a plan, in place. Write the best plan to ``best``. Return its number of steps and its cost.
 
-    It is infinite if the plan itself does not work. No plan gets more moves than ``most``.
+    The cost is infinite if the initial plan does not end at the goal. No plan gets more than ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
@@ -279,6 +287,6 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
 
 @kernel
 def step_all(states, moves, world):
-    """Make a move each, in place, in many states of all particles."""
+    """Make one move in each of many states, in place. Each state has its own move, which moves all its particles."""
     for s in range(states.shape[0]):
         step(states[s], moves[s], world)

@@ -40,7 +40,7 @@ class Steps(NamedTuple):
     frontier: NDArray[np.int32]
     travelled: NDArray[np.int64]
     moves: NDArray[np.int64]
-    limits: NDArray[np.int64]  # of moves
+    limits: NDArray[np.int64]  # maximum number of moves
     complete: NDArray[np.bool_]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]

@@ -284,14 +284,14 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule):
 
 @in_place_kernel
 def carry_counts(field, command):
-    """Move the particle counts of the rule merge. Return the travelled cells."""
+    """Move the particle counts of the rule merge. Return the number of cells travelled."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
     if command == LEFT or command == RIGHT:
         columns_ahead = -1 if command == LEFT else 1
     else:
         rows_ahead = segments(field, command)[4] // width
-    forward = rows_ahead + columns_ahead < 0  # cells free the way for the particles behind them, as above
+    forward = rows_ahead + columns_ahead < 0  # cells ahead come first, so no particle moves twice
     rows, columns = counts.shape
     travelled = 0
     for a in range(rows):

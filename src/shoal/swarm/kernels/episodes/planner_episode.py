@@ -1,4 +1,4 @@
-"""Whole episodes of planners, in pieces like `play`. The result does not depend on the division into pieces."""
+"""Whole episodes of planners, played in pieces as by `policy_episode`. The result does not depend on the division into pieces."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.swarm.kernels.planning.rollout import choose_rollout
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
 
-GREEDY, ROLLOUT = 6, 7  # like the codes of `play`
+GREEDY, ROLLOUT = 6, 7  # codes of planners; they continue the policy codes of `policy_episode`
 FADING = 8  # number of moves with classification over which prediction errors are averaged
 
 

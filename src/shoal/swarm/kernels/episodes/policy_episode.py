@@ -41,7 +41,7 @@ MEMORY = record_type(
     "row", "column",  # the elected particle, or the particle driven by depth-first
     "target_row", "target_column",
     "trail_length", "backtracking",
-    "phase", "second", "gain",  # of sweep
+    "phase", "second", "gain",  # for the policy sweep only
     "idle",  # number of consecutive runs of commands without any effect
     # commands left of the run, its direction, and number of previous runs in the same direction
     "run_left", "run_command", "streak",
@@ -59,7 +59,7 @@ class PolicyState(NamedTuple):
     memory: Any  # a record of MEMORY
     search: Search
     scanning: Scanning
-    space: Slides | ElectSpace | DepthFirstSpace | None  # of the policy
+    space: Slides | ElectSpace | DepthFirstSpace | None  # own memory of the policy
 
 
 class ElectSpace(NamedTuple):
@@ -119,7 +119,10 @@ def decide_depth_first(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_sweep(field, mapping, policy_state):
-    """Move left to the wall. Alternate up and right to the other wall, then down and left back. Repeat while this classifies."""
+    """Move left to the wall. Then alternate up and right until nothing moves, and down and left on the way back.
+
+    Repeat the way there and back while it classifies cells.
+    """
     memory, plan = policy_state.memory, policy_state.search.plan
     if memory.phase == 3:
         if memory.gain == 0:

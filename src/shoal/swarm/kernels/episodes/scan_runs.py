@@ -17,13 +17,14 @@ class Scanning(NamedTuple):
     """The scan rule."""
 
     kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: scans as in the log
-    step: int  # of EQUAL
+    step: int  # number of commands between two scans, for EQUAL
 
 
 class ScanPlanner(NamedTuple):
     """Knowledge and working memory of an adaptive policy.
 
-    It is an argument that is None for all other policies. Its kernels, which are as large as all the rest, are then not compiled.
+    For all other policies, this argument is None. Then the kernels of the adaptive policy, which are as large as all the rest, are
+    not compiled.
     """
 
     gain: ExpectedGain
@@ -34,7 +35,8 @@ class ScanPlanner(NamedTuple):
 def interval(kind, step, streak):
     """Return the length of a run after ``streak`` runs in the same direction.
 
-    Scans are after k, 2k, ..., 1, 2, 4, ... or i^i commands.
+    In one direction, EQUAL scans after k, 2k, 3k, ... commands for the step k; DOUBLING after 1, 2, 4, 8, ...; and HYPER after 1,
+    4, 27, ..., i^i.
     """
     if kind == EQUAL:
         return step
@@ -59,9 +61,9 @@ def stretch(plan, at, length):
 def decide_adaptive(field, rule, mapping, search, scan_planner):
     """Plan a path through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
 
-    The plan is the run, or the path with one more command, with the highest expected number of classified cells per cost. If the
-    path to the nearest frontier cell is better, it is chosen instead. For coverage, where nothing is unknown, the plan is the path
-    alone without a scan.
+    A candidate is a run, or a path followed by one more command. The plan is the candidate with the highest expected number of
+    classified cells per cost, or the path to the nearest frontier cell if that has a higher one. For coverage, where
+    nothing is unknown, the plan is this path alone, without a scan.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0
@@ -74,7 +76,7 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
         if reached > rate:
             command, steps, rate = direction, length, reached
     length = 0
-    if rate * (scan + 2 * move) < 1:  # otherwise no path is better, because a straight one was already tested
+    if rate * (scan + 2 * move) < 1:  # otherwise the path to the nearest frontier cell cannot be better
         length = nearest(field, search, field.occupied)
         if length == 0:
             return 0, 0

@@ -3,8 +3,8 @@
 The number of commands sent from each plan is limited by the scan rule and by the length of the plan. Then a scan follows.
 
 A cell counts as progress when it is classified for the first time, however often the belief changes later. A budget of moves
-depends on the path to the target. If there is no progress within the budget, the target is given up permanently. Both events can
-occur only once per cell, so every episode ends.
+depends on the path to the target. If there is no progress within the budget, the target is given up permanently. A cell can
+count as progress only once and be given up only once, so every episode ends.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MEMORY = record_type(
     "budget",  # moves left without progress; -1: not computed yet
     "remaining",  # number of frontier cells
     "undecided",  # number of cells given up
-    "wakes",  # see wake
+    "wakes",  # number of commands planned by `wake`
     "at", "left",  # index in the plan, and commands of it to send before the next scan
 )  # fmt: skip
 PATIENCE, TIMES = 50, 5  # the budget for a path of d moves: PATIENCE + TIMES d
@@ -80,7 +80,10 @@ def refresh(noisy, field, guard):
 
 @in_place_kernel
 def wake(field, search, guard):
-    """Plan any command if no cell is classified as free yet. With frequent errors, the first free cell needs several scans."""
+    """Plan one command, of each direction in turn, if no cell is classified as free yet.
+
+    With frequent errors, the first free cell needs several scans.
+    """
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
         return 0
@@ -102,7 +105,7 @@ def anybody(board):
 def choose(field, search, guard, most):
     """Plan the path to the nearest frontier cell, giving up cells that take too long.
 
-    Return the number of commands to send before the next scan, at most ``most``; 0 if there is none.
+    Return the number of commands to send before the next scan, at most ``most``; 0 if there is no path.
     """
     memory = guard.memory
     if memory.remaining == 0:

@@ -1,8 +1,8 @@
 """Particles that slip or are observed wrongly, and the Bayes filter for noisy scans.
 
 Arrays are flat, over the workspace with a border of three cells: the rim, which is probed like other walls, and two more cells that
-are never free. So neighbours need no bounds test. Cells are processed in an order in which cells ahead come before the cells behind
-them.
+are never free. So neighbours need no bounds test. For each command, the cells ahead in its direction are processed before the cells
+behind them.
 
 For each cell the belief contains the log-odds that it is free, and the probability that it holds a particle. A move with its scan
 updates both in two passes. The first pass computes where particles may have moved. The second applies Bayes' rule to each cell
@@ -204,7 +204,7 @@ def learn_noisy(noisy, command):
     offset = noisy.offsets[command]
     size = noisy.inside.shape[0]
     inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
-    after = noisy.staying  # read only for this cell, just before it is written
+    after = noisy.staying  # each entry is read once, for its own cell, before it is overwritten
     first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
     after[:first] = 0.0
     after[last:] = 0.0

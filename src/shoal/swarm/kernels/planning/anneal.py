@@ -1,9 +1,9 @@
 """Simulated annealing of a plan for a known map: random changes are kept if the plan becomes shorter or hardly longer.
 
-A change costs only the simulation of the moves behind it, because intermediate states are stored at intervals.
+A change costs only the simulation of the moves after it, because intermediate states are stored at intervals.
 
-Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The changes are own
-designs (docs/concepts/planners.md).
+Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of
+changes are not from this source (docs/concepts/planners.md).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class AnnealedPlan(NamedTuple):
     """The plans during annealing, and the states along the current plan."""
 
     plan: NDArray[np.int8]  # the current plan
-    trial: NDArray[np.int8]  # it, changed
+    trial: NDArray[np.int8]  # a changed copy of it
     shortest: NDArray[np.int8]  # the shortest plan so far
     kept: NDArray[np.uint64]  # (places, boards, words): the state at regular intervals of moves
     every: int

@@ -49,7 +49,7 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from a state; return (which half holds the leaves, number of leaves, moves simulated).
+    """Search from a state; return (which of the two depths of ``beam`` holds the leaves, number of leaves, moves simulated).
 
     States are ranked by the discounted number of classified cells.
     """

@@ -24,7 +24,7 @@ from shoal.swarm.kernels.records import record_type
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, because a kernel is compiled again for each literal argument
 EVERY = 8  # moves between two kept states
 BEST, TRIAL = 0, 1  # whose states are kept: those of the best plan so far, and those of the plan that is simulated
-PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # of a simulation, as in `complete`
+PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # results of a simulation so far; see `complete`
 
 
 class KeptStates(NamedTuple):
@@ -78,7 +78,7 @@ def most_careful(scene, state, gains, moved, planes, last, charge):
 
 @in_place_kernel
 def left_behind(scene, occupied, at_hand, still):
-    """Return the number of frontier cells beside particles before that were not tried now and are no longer beside a particle."""
+    """Return the number of frontier cells that were beside a particle, were not tried by the command, and are beside none now."""
     beside(scene, occupied, at_hand, still)
     tried, lost = scene.tried, 0
     for i in range(still.shape[0]):

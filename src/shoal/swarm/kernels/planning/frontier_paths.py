@@ -1,4 +1,4 @@
-"""The nearest frontier cell of a simulated state and a straight path to it, by dilation as in `search` but with fewer boards."""
+"""The nearest frontier cell of a simulated state and a straight path to it. The search is `frontier_search` with fewer boards."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ from shoal.swarm.kernels.records import record_type
 WHOLE = 1 << 20  # denominator of fractions stored as whole numbers
 MEMORY = record_type(
     np.int64,
-    "plan_at", "plan_length",  # length of the incumbent
+    "plan_at", "plan_length",  # place in the incumbent, and its length
     "quiet",  # moves since the last classification
     "forced",  # commands left of a path that is sent completely
     "random",  # state of the random generator
@@ -40,7 +40,7 @@ class Planner(NamedTuple):
     scene: Scene
     root: NDArray[np.uint64]  # a state: the current state of the episode
     state: NDArray[np.uint64]  # a state: the state of the simulated plan
-    ahead: NDArray[np.uint64]  # a board: the particles one move further
+    ahead: NDArray[np.uint64]  # a board: the particles after one more move
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # the best plan so far

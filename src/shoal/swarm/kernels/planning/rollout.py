@@ -16,9 +16,9 @@ from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advan
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
 
 NOTHING = -1e18  # the value of no plan
-BRIEF = 300.0  # budget below which only the most promising plans are evaluated, with a short horizon,
-PLENTY = 900.0  # unless this many simulated moves have been saved,
-SAVINGS = 20.0  # maximum number of moves of such a plan
+BRIEF = 300.0  # budget below which only the most promising plans are evaluated, with a short horizon
+PLENTY = 900.0  # saved simulated moves from which this limit does not apply
+SAVINGS = 20.0  # for a budget below BRIEF: maximum of the saved simulated moves, as a multiple of the budget
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 NO_MOVES = np.int64(0)
 LONGEST_RUN = 40  # maximum length of a candidate that moves in one direction until it classifies a cell
@@ -51,7 +51,8 @@ def evaluate(planner, shared, length, best, few, style):
 
     The trial plan begins with the first ``shared`` commands of the incumbent.
 
-    If the end of the task is within the horizon, the value of a plan is the discounted classification minus its number of moves.
+    Near the end of the task, ``few`` is the expected number of cells left, otherwise it is 0. If it is above 0, the value of a plan
+    is its weighted discounted number of classified cells minus its number of moves.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
@@ -78,7 +79,7 @@ def evaluate(planner, shared, length, best, few, style):
         value = worth * value - time
         if (
             time == horizon and options.future_weight > 0 and surprise < options.end_surprise
-        ):  # the rest at the same rate, if the prediction is reliable
+        ):  # if the prediction is reliable, the cells that are left cost moves at the same rate
             value -= horizon * count(planner.state[FRONTIER]) / max(classified, 1)
     if value <= best:
         return best

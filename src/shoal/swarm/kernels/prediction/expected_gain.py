@@ -41,7 +41,7 @@ def learn_from_run(field, gain, command):
             cell = 64 * i + lowest(new)
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
-                number += BEHIND  # the run itself came along this path
+                number += BEHIND  # the particle passed the cell two behind in this run
             learn(prior, number, cell, is_free(field.open, cell))
             new &= new - ONE
 

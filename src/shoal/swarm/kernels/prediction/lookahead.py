@@ -57,7 +57,7 @@ def tried(field, occupied, command):
 
 @in_place_kernel
 def predicted(field, occupied, counts):
-    """Return the known field with the swarm elsewhere. Unknown cells, which no particle tries, are walls."""
+    """Return the known field with the swarm in the cells ``occupied``. Unknown cells, which no particle tries, are walls."""
     return Field(
         field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
         field.layers, field.rows, field.width,

@@ -26,7 +26,7 @@ class Search(NamedTuple):
     planes: NDArray[np.uint64]  # (7, words of a board)
     plan: NDArray[np.int8]  # the commands found, first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are expanded
-    parents: NDArray[np.int8]  # the commands in the order in which their origins are expanded
+    parents: NDArray[np.int8]  # the commands in the order in which the cells from which they lead are expanded
     columns: NDArray[np.uint64]  # (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
@@ -77,7 +77,7 @@ def start_planes(planes, sources):
 
 @in_place_kernel
 def expand(field, planes, first, last, level):
-    """Replace WAVE by the next level in words ``first`` to ``last - 1`` (it has no others). Return whether it is empty."""
+    """Replace WAVE by the next level in words ``first`` to ``last - 1`` (the level has no others). Return whether it is empty."""
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
     seen, mark = planes[SEEN, first:last], planes[MOD + level % 3, first:last]
@@ -115,7 +115,7 @@ def row_range(words, width, first, last):
 def common_columns(one, other, columns):
     """Add to ``columns``, one row of words, the columns in which two boards (or equal rows of them) have a common cell."""
     width = columns.shape[0]
-    if width < 8:  # a row is too short for vectors: column by column
+    if width < 8:  # a row is too short for vector instructions, so each word of the row is done for all rows
         for k in range(width):
             common = columns[k]
             for i in range(k, one.shape[0], width):
@@ -132,7 +132,7 @@ def common_columns(one, other, columns):
 def first_cell(field, search, one, other):
     """Return (row, column) of the first common cell of two boards in the order of expansion. There must be one.
 
-    Its columns are in ``search.columns``.
+    ``search.columns`` must contain the columns of all common cells.
     """
     width, rows, layers = field.width, field.rows, field.layers
     if search.order == COLUMN_MAJOR:
@@ -215,7 +215,7 @@ def find_goals(field, search, sources, first, last):
 
     Return whether a source is among them.
 
-    The loop uses blocks that fit the cache, so that new words are compared with the sources before they leave it.
+    The loop uses blocks that fit the cache, so that new words are compared with the sources before they leave the cache.
     """
     goals, width = search.planes[GOALS], field.width
     found = False

@@ -15,7 +15,7 @@ FAR = 1 << 30
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
     """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` (and any others) reach every wanted cell.
 
-    For each a in turn, b is the largest number of commands ``forth`` that any cell needs with at most a of the others.
+    For each a in turn, b is the largest number of commands ``forth`` that any cell needs with at most a commands ``back``.
     """
     best = FAR
     for cell in range(costs.shape[0]):

@@ -46,7 +46,7 @@ def measure(words, cells, row):
             else:
                 gap = position - last - 1
                 widest = max(widest, gap)
-                # While moving left, all particles to the right of the first gap move one cell further, so that gap becomes one cell
+                # While moving left, all particles to the right of the first gap move one cell further, so this gap becomes one cell
                 # smaller.
                 if gap > 0 and not bent:
                     bent = True
