@@ -103,7 +103,7 @@ def away(tour, team, robot, cell):
 
 @kernel
 def back(tour, team, robot, one, other):
-    """Return the cost, beyond a step to a neighbour, of returning from a cell to another one beside the start."""
+    """Return how much more than a step to a neighbour it costs to return from a cell to another one, which is beside the start."""
     if team.far.shape[0] > 0:
         return max(team.far[robot, one] - 1.0, 0.0)
     return max(flown(tour.points, tour.points, one, other) - 1.0, 0.0)
@@ -150,7 +150,7 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Return whether a pass from some first border succeeds in the time. ``borders`` then contains the result."""
+    """Return whether a pass with any of the tried first borders succeeds in the time. ``borders`` then contains the result."""
     reach, n, ahead, start = 0, tour.points.shape[0], tour.ahead, team.starts[0]
     while reach < n and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]:
         reach += 1

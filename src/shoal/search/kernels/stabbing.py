@@ -31,11 +31,11 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
 
 @kernel
 def fewest_links(points, starts, boxes, turn, reach, banned, before):
-    """Write the predecessor of each point on the path with the smallest sum of lengths and ``turn`` per link.
+    """Write the predecessor of each point on the path with the smallest cost: its length plus ``turn`` for each link.
 
     ``points`` (K, 2) are the points, where those of window k are from ``starts[k]`` to ``starts[k + 1]``. ``boxes`` (M, 4) are the
-    windows: left, low, right, high. A link passes over fewer than ``reach`` windows. ``banned`` are forbidden links, from * K + to,
-    increasing. The first and the last window have one point each.
+    windows: left, low, right, high. A link passes over fewer than ``reach`` windows. Each entry of ``banned`` is a
+    forbidden link as the number from * K + to; the entries increase. The first and the last window have one point each.
     """
     count, windows = len(points), len(boxes)
     cost = np.full(count, np.inf)

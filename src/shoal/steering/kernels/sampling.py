@@ -27,7 +27,7 @@ STEPS = 8  # maximum number of moves of one manoeuvre
 EQUAL = 1e-11  # relative to the size: offsets with a smaller difference are equal
 LIFT = 1e-6  # relative to the size: distance to which particles are lifted off walls before a translation
 CHANGED = 1e-7  # relative to the size: a manoeuvre with a smaller change is discarded
-WORSE = 0.3  # fraction of states that are kept although they are farther from the goal than their parents
+WORSE = 0.3  # fraction of states that are kept although they are not more promising than their parents
 ROUNDS = 6  # number of nodes among which the most promising one is chosen
 
 
@@ -229,7 +229,7 @@ def pick(total, tree, rng):
 
 @kernel
 def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
-    """Grow a tree in place by ``rounds`` manoeuvres.
+    """Grow a tree in place by at most ``rounds`` manoeuvres.
 
     Return the number of nodes, the rounds left, and whether the last node is a hit.
 

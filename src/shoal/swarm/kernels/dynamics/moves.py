@@ -103,7 +103,10 @@ def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
 
 @in_place_kernel
 def hold(there, moving, ahead):
-    """Remove particles from ``moving`` whose next cell holds a staying particle. This is the only recurrence from row to row."""
+    """Remove from ``moving`` the particles whose next cell holds a staying particle.
+
+    This is the only recurrence from row to row.
+    """
     size, step = moving.shape[0], abs(ahead)
     first = min(step, size)
     if ahead < 0:

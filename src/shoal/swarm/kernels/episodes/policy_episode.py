@@ -71,8 +71,8 @@ class ElectSpace(NamedTuple):
 class DepthFirstSpace(NamedTuple):
     """The memory of depth-first."""
 
-    visited: NDArray[np.uint64]  # a board: the cells visited by its particle
-    commands: NDArray[np.int8]  # the commands from the root
+    visited: NDArray[np.uint64]  # a board: the cells visited by the driven particle
+    commands: NDArray[np.int8]  # the commands from the start cell to the cell of the driven particle
 
 
 @in_place_kernel

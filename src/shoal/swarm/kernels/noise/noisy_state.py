@@ -147,7 +147,10 @@ def stray(noisy, at, but):
 
 @in_place_kernel
 def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
-    """Return the probability of two detections, given whether particles are behind and here after the move."""
+    """Return the probability of two detections, given whether particles are behind and here after the move.
+
+    A scan shows a particle in its own cell with the probability ``hit``, and in each neighbouring cell with ``share``.
+    """
     neither = (1.0 - stray_behind) * (1.0 - stray_here)
     not_behind, not_here = 1.0 - stray_behind, 1.0 - stray_here
     if behind:
@@ -178,7 +181,7 @@ def weigh(noisy, at, offset):
     if seen[at] and noisy.moved[at] < LOST * free:
         coming = max(coming, LOST)  # a particle that the belief has lost
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
-    held = coming + (1.0 - coming) * next_coming  # a particle behind, if no particle can enter
+    held = coming + (1.0 - coming) * next_coming  # probability of a particle behind if no particle can enter the cell
     gone = coming * (1.0 - slip)
     none = likelihood(seen[behind], seen[at], False, False, a, b, hit, share)
     only_behind = likelihood(seen[behind], seen[at], True, False, a, b, hit, share)

@@ -1,4 +1,4 @@
-"""Completion of a simulated plan by a base policy: single commands, or the path to the nearest frontier cell if none classifies.
+"""Completion of a simulated plan by a base policy: single commands that classify cells, or the path to the nearest frontier cell.
 
 The policy has two styles. Greedy takes the command that classifies most cells now. Careful subtracts a charge for each frontier
 cell that is left behind, that is, beside a particle now and beside none afterwards. In a corridor, careful therefore probes both
@@ -88,7 +88,7 @@ def left_behind(scene, occupied, at_hand, still):
 
 @in_place_kernel
 def complete(scene, state, space, plan, begin, length, horizon, discount, style, charge, worth, expected, best):
-    """Simulate the first ``length`` commands of a plan and complete it by the base policy, writing its commands behind them.
+    """Simulate the first ``length`` commands of a plan and append the commands of the base policy.
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` is the kept state of the
     best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell

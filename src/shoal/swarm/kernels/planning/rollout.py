@@ -164,8 +164,9 @@ def try_leaves(planner, best, few):
 def vary(planner):
     """Write a variation of the incumbent to the trial; return (number of commands before the first change, length).
 
-    The variation has another command at a random place, and the base policy completes it. With RUNS it may instead have a run of up
-    to eight commands there, followed by the rest of the incumbent, possibly shortened.
+    The variation has another command at a random place, and the base policy completes it. If ``run_candidates`` is above 0, other
+    variations are drawn, too: a run of up to eight equal commands there, completed by the base policy; the same run inserted; or up
+    to eight commands removed.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)

@@ -28,12 +28,12 @@ MODELS = 4
 LEARNED = MODELS  # index of the expert after the counting ones
 EXPERTS = MODELS + 1
 STATES, PAIRS = 3, 6  # states of a cell: unknown, free, obstacle; unordered pairs of them
-COARSE = STATES * PAIRS  # cells behind the neighbour and beside it
-FINE = COARSE * PAIRS  # and beside the cell
-# The tallies: one of all cells; then, for each model in turn, those of coarse surroundings at each place, and those of fine ones.
+COARSE = STATES * PAIRS  # number of coarse surroundings: the cell behind the neighbour, and the pair beside the neighbour
+FINE = COARSE * PAIRS  # number of fine surroundings: these cells, and the pair beside the cell
+# Order of the tallies: one for all cells; then, for each model, those for coarse surroundings at each place, and for fine ones.
 WEIGHT = 2.0  # weight of the coarser fraction in cells
 DEALT = 0.002  # fraction of all weight that is redistributed evenly at each classification
-LEAST = 0.01  # weight below which an expert is not evaluated for expectations
+LEAST = 0.01  # weight below which an expert is not evaluated for a prediction
 
 
 class OccupancyPrior(NamedTuple):
@@ -96,7 +96,7 @@ def around(opened, known, cell, step, side):
 
 @in_place_kernel
 def place(prior, model, cell):
-    """Return (number of a cell's position modulo 2 to the ``model``, number of such positions)."""
+    """Return (index of a cell's position modulo 2 to the power ``model``, number of such positions)."""
     mask = (np.int64(1) << model) - 1
     row = (cell >> 6) // prior.width
     if prior.layers == 1:
