@@ -98,7 +98,7 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     """Return the object that a form's fields describe.
 
-    Texts are parsed as on the command line; see `schema_of` and `checked_problem`.
+    A field that is a text is parsed as on the command line; see `schema_of` and `checked_problem`.
 
     Raises
     ------

@@ -53,8 +53,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     one of them searches on.
 
     `stay_share` is the limit for many cells. With 64 cells and 50 robots, most robots share a cell, and the exact mean is 0.6 %
-    above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above the limit, because
-    each robot searches at least one cell.
+    above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean time is far above the limit,
+    because a part has at least one whole cell.
 
     Examples
     --------

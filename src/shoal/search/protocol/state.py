@@ -76,7 +76,7 @@ class Brief:
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows about another robot: its latest heartbeat, the time of arrival, and its lag at two earlier moments.
+    """What a robot knows about another robot: the latest heartbeat, the time of its arrival, and the lag at two earlier moments.
 
     ``since`` is the time at which the other robot first reported its destination. ``way`` is the length in cell sides of the other
     robot's path to its destination.

@@ -22,8 +22,8 @@ class SpanningTreeTour:
     still separate are connected. A single cell counts as a cycle. Each connection replaces one edge of each of two cycles by two
     steps between them. Of the two steps of a connection, one leads to a neighbouring cell. The other step of a connection may be
     longer: a diagonal to a single cell, or the way back from a dead end one cell wide. Of the four alignments of blocks, the tour
-    uses the alignment with the most full blocks. The spanning tree consists of straight corridors and a spine, because this shape
-    gives few turns.
+    uses the alignment with the largest number of full blocks. The spanning tree consists of straight corridors and a spine,
+    because this shape gives few turns.
     """
 
     name = "spanning-tree"

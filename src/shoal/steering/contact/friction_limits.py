@@ -31,8 +31,8 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
     """Return the reason why friction keeps Δ from changing from ``before`` to a value near ``after``, or None if no proof is found.
 
     On a disk of radius r with the friction coefficient μ, no reaction of the wall makes Δ longer while |Δ| is above
-    2 r sin(atan μ). Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the initial |Δ|. While |Δ| is above
-    2 r sin(atan μ), Δ can turn only while |Δ| shrinks. On a polygon, the function uses several gauges and a barrier. The sides of
+    2 r sin(atan μ). Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the initial |Δ|. If |Δ| is above
+    2 r sin(atan μ), each turn of Δ makes |Δ| shorter. On a polygon, the function uses several gauges and a barrier. The sides of
     the first gauge's unit ball have the walls' normals and the opposite vectors as their normals. The unit ball of the second gauge
     has these vectors as its corners. With friction up to 1, a polygon of four sides has two more gauges. The function ignores a
     gauge that a reaction can increase.

@@ -59,9 +59,9 @@ def path_to_frontier(
 ) -> str:
     """Return the shortest commands that move a particle from ``sources`` to a frontier cell, or "" if no path exists.
 
-    The function searches breadth-first through cells that are known to be free. The search expands cells of equal distance in the
-    order ``ties``. The search visits the neighbours of a cell in the order ``neighbours``. The target is the first frontier cell
-    that the search finds.
+    The function searches breadth-first through cells that are known to be free. The argument ``ties`` gives the
+    order in which cells of equal distance are expanded. The argument ``neighbours`` gives the order in which the neighbours of a
+    cell are visited. The target is the first frontier cell that the search finds.
 
     Parameters
     ----------
