@@ -25,7 +25,6 @@ Noise = namedtuple("Noise", "starts errors deviation cycle")
 2); the standard deviation of the errors; and the number of moves that correct a wrong difference and reach the goals."""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
-EXACT = 1e-9  # of the size: a step that goes elsewhere by more is another one
 WIDEST, FINEST = 0.3, 1e-6  # relative to the size: largest and smallest typical change of a target
 WARMTH = 0.05  # relative to the cost: typical increase that is accepted at the beginning
 FAR = 4.0  # relative increase of the moves that correct a difference, if its error equals the size
