@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
 import gymnasium
@@ -12,7 +13,7 @@ from shoal.envs.steering_worlds import SteeringWorlds
 from shoal.envs.swarm_worlds import SwarmWorlds
 
 
-class WorldEnv(gymnasium.Env[Any, Any]):
+class WorldEnv(gymnasium.Env[Any, Any], ABC):
     """One world with Gymnasium's interface. A subclass names the class of its worlds and checks actions.
 
     Parameters
@@ -72,9 +73,9 @@ class WorldEnv(gymnasium.Env[Any, Any]):
         observation, info = self._told()
         return observation, float(rewards[0]), terminated, truncated, info
 
+    @abstractmethod
     def _checked(self, action: Any) -> Any:
         """Return an action as the actions of a batch with one world, or raise InvalidAction."""
-        raise NotImplementedError
 
     def _told(self) -> tuple[Any, dict[str, Any]]:
         """Return the observation and the info. In the mode "human", show the picture too."""

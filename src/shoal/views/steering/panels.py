@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import numpy as np
@@ -65,22 +66,24 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
     return np.concatenate([low, high[::-1]])
 
 
-class Panel:
+class Panel(ABC):
     """Base class of the panels. Line widths and text sizes are multiples of ``unit`` pixels."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
         self._prepare(box)
 
+    @abstractmethod
     def _prepare(self, box: Box) -> None:
         """Compute what all frames need."""
 
+    @abstractmethod
     def draw_background(self) -> None:
         """Draw the parts that are the same in all frames."""
 
+    @abstractmethod
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw the parts that move at a moment of the film, with a camera whose azimuth is ``turn`` radians."""
-        raise NotImplementedError
 
 
 class PlanePanel(Panel):
@@ -128,6 +131,9 @@ class SpacePanel(Panel):
         right, up, down = picture_extent(workspace, self._episode.states)
         self._scale = min(box.width / (2 * right), box.height / (up + down))
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
+
+    def draw_background(self) -> None:
+        """Draw nothing, because all parts turn with the camera."""
 
     def draw(self, moment: FilmMoment, turn: float) -> None:
         """Draw all parts of the panel from back to front. The azimuth of the camera is ``turn``."""
