@@ -184,6 +184,27 @@ def test_all_is_told_within_a_round_of_beacons():
     assert max(sizes[6:]) < 400 < max(sizes[:6])
 
 
+def test_uneven_sets_are_told_within_32_beacons():
+    """A section ends early where intervals lie densely, so uneven sets need more beacons than even ones."""
+    rng = np.random.default_rng(1)
+    for _ in range(30):
+        n = int(rng.integers(300, 2000))
+        cells = 0
+        for first, length, step in zip(
+            rng.integers(0, n, 4), rng.integers(1, n // 2, 4), rng.choice((2, 3, 5, 10), 4), strict=True
+        ):
+            cells |= sum(1 << cell for cell in range(int(first), min(n, int(first + length)), int(step)))
+        robot, _ = advance(Robot(1, Brief(TourCost(make_tour("comb", (1, n))), beat=1.0), start=0), Begin(0.0))
+        told = Beacon(2, (Heartbeat(2, 1, n // 2, 1.0, "searching"),), ((2, cells),))
+        robot, _ = advance(robot, Heard(0.5, told))
+        heard = []
+        for beat in range(1, 40):
+            robot, actions = advance(robot, Wake(float(beat)))
+            heard += [action.beacon for action in actions if isinstance(action, Send)]
+        assert len(heard) >= 38
+        assert joined(heard[6:38])[1][2] & cells == cells
+
+
 @pytest.mark.parametrize("network", ["perfect", "loss:0.3,delay:2,duplicates:0.3,corruption:0.2,replays:0.5,forgeries:0.5"])
 def test_short_signed_messages_serve_as_well(network):
     brief = Brief(TourCost(make_tour("moore", (8, 8))))
