@@ -1,4 +1,4 @@
-"""Allocation of a tour to robots. Each robot computes the same allocation from the same broadcast start positions."""
+"""Division of a tour among robots. All robots know the start cells of all robots, and therefore compute equal allocations."""
 
 from __future__ import annotations
 
@@ -21,23 +21,22 @@ from shoal.search.kernels.shares import Team
 
 @dataclass(frozen=True, eq=False)
 class Allocation:
-    """The parts of a tour that the robots search, with the robots' completion times.
+    """The part of a tour that each robot searches, and the time at which each robot finishes.
 
     Parameters
     ----------
     allocator : str
-        Name of the rule that made the allocation.
+        Name of the allocator that divided the tour.
     arcs : tuple of tuple of Arc
-        The arcs that are assigned to each robot, in the order in which it searches them. A robot in reserve has no arcs.
+        Arcs of the tour for each robot, in the order in which the robot searches them. A robot in reserve has no arcs.
     times : ndarray of float64, shape (m,)
-        Completion time of each robot, including its path to the first cell. The unit is the time in which a robot of speed 1
-        searches one cell.
+        Completion time of each robot, including its path to its first cell. In the time 1, a robot of speed 1 searches one cell.
     lower_bound : float
-        Lower bound on the makespan of every allocation: the number of visits to cells that are necessary, divided by the sum of
-        speed times footprint width over all robots.
+        Lower bound on the makespan of any allocation: the number of necessary cell visits divided by the search rate of all robots.
+        The search rate of a robot is its speed times its footprint width in cells.
     work : tuple of tuple of Arc
-        All arcs that each robot searches. These are its own arcs and, if several robots must search each cell, also arcs of robots
-        ahead.
+        All arcs that each robot searches. If several robots must search each cell, a robot first searches its own arcs and then
+        the arcs of the next robots along the tour.
     """
 
     allocator: str
@@ -48,7 +47,7 @@ class Allocation:
 
     @property
     def makespan(self) -> float:
-        """Completion time of the last robot."""
+        """Time at which the last robot finishes."""
         return float(self.times.max())
 
 
@@ -67,20 +66,21 @@ def allocate(
     ----------
     tour_cost : TourCost
     starts : array_like of int, shape (m,)
-        Tour index of each robot's start cell; m is at least 1. Several robots may start in the same cell.
+        Tour index of each robot's start cell, for at least one robot. Several robots may start in the same cell.
     allocator : str
         "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": all robots first
-        move along the tour by at most a common distance. "individual-shift": each robot first moves along the tour by its own
-        distance. "two-way": each robot searches the cells behind and ahead of its start. "hop": each robot moves straight to the
-        beginning of an arc. Or ``module:attribute``, a function with the arguments of the functions in
-        `shoal.search.allocation.allocators`.
+        move along the tour, by at most one common distance. "individual-shift": each robot first moves along the tour, by a
+        distance chosen for this robot. "two-way": each robot searches cells behind its start and cells ahead of its start. "hop":
+        each robot moves straight to the first cell of its arc. A text ``module:attribute`` names a function with the same arguments
+        as the functions in `shoal.search.allocation.allocators`.
     rates : array_like of float, shape (m,), optional
-        Relative speed of each robot, both in motion and in search. The default is 1 for all robots.
+        Speed of each robot relative to the common speed, for motion and search alike. By default, all robots have the speed 1.
     places : array_like of float, shape (m, d), optional
-        Positions of the robots in the units of `TourCost.points`. By default, each robot is at the viewpoint of its start cell.
+        Positions of the robots in cell sides, as in `TourCost.points`. By default, each robot is at the viewpoint of its start
+        cell.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot in cells, odd. The default is 1 for all robots. A robot with a wide footprint gets more cells
-        (`gain_of`).
+        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A robot with a wide
+        footprint gets more cells than a robot with a narrow footprint, by the factor `gain_of`.
 
     Raises
     ------
@@ -89,8 +89,8 @@ def allocate(
 
     Notes
     -----
-    "stay" is the rule of paper H, p. 5. The other rules answer an open question of this paper, how much time "slightly more initial
-    configuration movement" saves.
+    The allocator "stay" follows paper H, p. 5. The other allocators answer an open question of paper H: how much time does
+    "slightly more initial configuration movement" save?
 
     Examples
     --------
@@ -118,7 +118,7 @@ def allocate(
 def arcs_of(
     tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
 ) -> tuple[tuple[Arc, ...], ...]:
-    """Return the arcs that `allocate` assigns to each robot, without computing times."""
+    """Return the arcs that `allocate` assigns to each robot. Completion times are not computed."""
     return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
@@ -139,7 +139,7 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
 def _team(
     tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
-    """Return the robots, checked and sorted by their starts around the tour, and the order of sorting."""
+    """Check the robots and sort them by their start cells on the tour. Return the robots, and the indices that sort them."""
     n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():
@@ -159,7 +159,7 @@ def _team(
 
 
 def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
-    """Return the cost in cells of searching arcs with a footprint of ``width`` cells; see `work_time`."""
+    """Return the cost, in cells, of searching arcs with a footprint that is ``width`` cells wide; see `work_time`."""
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)
     cells = numbers_of(work, len(tour_cost))

@@ -1,4 +1,4 @@
-"""Allocators: rules that assign arcs of a tour to robots. Each rule returns one list of arcs for each robot of a `Team`."""
+"""Allocators: rules that assign arcs of a tour to robots. An allocator returns a list of arcs for each robot of a `Team`."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
 
 @ALLOCATORS.register("stay")
 def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Assign to each robot the cells from its start to the next robot's start."""
+    """Assign to each robot the cells between its own start and the start of the next robot along the tour."""
     gaps = np.diff(np.append(team.starts, team.starts[0] + len(tour_cost)))
     return [[Arc(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
 
 
 @ALLOCATORS.register("common-shift")
 def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let all robots move at most a distance D along the tour, and then search at most G cells each.
+    """Let each robot move at most a distance D along the tour, and then search at most G cells.
 
-    The rule minimizes D + G, as if all robots had the same speed.
+    All robots share the limits D and G. The allocator minimizes D + G, as if all robots were equally fast.
     """
     starts = team.starts
     n, m = len(tour_cost), len(starts)
@@ -62,16 +62,16 @@ def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("individual-shift")
 def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let each robot move along the tour by its own distance before it searches.
+    """Let each robot move along the tour before it searches, by a distance chosen for this robot.
 
-    The rule minimizes the time until the last robot finishes.
+    The allocator minimizes the time until the last robot finishes.
     """
     return _arcs_between(_bisected(False, tour_cost, team))
 
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let each robot search the cells behind its start and the cells ahead of its start, in the cheaper order of the two."""
+    """Let each robot search cells behind its start and cells ahead of its start. The cheaper of these two sides comes first."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []
@@ -88,9 +88,9 @@ def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("hop")
 def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let each robot move straight to an arc of the tour, and search the arc. A robot with a longer way gets a shorter arc.
+    """Let each robot move straight to an arc of the tour, and search this arc.
 
-    Around the tour, the arcs have the same order as the robots' starts.
+    A robot that is far from its arc gets a shorter arc. Along the tour, the robots' arcs have the same order as the robots' starts.
     """
     n, m = len(tour_cost), len(team.starts)
     rows = min(4 * _STRIDES, max(8, _TRIALS // m))
@@ -124,7 +124,7 @@ def _arcs_between(borders: Indices) -> list[list[Arc]]:
 
 
 def _powers(team: Team) -> Floats:
-    """Return the search rate of each robot."""
+    """Return the search rate of each robot: its speed times the gain from its footprint width."""
     return team.rates * team.gains
 
 
@@ -134,7 +134,10 @@ def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, border
 
 
 def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
-    """Return the borders of the robots' parts for the smallest time in which they can search all cells; int64, shape (m + 1,)."""
+    """Return the borders between the robots' parts for which the search takes the least time; int64, shape (m + 1,).
+
+    The function finds the least time by bisection.
+    """
     n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # the borders of the allocator stay
     gaps = np.diff(tour_cost.ahead[best]) / _powers(team)

@@ -1,4 +1,4 @@
-"""Arcs: consecutive cells on a tour, and the cost of searching them."""
+"""Arcs: sequences of consecutive cells on a tour, and the cost of searching arcs."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Arc:
     first : int
         Tour index of the cell that the robot searches first.
     count : int
-        Number of cells.
+        Number of cells in the arc.
     step : int
-        1 for forwards along the tour, -1 for backwards.
+        Direction of the search: 1 for forwards along the tour, -1 for backwards.
     """
 
     first: int
@@ -31,11 +31,13 @@ class Arc:
     step: int = 1
 
     def bits(self, n: int) -> int:
-        """Return the arc's cells as a bitset, on a tour of n cells."""
+        """Return the bitset of the arc's cells, for a tour of n cells."""
         return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
 
     def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return the sections of the arc with all cells in the bitset ``wanted``, as (first cell, length) in visiting order.
+        """Return the sections of the arc that lie in the bitset ``wanted``, in the order of the search.
+
+        A section is a pair (first cell, number of cells). The tour has n cells.
 
         Examples
         --------
@@ -47,7 +49,7 @@ class Arc:
         return found if self.step > 0 else [((first + count - 1) % n, count) for first, count in reversed(found)]
 
     def next_of(self, wanted: int, n: int) -> int | None:
-        """Return the first of the arc's cells that is in the bitset ``wanted``, on a tour of n cells.
+        """Return the first cell of the arc that is in the bitset ``wanted``, for a tour of n cells.
 
         The result is None if no cell of the arc is in the bitset.
 
@@ -65,18 +67,19 @@ class Arc:
 
 
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
-    """Return the straight distance from a position to the cell ``first``, in cell sides.
+    """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
-    If ``start`` is given and the path from the cell ``start`` is longer, for example around walls, return the length of this path.
+    If the cell ``start`` is given, the function also computes the path from ``start`` to ``first``, which may lead around walls.
+    The result is the larger one of the two lengths.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))
 
 
 def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: int | None = None) -> float:
-    """Return the cost in cells of searching arcs one after another, for a robot at ``place``.
+    """Return the cost, in cells, of searching arcs one after another, for a robot at the position ``place``.
 
-    The cost of the path to the first arc is computed by `way_to`.
+    The cost contains the path to the first arc, as computed by `way_to`.
     """
     total, n = 0.0, len(tour_cost)
     here: int | None = None
@@ -89,6 +92,6 @@ def work_time(tour_cost: TourCost, arcs: Sequence[Arc], place: Floats, start: in
 
 
 def numbers_of(arcs: Sequence[Arc], n: int) -> NDArray[np.int64]:
-    """Return the cells of some arcs in visiting order, as indices on a tour of n cells; int64, shape (k,)."""
+    """Return the cells of arcs in the order of the search, as indices on a tour of n cells; int64, shape (k,)."""
     found = [(arc.first + arc.step * np.arange(arc.count)) % n for arc in arcs]
     return np.concatenate([np.zeros(0, dtype=np.int64), *found])

@@ -1,4 +1,4 @@
-"""Choice of the allocation with the shortest planned time, including the flights home to recharge."""
+"""Choice of the allocation with the shortest planned search time, including the flights home to recharge."""
 
 from __future__ import annotations
 
@@ -27,21 +27,21 @@ def best_allocation(
     energy: float = inf,
     recharge: float = 0.0,
 ) -> tuple[Allocation, dict[str, float]]:
-    """Return the fastest allocation, and the completion time of each compared allocation by name, fastest first.
+    """Return the fastest allocation, and a mapping from the name of each compared allocation to its completion time.
 
-    All times are in units of the time in which a robot of speed 1 searches one cell.
+    The mapping begins with the fastest allocation. In the time 1, a robot of speed 1 searches one cell.
 
     Parameters
     ----------
     tour_cost : TourCost
     starts, rates, places, widths : ndarray
-        As in `allocate`.
+        Start cells, speeds, positions and footprint widths of the robots, as in `allocate`.
     allocators : sequence of str
-        Names of the allocators that are compared. If several allocations are equally fast, the first one is chosen.
+        Names of the allocators to compare. Of several equally fast allocations, the function chooses the first.
     energy : float
-        The time within which a robot must return to its start, because its battery is then empty.
+        Time after which the battery of a robot is empty. The robot must return to its start before its battery is empty.
     recharge : float
-        Duration of recharging at the start.
+        Time that a robot needs at its start to recharge its battery.
 
     Examples
     --------
@@ -60,7 +60,7 @@ def best_allocation(
 
 
 def time_with_sorties(allocation: Allocation, tour_cost: TourCost, places: Floats, *, energy: float, recharge: float) -> float:
-    """Return the approximate time until all robots finish, with the flights home to recharge; see `best_allocation`."""
+    """Return the approximate time until all robots finish, including flights home to recharge; see `best_allocation`."""
     if energy == inf:
         return allocation.makespan
     latest = 0.0

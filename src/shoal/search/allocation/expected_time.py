@@ -1,4 +1,4 @@
-"""Expected search time if robots do not move before the search (paper H, p. 8, Fig. 5): Monte Carlo estimate and theory."""
+"""Expected search time of robots that search from where they start (paper H, p. 8, Fig. 5): Monte Carlo estimate and theory."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _AT_ONCE = 2_000_000  # number of positions drawn per block
 
 
 class ExpectedTime(NamedTuple):
-    """A mean with its standard error.
+    """The mean of many simulated search times, with its standard error.
 
     Parameters
     ----------
     mean : float
-        T_E/T_UB: the expected search time as a fraction of the time of a single robot.
+        Expected search time, divided by the search time of a single robot. Paper H calls this ratio T_E/T_UB.
     error : float
-        Standard error of the mean.
+        Standard error of the mean, in the same unit as the mean.
     """
 
     mean: float
@@ -28,19 +28,20 @@ class ExpectedTime(NamedTuple):
 
 
 def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_000, seed: int = 0) -> ExpectedTime:
-    """Return the expected time of a search in which each robot searches up to the start of the next working robot.
+    """Return the expected search time of robots that search from their own start to the next working robot's start.
 
     Parameters
     ----------
     cells : int
         Number of cells of the closed tour.
     robots : int
-        Number of robots. The robots start in independent random cells.
+        Number of robots, including dead robots. The robots start in independent random cells.
     dead : int
-        Number of robots that never start. The part of a dead robot is searched by the robot behind it, without any waiting time.
+        Number of dead robots, which never start. The robot behind a dead robot searches the dead robot's part without a delay.
     trials : int
         Number of random trials, at least 2.
     seed : int
+        Seed of the random start cells.
 
     Raises
     ------
@@ -48,13 +49,13 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
     Notes
     -----
-    Paper H, p. 8: T_UB is the time of one robot, T_LB = T_UB/m. The time is that of ``allocate(..., allocator="stay")``. Robots
-    first move to the centres of their cells, so each part consists of whole cells. If several robots start in the same cell, only
-    one of them searches on.
+    In paper H, p. 8, T_UB is the search time of one robot, and T_LB = T_UB/m is the lower bound for m robots. The time of a trial
+    is the makespan of ``allocate(..., allocator="stay")``. Robots first move to the centres of their cells, so each part consists
+    of whole cells. If several robots start in the same cell, only one of these robots searches.
 
-    `stay_share` is the limit for many cells. With 64 cells and 50 robots, most robots share a cell, and the exact mean is 0.6 %
-    above the limit (``tests/golden/test_search_figures.py``). With more robots than cells, the mean time is far above the limit,
-    because a part has at least one whole cell.
+    For many cells, the mean approaches `stay_share`. With 64 cells and 50 robots, most robots share a cell, and the exact mean is
+    0.6 % above `stay_share` (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above
+    `stay_share`, because a part has at least one whole cell.
 
     Examples
     --------
@@ -72,7 +73,7 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
 
 def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return the largest distance in cells from a working robot to the next working robot; int64, shape (trials,)."""
+    """Return, for each trial, the largest distance in cells from one working robot to the next; int64, shape (trials,)."""
     starts = rng.integers(cells, size=(trials, robots))[:, dead:]  # all robots are equivalent, so the first ones are dead
     starts.sort(axis=1)
     around = starts[:, 0] + cells - starts[:, -1]
@@ -80,10 +81,10 @@ def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Gen
 
 
 def stay_share(robots: int, *, dead: int = 0) -> float:
-    """Return the limit of `expected_time` for many cells.
+    """Return the limit that the mean of `expected_time` approaches for many cells.
 
-    For k working robots, the limit is H_k/k, where H_k is the sum of 1/1 to 1/k. The limit is the mean length of the longest of the
-    k arcs into which k random points divide a circle of length 1.
+    For k working robots, the limit is H_k/k with the harmonic number H_k = 1 + 1/2 + ... + 1/k. If k random points divide a circle
+    of length 1 into k arcs, the longest arc has the mean length H_k/k.
 
     Raises
     ------

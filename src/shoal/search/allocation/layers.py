@@ -1,4 +1,4 @@
-"""Layers: one grid for cells at several altitudes or in several passes, with paths and distances within and between layers."""
+"""Layers: one grid for cells at several altitudes or in several passes, and the paths and distances between these cells."""
 
 from __future__ import annotations
 
@@ -23,16 +23,17 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class LayeredGrid:
-    """The cells of several layers over one region, with the interface of `CellGrid`.
+    """The cells of several layers over one region, with the same interface as `CellGrid`.
 
     Parameters
     ----------
     layers : tuple of CellGrid
-        The layers from the lowest to the highest. Equal layers are the same object.
+        The layers from the lowest to the highest. Equal layers are one shared object.
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Mean horizontal distance in metres that a vehicle flies along the rows in the time in which it climbs or descends one metre.
+        Cost of a vertical metre in horizontal metres: how far a vehicle flies level in the mean time for climbing or descending one
+        metre.
     """
 
     layers: tuple[CellGrid, ...]
@@ -41,12 +42,12 @@ class LayeredGrid:
 
     @property
     def region(self) -> SearchRegion:
-        """The region of the lowest layer, without the area that no robot sees from this layer."""
+        """The region of the lowest layer, without the area that robots cannot see from the lowest layer."""
         return self.layers[0].region
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres. Path lengths in cells refer to the smallest cells."""
+        """Side of the smallest cells in metres. A path length in cells is a multiple of this side."""
         return min(layer.size for layer in self.layers)
 
     @property
@@ -56,7 +57,7 @@ class LayeredGrid:
 
     @property
     def angle(self) -> float:
-        """Angle in degrees of the rows in the lowest layer, counter-clockwise from the x axis."""
+        """Angle of the rows of cells in the lowest layer, in degrees counter-clockwise from the x axis."""
         return self.layers[0].angle
 
     @property
@@ -67,23 +68,23 @@ class LayeredGrid:
 
     @cached_property
     def starts(self) -> Numbers:
-        """Index of the first cell of each layer among all cells, and the total number of cells; int64, shape (L + 1,)."""
+        """Index of each layer's first cell in `LayeredGrid.cells`, followed by the number of all cells; int64, shape (L + 1,)."""
         return np.concatenate([[0], np.cumsum([layer.n_cells for layer in self.layers])])
 
     @property
     def n_cells(self) -> int:
-        """Number of cells of all layers."""
+        """Number of cells in all layers together."""
         return int(self.starts[-1])
 
     @cached_property
     def cells(self) -> Numbers:
-        """The cells as (layer, row, col), sorted by layer; int64, shape (n_cells, 3)."""
+        """The cells as triples (layer, row, column), sorted by layer; int64, shape (n_cells, 3)."""
         numbers = np.repeat(np.arange(len(self.layers)), np.diff(self.starts))
         return np.column_stack([numbers, np.concatenate([layer.cells for layer in self.layers])])
 
     @cached_property
     def viewpoints(self) -> Points:
-        """Viewpoints as in `CellGrid.viewpoints`, with altitudes; float64, shape (k, 3)."""
+        """Viewpoints of all layers, as in `CellGrid.viewpoints` but with altitudes; float64, shape (k, 3)."""
         return np.concatenate([at_altitude(layer.viewpoints, up) for layer, up in zip(self.layers, self.altitudes, strict=True)])
 
     @cached_property
@@ -94,7 +95,7 @@ class LayeredGrid:
         return np.concatenate([*found, before[-1:]])
 
     def ordinals(self, cells: ArrayLike) -> Numbers:
-        """Return the numbers of given cells (layer, row, col) in the order of `LayeredGrid.cells`; int64, shape (n,)."""
+        """Return the indices in `LayeredGrid.cells` of cells that are given as (layer, row, column); int64, shape (n,)."""
         array = np.asarray(cells)
         return np.asarray(self._ordinal[array[:, 0], array[:, 1], array[:, 2]])
 
@@ -105,7 +106,7 @@ class LayeredGrid:
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
-        """Return the cell of a layer that lies above each point on the ground; int64, shape (n, 3)."""
+        """Return, for each point on the ground, the cell of the given layer above this point; int64, shape (n, 3)."""
         found = self.layers[layer].cell_of(points)
         return np.column_stack([np.full(len(found), layer), found])
 
@@ -118,19 +119,19 @@ Grid = CellGrid | LayeredGrid
 
 
 def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
-    """Return the layers of a grid from the lowest to the highest. A grid without layers counts as a single layer."""
+    """Return the layers of a grid from the lowest to the highest. A `CellGrid` counts as a single layer."""
     return (grid,) if isinstance(grid, CellGrid) else grid.layers
 
 
 def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
-    """Return two-dimensional points with an altitude added; float64, shape (n, 3)."""
+    """Add an altitude to two-dimensional points; float64, shape (n, 3)."""
     return np.column_stack([points, np.broadcast_to(up, len(points))])
 
 
 def with_climb_cost(grid: Grid, points: Points) -> Points:
-    """Return points in metres with scaled altitudes, so that a climb is as long as a horizontal path of the same duration.
+    """Scale the altitudes of points in metres, so that a climb is as long as a horizontal path of the same duration.
 
-    In a grid of several layers, points without an altitude belong to the lowest layer.
+    In a grid of several layers, points without an altitude get the altitude of the lowest layer.
     """
     if isinstance(grid, CellGrid):
         return points
@@ -139,20 +140,20 @@ def with_climb_cost(grid: Grid, points: Points) -> Points:
 
 
 class LayeredPaths:
-    """Paths within and between layers: vertical climbs, horizontal paths by `RegionPaths`, and vertical descents.
+    """Paths through several layers: vertical climbs, horizontal paths by `RegionPaths`, and vertical descents.
 
     Parameters
     ----------
     grid : LayeredGrid
     layers : sequence of RegionPaths
-        Paths of each layer.
+        The paths inside each layer.
     """
 
     def __init__(self, grid: LayeredGrid, layers: Sequence[RegionPaths]) -> None:
         self.grid, self._layers = grid, layers
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through ``stops`` in metres, an array of shape (n, 3), or (n, 2) if all stops are in the lowest layer."""
+        """Return the path through stops given as (x, y, altitude) in metres, or as (x, y) for stops in the lowest layer."""
         points = np.asarray(stops, dtype=np.float64)
         points = points if points.shape[1] == 3 else at_altitude(points, float(self.grid.altitudes[0]))
         flat = self._layers[0].legs(points[:, :2])
@@ -172,7 +173,7 @@ class LayeredPaths:
         return Route(np.insert(at_altitude(flat.points, ups), at, turns, axis=0), stops, transit)
 
     def route(self, cells: ArrayLike) -> Route:
-        """Return the path through all viewpoints of the cells (layer, row, col), in their order."""
+        """Return the path through all viewpoints of the given cells (layer, row, column), cell by cell."""
         array = np.asarray(cells)
         borders = [0, *(np.flatnonzero(np.diff(array[:, 0])) + 1).tolist(), len(array)]
         points, stops, transit = [np.zeros((0, 3))], [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.bool_)]
@@ -198,7 +199,7 @@ Paths = RegionPaths | LayeredPaths
 
 @dataclass(frozen=True, eq=False)
 class LayerNumbers:
-    """Conversion of cell indices between the tour of a single layer and the tour through all layers.
+    """Conversion between the index of a cell on the tour of its layer and its index on the tour through all layers.
 
     Parameters
     ----------
@@ -212,43 +213,43 @@ class LayerNumbers:
     layers: tuple[Tour, ...]
 
     def whole(self, layer: int, cells: Numbers) -> Numbers:
-        """Return the indices of a layer's cells on the tour through all layers, from their indices on the tour of the layer."""
+        """Convert indices on the tour of one layer to indices on the tour through all layers."""
         return np.asarray(self.tour.position[layer][tuple(self.layers[layer].cells[cells].T)])
 
     def own(self, number: int) -> tuple[int, int]:
-        """Return the layer of a cell, and the cell's index on the tour of that layer."""
+        """Return the layer of a cell, and the index of this cell on the tour of its layer."""
         layer, row, col = self.tour.cells[number].tolist()
         return layer, int(self.layers[layer].position[row, col])
 
 
 class LayeredFootprint:
-    """Visibility between the cells of several layers. A robot sees only cells of its own layer.
+    """The cells that a robot sees from each cell of several layers. A robot sees only cells of its own layer.
 
     Parameters
     ----------
     numbers : LayerNumbers
     layers : sequence of Footprint
-        Visibility inside each layer.
+        The cells that a robot sees from each cell, for each layer.
     """
 
     def __init__(self, numbers: LayerNumbers, layers: Sequence[Footprint]) -> None:
         self._numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
+        """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour indices."""
         layer, own = self._numbers.own(cell)
         return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
 
 
 class LayeredDistances:
-    """Distances between cells of all layers: the horizontal distance plus the cost of the climb or descent.
+    """Distances between the cells of all layers: the horizontal distance plus the cost of the climb or descent.
 
     Parameters
     ----------
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances between the cells of each layer. The sequence is empty if all horizontal paths are straight.
+        Distances between the cells of each layer. If all horizontal paths are straight, this sequence is empty.
     """
 
     stepwise = False
@@ -271,7 +272,7 @@ class LayeredDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        Distances are computed for a region without closed cells, so ``closed`` must be 0.
+        This class knows no closed cells, so ``closed`` must be 0.
         """
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
@@ -290,9 +291,9 @@ class LayeredDistances:
         return self._paths.legs(places).length / size + up
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells, in cell sides.
+        """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        Horizontal distances to the cells of another layer start from the cell of that layer above or below the given cell.
+        The horizontal distance to a cell of another layer starts from the cell of that other layer above or below ``here``.
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
@@ -305,7 +306,7 @@ class LayeredDistances:
 
 
 def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
-    """Return the cells of a grid as a layer for `CellDistances`.
+    """Convert a grid to a layer for `CellDistances`.
 
     Parameters
     ----------
@@ -313,14 +314,14 @@ def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
     position : ndarray of int64, shape (H, W) or larger
         Tour index of each cell, and -1 for positions without a cell.
     size : float
-        Length of a step to a neighbouring cell, in cell sides.
+        Length of a step to a neighbouring cell, in sides of the smallest cells.
     """
     rows, columns = grid.shape
     return CellPlane(position[:rows, :columns], grid.doors_east, grid.doors_south, size)
 
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
-    """Return paths from cell to cell through layers. Robots climb between cells above each other in consecutive layers.
+    """Return the distances of a search from cell to cell, with climbs between cells above each other in consecutive layers.
 
     Parameters
     ----------

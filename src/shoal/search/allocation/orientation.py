@@ -1,4 +1,4 @@
-"""Orientation: the choice of the angle and the shift of the rows, and of the tour, so that one round takes the shortest time."""
+"""Orientation: the choice of a tour, and of the angle and shift of the rows of cells, for the shortest round."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from shoal.search.tours import Tour, make_tour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow rows. For these tours, border cells get viewpoints on a path with few bends."""
+"""Tours that follow the rows of cells. Such tours get viewpoints of border cells on a path with few bends."""
 
 TURN = 1.0
-"""Cost of a turn in cells with which orientations are compared for vehicles whose turns take no time."""
+"""Cost of a turn, in cells, in the comparison of orientations for vehicles that turn in no time."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -36,19 +36,19 @@ _ROWS = 120  # maximum number of rows for an estimate
 
 @dataclass(frozen=True)
 class Candidate:
-    """An angle, a tour and possibly an allocation that the planner compares with others, with their search time.
+    """One possible plan that the planner compares with others: an angle, a tour, possibly an allocation, and the search time.
 
     Parameters
     ----------
     angle : float
-        Angle of the rows in degrees, counter-clockwise from the x axis.
+        Angle of the rows of cells in degrees, counter-clockwise from the x axis.
     tour : str
         Name of the tour.
     cells : float
-        Without an allocation, the time in which one robot follows the whole tour, with its turns. With an allocation, the time
-        until all robots finish. The unit is the time that a robot of speed 1 needs for one cell.
+        Search time, where a time of 1 is what a robot of speed 1 needs for one cell. With an allocation, it is the time until all
+        robots finish. Without an allocation, it is the time in which one robot follows the whole tour, including turns.
     allocation : str, optional
-        Name of the allocation.
+        Name of the allocator.
     """
 
     angle: float
@@ -57,14 +57,14 @@ class Candidate:
     allocation: str | None = None
 
     def report(self) -> dict[str, Any]:
-        """Return the candidate as a mapping for JSON."""
+        """Return the candidate as a mapping that can be written as JSON."""
         told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
         return told | ({} if self.allocation is None else {"allocation": self.allocation})
 
 
 @dataclass(frozen=True, eq=False)
 class GridTour:
-    """A region divided into cells, and the tour through the cells.
+    """A region divided into cells, and a tour through these cells.
 
     Parameters
     ----------
@@ -72,9 +72,9 @@ class GridTour:
     tour : Tour
     paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
-        The compared candidates, from the fastest to the slowest. The tuple is empty if nothing was compared.
+        The compared candidates, from the fastest to the slowest. The tuple of candidates is empty if nothing was compared.
     layers : tuple of GridTour
-        The cells and the tour of each layer, if there are several layers. Equal layers are the same object.
+        The cells and the tour of each layer, if the search has several layers. Equal layers are one shared object.
     """
 
     grid: Grid
@@ -85,11 +85,11 @@ class GridTour:
 
     @cached_property
     def route(self) -> Route:
-        """The closed path of one round, from the first cell back to the first cell."""
+        """The closed path of one round of the tour, from the first cell back to the first cell."""
         return self.paths.route(np.concatenate([self.tour.cells, self.tour.cells[:1]]))
 
     def once_round(self, turn_cost: float) -> float:
-        """Return the cost of one round in cells: the length of the path and the cost of its turns."""
+        """Return the cost, in cells, of one round of the tour: the length of the path plus the cost of its turns."""
         return self.route.length / self.grid.size + turn_cost * int(turns_of(self.route.points).sum())
 
 
@@ -104,7 +104,7 @@ def grid_tour(
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
-    """Divide a region into cells at an angle, and compute a tour through the cells.
+    """Divide a region into cells whose rows have a given angle, and compute a tour through these cells.
 
     Parameters
     ----------
@@ -114,15 +114,15 @@ def grid_tour(
     tour : str
         Name of the tour for `make_tour`.
     angle : float
-        Angle of the rows in degrees, counter-clockwise from the x axis.
+        Angle of the rows of cells in degrees, counter-clockwise from the x axis.
     offset : float
-        Shift of the rows across their direction, as a fraction of a row.
+        Shift of the rows of cells across their direction, as a fraction of the row width.
     turn_cost : float
-        Cost of a turn in cells. 0 counts as `TURN`.
+        Cost of a turn in cells. A cost of 0 is replaced by `TURN`.
     stepwise : bool
-        Whether robots move from cell to neighbouring cell. They then look at each cell from inside the cell.
+        Whether robots move only from a cell to a neighbouring cell. Stepwise robots look at each cell from inside this cell.
     transit : bool
-        Whether paths may lead outside the region, as in `RegionPaths`.
+        Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
 
     Examples
     --------
@@ -141,24 +141,26 @@ def grid_tour(
 def in_layers(
     first: GridTour, altitudes: Sequence[float], passes: int, sizes: Sequence[float], tour: str, *, climb: float, **given: Any
 ) -> GridTour:
-    """Return the cells of several layers and one tour through all of them. A single layer is returned unchanged.
+    """Divide a region into the cells of several layers, and compute one tour through all layers.
+
+    A search with one altitude and one pass keeps the cells and the tour of ``first``.
 
     Parameters
     ----------
     first : GridTour
-        The cells and the tour of the first pass in the lowest layer. They give the region and the angle of all layers.
+        The cells and the tour of the first pass in the lowest layer. All layers take over their region and their angle.
     altitudes : sequence of float
-        Altitudes in metres, increasing.
+        Altitudes of the search in metres, in increasing order.
     passes : int
-        Number of passes at each altitude. In every second pass, the rows are rotated by 90 degrees.
+        Number of passes at each altitude. In every second pass, the rows of cells are rotated by 90 degrees.
     sizes : sequence of float
-        Sides of the cells at each altitude in metres.
+        Side of the cells at each altitude, in metres.
     tour : str
         Name of the tour for `make_tour`.
     climb : float
-        Horizontal distance in metres that takes as long as a climb of one metre, as in `LayeredGrid`.
+        Horizontal distance in metres that takes as long as a climb or descent of one metre, as in `LayeredGrid`.
     given
-        ``turn_cost``, ``stepwise`` and ``transit``, as in `grid_tour`.
+        The arguments ``turn_cost``, ``stepwise`` and ``transit`` of `grid_tour`.
     """
     if len(altitudes) * passes == 1:
         return first
@@ -192,10 +194,11 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
 ) -> GridTour:
-    """Return the cells and the tour for which one round costs least, among all angles, shifts and tours.
+    """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
-    First, the cost of each angle is estimated from the number and the lengths of its rows. Then complete tours are computed for the
-    four pairs of an angle and a shift with the lowest estimates. In large regions, complete tours are computed for fewer pairs.
+    First, the function estimates the cost of each pair of an angle and a shift from the number and lengths of the rows. For the
+    four pairs with the lowest estimates, the function then computes complete tours. In large regions, the function computes
+    complete tours for fewer than four pairs.
 
     Parameters
     ----------
@@ -203,13 +206,13 @@ def best_grid_tour(
     size : float
         Side of a cell in metres.
     tours : sequence of str
-        Names of the tours that are compared.
+        Names of the tours to compare.
     turn_cost : float
-        Cost of a turn in cells. 0 counts as `TURN`.
+        Cost of a turn in cells. A cost of 0 is replaced by `TURN`.
     angle : float, optional
-        Angle of the rows in degrees. If the angle is given, only tours are compared.
+        Angle of the rows of cells in degrees. With a given angle, the function compares only tours.
     stepwise, transit : bool
-        As in `grid_tour`.
+        The arguments ``stepwise`` and ``transit`` of `grid_tour`.
     """
     turn = turn_cost or TURN
     tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
@@ -230,7 +233,7 @@ def best_grid_tour(
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
-    """Return angles and shifts, sorted by the estimated cost of the rows."""
+    """Return pairs of an angle and a shift of the rows of cells, sorted by the estimated cost of the search."""
     simple = area.simplify(size / 4)
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
@@ -241,7 +244,7 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
 
 
 def _long_sides(area: Any) -> list[float]:
-    """Return the directions in which the outline is longest, and their perpendiculars, in degrees below 180."""
+    """Return the directions of the longest sides of an outline, and the perpendicular directions, in degrees from 0 to 180."""
     import shapely
 
     found: dict[float, float] = {}
@@ -255,10 +258,10 @@ def _long_sides(area: Any) -> list[float]:
 
 
 def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
-    """Return the estimated cost in cells of driving along all rows.
+    """Return the estimated cost, in cells, of driving along all rows of cells.
 
-    The estimate is the sum of three terms: the lengths of all rows, a row width at the end of each row (more for a slanting
-    border), and two turns per row.
+    The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and two turns for each row. A
+    transfer costs one row width, or more where the border slants.
     """
     import shapely
 

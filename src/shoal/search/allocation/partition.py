@@ -1,4 +1,4 @@
-"""Partition of a tour into the parts of the robots, and the cost of cells that remain to be searched."""
+"""Partition of a tour into one part for each robot, and the cost of searching the remaining cells."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from shoal.search.tours.bitset import runs
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """The part of a tour that one robot searches: its arcs, and the cells of these arcs as a bitset.
+    """The part of a tour that one robot searches: its arcs, and the bitset of the cells in these arcs.
 
-    ``first`` is the first cell of the part along the tour. For a robot in reserve, which has no arcs, ``first`` is the start of the
-    robot.
+    The attribute ``first`` is the first cell of the part along the tour. A robot in reserve has no arcs, and its attribute
+    ``first`` is its start cell.
     """
 
     robot: int
@@ -30,7 +30,7 @@ class Part:
 
 @lru_cache(maxsize=256)
 def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int, float, int], ...]) -> tuple[Part, ...]:
-    """Return the parts of all robots in the order of their first cells on the tour.
+    """Return the parts of all robots, sorted by the first cell of each part on the tour.
 
     Parameters
     ----------
@@ -38,7 +38,8 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
     allocator : str
         Name of the allocator, as in `allocate`.
     robots : tuple of (number, start, rate, width)
-        The robots in increasing order of their numbers, so that all robots compute the same partition.
+        The robots, sorted by number so that all robots compute equal partitions. The rate is the robot's relative speed, and the
+        width is the width of its footprint in cells.
     """
     n = len(tour_cost)
     _, starts, rates, widths = zip(*robots, strict=True)
@@ -57,9 +58,9 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
 def in_passes(
     tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
 ) -> Allocation:
-    """Return an allocation in which ``count`` different robots search each cell.
+    """Extend an allocation so that ``count`` different robots search each cell.
 
-    After its own part, each robot also searches the next parts along the tour.
+    After its own part, each robot also searches the parts of the next ``count`` - 1 robots along the tour.
 
     Parameters
     ----------
@@ -67,10 +68,11 @@ def in_passes(
     allocation : Allocation
         The allocation in which one robot searches each cell.
     robots : tuple of (number, start, rate, width)
-        As in `partition`, numbered from 1.
+        The robots as in `partition`, numbered from 1.
     places : ndarray of float64, shape (m, d)
-        Positions of the robots in the units of `TourCost.points`.
+        Positions of the robots in cell sides, as in `TourCost.points`.
     count : int
+        Number of different robots that search each cell.
     """
     parts = partition(tour_cost, allocation.allocator, robots)
     work = {
@@ -86,9 +88,9 @@ def in_passes(
 
 
 def cost_of_all(tour_cost: TourCost, wanted: int, here: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost of searching the cells of the bitset ``wanted`` along the tour from the cell ``here``, in cells.
+    """Return the cost, in cells, of searching all cells of the bitset ``wanted`` in tour order, starting from the cell ``here``.
 
-    The parameters ``fresh`` and ``closed`` are those of `TourCost.way`.
+    The parameters ``fresh`` and ``closed`` have the same meaning as in `TourCost.way`.
     """
     total, n = 0.0, len(tour_cost)
     for first, count in runs(wanted, here, n):

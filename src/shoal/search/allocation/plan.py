@@ -1,4 +1,4 @@
-"""SearchPlan: the cells of a region, the tour through them, the robots' starts and their parts."""
+"""SearchPlan: the cells of a region, the tour through the cells, and the start and part of each robot."""
 
 from __future__ import annotations
 
@@ -59,27 +59,27 @@ class SearchPlan:
     ----------
     grid : CellGrid or LayeredGrid
     tour_cost : TourCost
-        The tour with the cost of searching along it, in cells.
+        The tour, and the cost of searching along the tour, in cells.
     places : ndarray of float64, shape (m, 2)
-        Start positions of the robots in metres, inside or outside the region, and in the lowest of several layers.
+        Start positions of the robots in metres, inside or outside the region.
     starts : ndarray of int64, shape (m,)
         Tour index of each robot's start cell.
     rates : ndarray of float64, shape (m,)
         Speeds of the robots relative to the common speed.
     allocation : Allocation
     footprints : ndarray of float64, shape (m,)
-        Sides of the robots' square footprints in metres, in the lowest layer.
+        Side of each robot's square footprint in the lowest layer, in metres.
     transit : bool
         Whether paths may lead outside the region from one of its parts to another.
     landing : ndarray of float64, shape (m, 2), optional
         Landing positions of the robots in metres. By default, robots land at their start positions.
     vehicle : Vehicle
-        The vehicle of all robots. A robot's speed is the vehicle's speed times the robot's rate.
+        Description of the vehicle, one for all robots. The speed of a robot is the vehicle's speed times the robot's rate.
     delays : ndarray of float64, shape (m,)
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
-        The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. The
-        tuple is empty if nothing was compared.
+        The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. If
+        the planner compared nothing, the tuple of candidates is empty.
     """
 
     grid: Grid
@@ -106,66 +106,66 @@ class SearchPlan:
 
     @property
     def cell_seconds(self) -> float:
-        """Time in seconds that a robot of speed 1 needs for one cell along a row; with wind, the mean of both directions."""
+        """Mean time in seconds, over both directions of a row, that a robot of speed 1 needs for one cell."""
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
-        """Return a search time of ``cells`` cells in seconds, including the climb from the ground to the lowest layer."""
+        """Convert a search time in cells to seconds, and add the time of the climb from the ground to the lowest layer."""
         return cells * self.cell_seconds + float(self.vehicle.vertical_seconds(self.vehicle.height))
 
     @cached_property
     def paths(self) -> Paths:
-        """The finder of paths inside the region."""
+        """The object that computes paths inside the region."""
         known = {layer: RegionPaths(layer, transit=self.transit) for layer in layers_of(self.grid)}
         paths = [known[layer] for layer in layers_of(self.grid)]
         return paths[0] if isinstance(self.grid, CellGrid) else LayeredPaths(self.grid, paths)
 
     @cached_property
     def widths(self) -> NDArray[np.int64]:
-        """Effective width of each footprint in cells; int64, shape (m,)."""
+        """Effective width of each robot's footprint in cells, as in `widths_of`; int64, shape (m,)."""
         return widths_of(self.footprints, layers_of(self.grid)[0].size)
 
     def positions(self, numbers: ArrayLike) -> Points:
-        """Return the first viewpoint of each cell given by its tour index, in metres, with the altitude if there are layers."""
+        """Return the first viewpoint of each cell that is given by its tour index, as (x, y) or (x, y, altitude) in metres."""
         index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
     def leg_lengths(self, way: Points) -> NDArray[np.float64]:
         """Return the lengths of a path's legs in metres; float64, shape (k - 1,).
 
-        A climb counts with the length of a horizontal path of the same duration.
+        The length of a climb is the length of a horizontal path of the same duration.
         """
         return leg_lengths(with_climb_cost(self.grid, way))
 
     @property
     def altitudes(self) -> list[float]:
-        """Altitude of each layer in metres, from the lowest."""
+        """Altitude of each layer in metres, from the lowest layer to the highest."""
         return [self.vehicle.height] if isinstance(self.grid, CellGrid) else self.grid.altitudes.tolist()
 
     def _home(self, robot: int) -> Points:
-        """Return a robot's start position in the lowest layer."""
+        """Return a robot's start position, at the altitude of the lowest layer if the search has several layers."""
         home = self.places[robot]
         return np.asarray(home if isinstance(self.grid, CellGrid) else at_altitude(home[None], self.altitudes[0])[0])
 
     def numbers(self, arcs: Sequence[Arc]) -> NDArray[np.int64]:
-        """Return the cells of some arcs in visiting order, as tour indices; int64, shape (k,)."""
+        """Return the cells of arcs in the order of the search, as tour indices; int64, shape (k,)."""
         return numbers_of(arcs, len(self.tour_cost))
 
     def stops(self, robot: int) -> NDArray[np.int64]:
-        """Return the stops from which a robot (counted from 0) sees its part, as tour indices; int64, shape (k,)."""
+        """Return the stops from which a robot sees its part, as tour indices; int64, shape (k,). Robots count from 0."""
         cells = self.numbers(self.allocation.work[robot])
         width = int(self.widths[robot])
         return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
     def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
-        """Return the cells that a robot (counted from 0) sees from each stop, as tour indices."""
+        """Return the cells that a robot sees from each of its stops, as tour indices. Robots count from 0."""
         width = int(self.widths[robot])
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
-        """Return the path of a robot (counted from 0) from its start through cells given by tour indices.
+        """Return the path of a robot from its start through the cells with the given tour indices. Robots count from 0.
 
-        For each of these cells, ``detours`` lists the cells through which the robot moves on the way there without searching them.
+        For each given cell, ``detours`` lists the cells that the robot crosses before this cell without searching them.
         """
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)
@@ -176,7 +176,7 @@ class SearchPlan:
         return self._after_way_out(home, self.paths.route(cells))
 
     def _after_way_out(self, home: Points, searched: Route) -> Route:
-        """Return a route preceded by the path to it."""
+        """Return a route extended at its beginning by the path from a robot's start position."""
         if self.grid.region.contains(home[None, :2])[0]:
             first = self.paths.legs(np.stack([home, searched.points[0]]))
         else:
@@ -196,7 +196,7 @@ class SearchPlan:
 
     @cached_property
     def ways_out(self) -> WaysOut | None:
-        """The distances from launch points outside the region to its cells, or None if all robots start inside."""
+        """Distances from launch points outside the region to the cells, or None if all robots start inside the region."""
         outside = np.flatnonzero(~self.grid.region.contains(self.places)).tolist()
         if not outside:
             return None
@@ -204,9 +204,9 @@ class SearchPlan:
         return WaysOut(self._transits, launches, self.tour_cost.points * self.grid.size, self.grid.size)
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the path from a launch or landing point to a point of a route, or back; float64, shape (k, 2).
+        """Return the path between a launch or landing point and a point of a route, in either direction; float64, shape (k, 2).
 
-        If both points lie inside the region, the path stays inside.
+        If both end points lie inside the region, the path stays inside the region.
         """
         both = np.stack([np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)])[:, :2]
         inside = bool(self.grid.region.contains(both).all())
@@ -223,13 +223,13 @@ class SearchPlan:
 
 
 def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
-    """Plan a search.
+    """Plan the search that a problem describes.
 
     Parameters
     ----------
     problem : SearchProblem
-        The problem. If the robots' footprints differ, `cell_side` chooses the cell size. Each footprint then counts as the largest
-        odd number of cells that fits in it.
+        The problem. If the robots' footprints differ, `cell_side` chooses the cell size, and `widths_of` gives the footprint widths
+        in cells.
     seed : int
         Seed for random start positions.
 
@@ -280,7 +280,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
 
 
 def _late(plan: SearchPlan) -> NDArray[np.float64]:
-    """Return the extra completion time in cells because starts are not the centres of start cells; shape (m,)."""
+    """Return the time, in cells, that delays and paths from launch points outside the region add to each completion time."""
     late = plan.delays / plan.cell_seconds
     for robot, arcs in enumerate(plan.allocation.work):
         if arcs and plan.ways_out is not None and robot + 1 in plan.ways_out:
@@ -291,7 +291,7 @@ def _late(plan: SearchPlan) -> NDArray[np.float64]:
 
 
 def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
-    """Divide the region into cells and compute a tour through all layers, at the best angle unless an angle is given."""
+    """Divide the region into cells at the given angle or at the best angle, and compute a tour through all layers."""
     vehicle, altitudes = problem.chosen_vehicle, problem.altitudes
     sizes = [cell_side(check_footprints(problem.footprint_at(up), problem.robots), speeds) for up in altitudes]
     turn_cost = turn_cells(vehicle, sizes[0])
@@ -304,7 +304,7 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
 
 
 def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> TourCost:
-    """Return a tour with the lengths of its paths inside the region."""
+    """Return a tour with its costs, computed from the lengths of paths that stay inside the region."""
     grid, tour, paths, whole = laid.grid, laid.tour, laid.paths, laid.route
     index = grid.ordinals(tour.cells)
     firsts = grid.viewpoints[grid.viewpoint_starts[index]]
@@ -337,7 +337,7 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
 
 
 def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:
-    """For a tour through layers, return the cost inside each layer."""
+    """Return the arguments of `TourCost` for a tour through several layers."""
     numbers = LayerNumbers(laid.tour, tuple(layer.tour for layer in laid.layers))
     own = {layer: {} if straight else vars(_tour_cost(layer, 0.0)) for layer in dict.fromkeys(laid.layers)}
     seen = {layer: RegionFootprint(grid, layer.tour) for layer, grid in zip(laid.layers, layers_of(laid.grid), strict=True)}

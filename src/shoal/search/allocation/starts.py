@@ -1,4 +1,4 @@
-"""Start positions of the robots: launch points, given points, or a layout on the cells such as ``random``."""
+"""Start positions of the robots: launch points, given points, or a layout of start cells such as ``random``."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def start_points(problem: SearchProblem, grid: CellGrid, rng: Generator) -> Poin
     Parameters
     ----------
     problem : SearchProblem
-        The problem, whose fields ``launch`` and ``starts`` define the positions.
+        The problem, whose fields ``launch`` and ``starts`` define the start positions.
     grid : CellGrid
         The cells of the lowest layer.
     rng : Generator
-        Generator for the layouts ``random`` and ``clustered``.
+        Generator of random numbers for the layouts ``random`` and ``clustered``.
 
     Raises
     ------
     InvalidInputError
-        If a start lies outside the region. Launch points may lie outside.
+        If a start position lies outside the region. Launch points may lie outside the region.
     """
     region, robots, starts = grid.region, problem.robots, problem.starts
     if problem.launch is not None:

@@ -23,9 +23,9 @@ _RECKONED = 1_000_000  # cells times robots: above this, paths between cells cou
 
 @dataclass(frozen=True, eq=False)
 class TourCost:
-    """The cost of searching along a tour, in cells.
+    """The cost of searching along a tour.
 
-    The unit is the time in which a robot of speed 1 searches a cell and moves to its neighbour.
+    Costs are in cells: at the cost 1, a robot of speed 1 searches a cell and moves to a neighbouring cell.
 
     Parameters
     ----------
@@ -36,18 +36,19 @@ class TourCost:
     turn_cost : float
         Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
-        Length of the path from each cell to the next, if it is not straight. The last entry leads back to the first cell.
+        Length of the path from each cell to the next cell of the tour, in cell sides. The last entry is the length of the path back
+        to the first cell. By default, these paths are straight.
     distances : Distances, optional
-        Distances between any two cells. By default, they are straight.
+        Distances between any two cells. By default, the distance is the length of the straight line.
     footprint : Footprint, optional
-        The visibility for robots with wide footprints. By default, only positions without a cell block the view.
+        The cells that a robot with a wide footprint sees from each cell. By default, only positions without a cell block the view.
     turns : array_like of float64, shape (N,), optional
-        Number of changes of direction in each cell and on the path to the next cell. By default, it is 1 in each cell in which the
-        tour turns by more than a degree, else 0.
+        Number of changes of direction in each cell and on the path to the next cell. By default, each cell in which the tour turns
+        by more than one degree counts as one change.
     least : float, optional
-        Minimum cost of searching all cells, in cells. The default is the number of cells.
+        Minimum cost of searching all cells, in cells. The default minimum is the number of cells.
     reckoned : bool
-        Whether the allocators use the lengths of paths around walls. If false, they use straight distances.
+        Whether the allocators use the lengths of paths around walls. If false, the allocators use straight distances.
 
     Raises
     ------
@@ -90,7 +91,7 @@ class TourCost:
         object.__setattr__(self, "steps", steps.astype(np.float64))
 
     def _lengths(self) -> Floats:
-        """Return the distance from each cell to the next on the tour; 0 if there is no path."""
+        """Return the distance from each cell to the next cell of the tour. Cells without a path to the next cell get 0."""
         n = len(self.tour)
         found = [0.0 if self.distances is None else self.distances.length(cell, (cell + 1) % n) for cell in range(n)]
         return np.where(np.isfinite(found), found, 0.0)
@@ -105,21 +106,21 @@ class TourCost:
 
     @cached_property
     def costs(self) -> Floats:
-        """Cost of moving to each cell from the previous cell of the tour and searching it, in cells; float64, shape (N,).
+        """Cost, in cells, of moving to each cell from the previous cell of the tour and searching it; float64, shape (N,).
 
-        The cost is the length of the path in cell sides, at least one, plus the cost of the turns on the path.
+        The cost of a cell is the length of the path to this cell in cell sides, at least 1, plus the cost of turns on the path.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)
 
     @cached_property
     def ahead(self) -> Floats:
-        """Sum of the costs of all cells before each cell, over four rounds of the tour; float64, shape (4 N + 1,)."""
+        """Cumulative cost of all cells before each cell, over four rounds of the tour, in cells; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
     def arrays(self) -> TourArrays:
-        """The tour costs in the form that kernels use."""
+        """The costs and viewpoints of the tour as arrays for compiled functions."""
         return TourArrays(self.ahead, self.points)
 
     @property
@@ -128,9 +129,10 @@ class TourCost:
         return float(self.ahead[len(self)])
 
     def search_cost(self, first: int, count: int, step: int = 1) -> float:
-        """Return the cost of searching ``count`` cells from ``first`` on, along the tour or, with step -1, in the other direction.
+        """Return the cost, in cells, of searching ``count`` consecutive cells of the tour, beginning with the cell ``first``.
 
-        The cost does not contain the path to the first cell.
+        The robot follows the tour forwards with ``step`` 1, and backwards with ``step`` -1. The cost does not contain the path to
+        the cell ``first``.
         """
         if count <= 0:
             return 0.0
@@ -143,22 +145,23 @@ class TourCost:
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from each cell to a neighbouring cell, and discover obstacles on the way."""
+        """Whether robots move only from a cell to a neighbouring cell, and discover obstacles on their way."""
         return self.distances is not None and self.distances.stepwise
 
     def way(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> float:
-        """Return the cost of moving from one cell to another cell, directly or along the tour, whichever is cheaper.
+        """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell``.
 
-        The cost of one cell is deducted, because the cost of searching a cell already contains a move to a neighbour.
+        The path is direct or follows the tour, whichever is cheaper. The function deducts the cost of one cell, because the cost of
+        searching a cell already contains a move to a neighbouring cell.
 
         Parameters
         ----------
         here, cell : int
-            Both cells as tour indices.
+            Tour indices of the first and the last cell of the path.
         fresh : bool
-            Whether the robot has not just searched the cell ``here``. The whole path then counts, without a deduction of one cell.
+            Whether the robot comes to the cell ``here`` without searching it. For such a robot, the function deducts nothing.
         closed : int
-            Bitset of cells that are known to be blocked. The cost is infinite if all paths lead through blocked cells.
+            Bitset of cells that are known to be blocked. If all paths lead through blocked cells, the cost is infinite.
         """
         if here == cell:
             return 0.0
@@ -178,7 +181,7 @@ class TourCost:
     def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
         """Return the cells that a robot enters on the path whose cost `way` returns.
 
-        The result is empty unless robots move from cell to cell.
+        If robots do not move from cell to cell, the result is empty.
         """
         if not isinstance(self.distances, CellDistances) or here == cell:
             return ()
@@ -186,10 +189,10 @@ class TourCost:
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return the cost and the end cells of the cheapest path: directly, or along the tour where it is not blocked.
+        """Return the cost of the cheapest path between two cells, and the cells between which the path is direct.
 
-        On the path along the tour, only bends count as turns. Therefore cells that other robots have searched never make the
-        remaining path longer.
+        The path follows the tour if the tour is not blocked and not more expensive than the direct path. On a path along the tour,
+        only bends count as turns. Therefore cells that other robots have searched never make the remaining path more expensive.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
@@ -207,21 +210,22 @@ class TourCost:
         return direct, [here, cell]
 
     def _follows(self, one: int, other: int, step: int, closed: int) -> bool:
-        """Return whether the path from a cell to its successor (or predecessor) on the tour keeps its length despite obstacles."""
+        """Return whether the path between two consecutive cells of the tour keeps its length despite closed cells."""
         return bool(self.length(one, other, closed) <= self.steps[one if step > 0 else other] + 1e-9)
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides. Cells are given by tour indices."""
+        """Return the length, in cell sides, of the path between two cells that are given by tour indices."""
         return self.between(here, cell) if self.distances is None else self.distances.length(here, cell, closed)
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as increasing tour indices."""
+        """Return the cells that a robot in ``cell`` sees, as increasing tour indices. Its footprint is ``width`` cells wide."""
         return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        The result has shape (0, 0) if straight distances count: ``distances`` is None, ``reckoned`` is false, or m N is too large.
+        If allocators use straight distances, the result has shape (0, 0). They do so if ``distances`` is None, ``reckoned`` is
+        false, or m times N is too large.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))
@@ -232,12 +236,12 @@ class TourCost:
         return [float(level) for level in self.ahead[: 2 * self.n + 2]]
 
     def between(self, one: int, other: int) -> float:
-        """Return the straight distance between two cells, in cell sides. Cells are given by tour indices."""
+        """Return the straight distance, in cell sides, between two cells that are given by tour indices."""
         return dist(self._places[one], self._places[other])
 
 
 def _turns(points: Floats) -> Floats:
-    """Return 1 for each point of a closed path at which the direction changes, otherwise 0; float64, shape (N,)."""
+    """Return, for each point of a closed path, 1 if the direction changes at this point, or else 0; float64, shape (N,)."""
     steps = np.roll(points, -1, axis=0) - points
     lengths = np.linalg.norm(steps, axis=1)
     moves = np.flatnonzero(lengths > 1e-9)

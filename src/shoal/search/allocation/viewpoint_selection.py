@@ -1,9 +1,9 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-Not every cell contains a stop, and the order of the stops is not that of the tour. The next stop is always the cell with the
-largest number of newly visible cells per cost of the path to this cell. The robot prefers stops along the border of the searched
-area, because a narrow strip that remains costs as much as a wide strip. The path therefore runs in circles inside the robot's part,
-for any tour.
+The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The next stop is
+always the cell from which the robot sees the most new cells, divided by the cost of the path to the stop. The robot prefers stops
+along the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour, the path
+therefore runs in circles inside the robot's part.
 """
 
 from __future__ import annotations
@@ -26,23 +26,23 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop with the largest number of visible wanted cells per cost of reaching the stop.
+    """Return the stop with the largest ratio of visible wanted cells to the cost of reaching the stop.
 
     Parameters
     ----------
     tour_cost : TourCost
     width : int
-        Width of the footprint in cells, odd.
+        Width of the footprint, as an odd number of cells.
     here : int
-        The robot's cell as a tour index.
+        Tour index of the robot's cell.
     wanted : ndarray of bool, shape (N,)
-        The cells that the robot has to see.
+        Whether the robot still has to see each cell.
     aim : int
-        One of the wanted cells. If no stop near the robot sees a wanted cell, the robot stops near this cell.
+        A cell that the robot still has to see. If no stop near the robot sees a wanted cell, the robot stops near the cell ``aim``.
     cost : callable
-        Function that returns the cost of moving to a cell and searching it, or infinity if no path exists.
+        Function that returns the cost of moving to a cell and searching it, or infinity if no path leads to the cell.
     shut : int
-        Bitset of the cells in which the robot cannot stop at this time.
+        Bitset of the cells in which the robot cannot stop at present.
     """
     for middle, reach in ((here, width), (aim, width // 2)):
         stop = _best_around(tour_cost, width, here, middle, reach, wanted, cost, shut)
@@ -61,7 +61,10 @@ def _best_around(
     cost: Callable[[int], float],
     shut: int,
 ) -> int | None:
-    """Return the best stop within ``reach`` rows and columns of a cell, or None if no wanted cell is visible from any stop."""
+    """Return the best stop within ``reach`` rows and columns of the cell ``middle``.
+
+    The result is None if the robot sees no wanted cell from any of these stops.
+    """
     *layer, row, col = tour_cost.tour.cells[middle].tolist()
     rim = width // 2 + 1
     window = _window(tour_cost.tour.position[tuple(layer)], row, col, reach + rim)
@@ -90,7 +93,10 @@ def _best_around(
 
 
 def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDArray[np.int64]:
-    """Return the indices of the cells around a cell, with -1 outside the tour; int64, shape (2 reach + 1, 2 reach + 1)."""
+    """Return the tour indices of a square of cells around a cell; int64, shape (2 reach + 1, 2 reach + 1).
+
+    Positions without a cell of the tour get -1.
+    """
     found = np.full((2 * reach + 1, 2 * reach + 1), -1, dtype=np.int64)
     top, left = max(row - reach, 0), max(col - reach, 0)
     part = position[top : row + reach + 1, left : col + reach + 1]
@@ -100,7 +106,7 @@ def _window(position: NDArray[np.int64], row: int, col: int, reach: int) -> NDAr
 
 
 def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
-    """Return the number of set flags in each square of ``side`` rows and columns."""
+    """Return the number of true values in each square of ``side`` rows and ``side`` columns."""
     total = np.zeros((flags.shape[0] + 1, flags.shape[1] + 1), dtype=np.int64)
     total[1:, 1:] = flags.cumsum(axis=0, dtype=np.int64).cumsum(axis=1)
     return total[side:, side:] - total[:-side, side:] - total[side:, :-side] + total[:-side, :-side]
@@ -109,19 +115,19 @@ def _sums(flags: Flags, side: int) -> NDArray[np.int64]:
 def select_viewpoints(
     tour_cost: TourCost, width: int, cells: NDArray[np.int64], here: int | None = None
 ) -> tuple[NDArray[np.int64], float]:
-    """Return the stops from which a robot sees given cells, as tour indices, and the cost of searching from stop to stop.
+    """Return the tour indices of the stops from which a robot sees given cells, and the cost of searching from stop to stop.
 
-    The cost does not contain the path to the first stop.
+    The cost is in cells, and does not contain the path to the first stop.
 
     Parameters
     ----------
     tour_cost : TourCost
     width : int
-        Width of the footprint in cells, odd.
+        Width of the footprint, as an odd number of cells.
     cells : ndarray of int64, shape (k,)
-        The given cells as tour indices, in the order in which a robot with a footprint of one cell searches them; k at least 1.
+        Tour indices of one or more cells, in the order in which a robot with a footprint of one cell searches them.
     here : int, optional
-        The robot's previous cell. The default is the first cell of ``cells``.
+        Tour index of the robot's previous cell. By default, it is the first cell of ``cells``.
     """
     wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True
@@ -145,7 +151,7 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 def gain_of(tour_cost: TourCost, width: int) -> float:
     """Return how many times faster a robot searches with a footprint of ``width`` cells than with one cell, at least 1.
 
-    The factor is measured on three sections of the tour. Every robot computes the same factor by itself.
+    The function simulates the search of three sections of the tour. All robots compute equal factors.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""The cells of a region: grid, viewpoints, portals between cells, paths and distances, and footprints."""
+"""The cells of a region: grid, viewpoints, footprints, portals between cells, and paths and distances between cells."""

@@ -1,4 +1,4 @@
-"""Clipping of a region to a square grid. Inner cells are found in large blocks. For border cells, the exact shape is computed."""
+"""Clipping of a region to a square grid: large blocks of cells inside the region, and the exact shapes of the border cells."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ SPECK = 1e-9  # relative to a cell's area: smaller pieces are rounding errors
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """A grid of square cells. In the frame of the lattice, the rows of cells are parallel to the x axis.
+    """A grid of square cells. In the coordinate frame of the lattice, the rows of cells are parallel to the x axis.
 
     Parameters
     ----------
     left, top : float
-        Coordinates of the top left corner in the lattice's frame, in metres.
+        Coordinates of the lattice's top left corner in the lattice's frame, in metres.
     size : float
         Side of a cell in metres.
     shape : tuple of int
-        Numbers of rows and columns.
+        Number of rows and number of columns.
     angle : float
-        Angle of the rows in degrees, counter-clockwise from the region's x axis.
+        Angle of the rows of cells in degrees, counter-clockwise from the region's x axis.
     """
 
     left: float
@@ -47,9 +47,10 @@ class Lattice:
         return rotated(points, -self.angle)
 
     def boxes(self, rows: NDArray[np.int64], cols: NDArray[np.int64], span: int = 1) -> Any:
-        """Return blocks of ``span`` times ``span`` cells as Shapely boxes in the lattice's frame.
+        """Return blocks of ``span`` rows and ``span`` columns as Shapely boxes in the lattice's frame.
 
-        ``rows`` and ``cols`` give the top left cell of each block. On a grid line, the boxes on both sides have equal coordinates.
+        The arguments ``rows`` and ``cols`` give the top left cell of each block. Neighbouring boxes have exactly equal coordinates
+        on their common side.
         """
         import shapely
 
@@ -61,12 +62,12 @@ class Lattice:
         )
 
     def centers(self, rows: NDArray[np.int64], cols: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return the centres of cells in the lattice's frame; float64, shape (n, 2)."""
+        """Return the centres of cells in the lattice's frame, in metres; float64, shape (n, 2)."""
         return np.stack([self.left + (cols + 0.5) * self.size, self.top - (rows + 0.5) * self.size], axis=-1)
 
 
 def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
-    """Return points rotated about the origin by an angle in degrees counter-clockwise; float64, shape (..., 2).
+    """Rotate points about the origin, by an angle in degrees counter-clockwise; float64, shape (..., 2).
 
     Examples
     --------
@@ -85,7 +86,7 @@ def rotated(points: ArrayLike, angle: float) -> NDArray[np.float64]:
 
 
 def rotated_shape(shape: Any, angle: float) -> Any:
-    """Return a Shapely geometry rotated about the origin by an angle in degrees counter-clockwise."""
+    """Rotate a Shapely geometry about the origin, by an angle in degrees counter-clockwise."""
     import shapely
 
     return shape if angle == 0 else shapely.transform(shape, lambda points: rotated(points, angle))
@@ -101,7 +102,7 @@ def lattice_over(area: Any, size: float, angle: float = 0.0, offset: tuple[float
     size : float
         Side of a cell in metres.
     angle, offset
-        As in `shoal.search.cells_of`.
+        Angle and shift of the lattice, as in `shoal.search.cells_of`.
 
     Raises
     ------
@@ -134,11 +135,11 @@ class Clipped:
     Parameters
     ----------
     whole : ndarray of bool, shape (H, W)
-        Which cells lie entirely inside the region.
+        Whether each cell lies entirely inside the region.
     rows, cols : ndarray of int64, shape (n,)
-        The cell of each piece. A cell on the border of the region has one or several pieces.
+        Row and column of the cell that contains each piece. A cell on the border of the region has one or several pieces.
     pieces : ndarray of Shapely polygons, shape (n,)
-        The connected pieces of the region in the cells on its border.
+        The connected pieces into which the cells on the border cut the region.
     """
 
     whole: NDArray[np.bool_]
@@ -148,10 +149,11 @@ class Clipped:
 
 
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
-    """Cut a polygon, given in the lattice's frame, along the lines of a lattice.
+    """Cut a polygon along the lines of a lattice. The polygon is given in the lattice's frame.
 
-    Blocks of cells are divided recursively into quarters, and each quarter gets its part of the polygon. A block that lies entirely
-    inside the polygon is not divided further. The work therefore grows with the length of the border, not with the area.
+    The function divides blocks of cells recursively into quarters, and cuts the polygon into the same quarters. It does not divide
+    a block that lies entirely inside the polygon. The computing time therefore grows with the length of the polygon's border, not
+    with the polygon's area.
     """
     import shapely
 
@@ -184,9 +186,10 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Return a clipped region in which each whole cell has a centre where a robot may be. Other whole cells become pieces.
+    """Convert whole cells to pieces unless a robot may be at the centre of the cell.
 
-    ``free`` is the area where robots may be, in the lattice's frame, or None for the whole region.
+    The argument ``free`` is the area where robots may be, in the lattice's frame. If ``free`` is None, robots may be in the whole
+    region.
     """
     import shapely
 
@@ -204,7 +207,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Return shapes without the lines and points that remain where a region only touches a block."""
+    """Return only the polygons of shapes. Lines and points remain where a region touches a block without overlapping it."""
     import shapely
 
     kinds = shapely.get_type_id(shapes)

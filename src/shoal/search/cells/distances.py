@@ -1,4 +1,4 @@
-"""Distances between cells: along short paths inside a region, or from cell to neighbouring cell around known obstacles."""
+"""Distances between cells, along short paths inside a region or along steps between neighbouring cells around obstacles."""
 
 from __future__ import annotations
 
@@ -21,35 +21,35 @@ _DIAGONAL = float(np.sqrt(2))
 
 
 class Distances(Protocol):
-    """Distances between the cells of a tour, as `TourCost` uses them."""
+    """The interface through which `TourCost` asks for distances between the cells of a tour."""
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from each cell to a neighbouring cell, and discover obstacles on the way."""
+        """Whether robots move only from a cell to a neighbouring cell, and discover obstacles on their way."""
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the path between two cells, in cell sides; infinity if no path exists.
+        """Return the length, in cell sides, of the path between two cells given as tour indices; infinity if no path exists.
 
-        ``here`` and ``cell`` are tour indices, and ``closed`` is a bitset of cells that the path must not enter.
+        The argument ``closed`` is a bitset of cells that the path must not enter.
         """
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate and finite distances from a cell to all cells, in cell sides; float64, shape (N,)."""
+        """Return approximate distances from a cell to all cells, in cell sides; float64, shape (N,), all values finite."""
 
 
 @dataclass(frozen=True, eq=False)
 class CellPlane:
-    """The cells of one layer, with the steps between neighbouring cells.
+    """The cells of one layer, and the possible steps between neighbouring cells.
 
     Parameters
     ----------
     position : ndarray of int64, shape (H, W)
         Tour index of each cell, and -1 for positions without a cell.
     doors_east, doors_south : ndarray of bool, shapes (H, W - 1) and (H - 1, W), optional
-        Whether a robot can move from a cell to the next cell in its row, and to the cell below. By default, a robot can move
-        between any two neighbouring cells.
+        Whether a robot can move from each cell to the next cell of the row, and from each cell to the cell below it. By default, a
+        robot can move between any two neighbouring cells.
     size : float
-        Length of a step to a neighbouring cell, in cell sides.
+        Length of a step to a neighbouring cell, in sides of the smallest cells of all layers.
     """
 
     position: NDArray[np.int64]
@@ -60,7 +60,7 @@ class CellPlane:
     def edges(self, open_: NDArray[np.bool_]) -> tuple[list[Any], list[Any], list[Any]]:
         """Return the steps between open cells as three lists of arrays: first cells, second cells, and lengths in cell sides.
 
-        ``open_`` (shape (N,)) marks the open cells by tour index.
+        The array ``open_`` of shape (N,) tells for each tour index whether the cell is open.
         """
         position = self.position
         free = (position >= 0) & open_[position]
@@ -77,19 +77,20 @@ class CellPlane:
 class CellDistances:
     """Shortest paths whose steps lead from a cell to a neighbouring cell.
 
-    A step may cross a corner if both cells beside the corner are open.
+    A diagonal step is possible if both cells beside its corner are open.
 
     Parameters
     ----------
     tour : Tour
-        The tour of a plane region, or through several layers.
+        The tour of a plane region, or the tour through several layers.
     planes : sequence of CellPlane, optional
-        The layers. By default, they follow from the tour, and robots climb between any two cells above each other.
+        The cells and steps of each layer. By default, steps and climbs connect all neighbouring cells of the tour's grid.
     climbs : tuple of array_like, optional
-        Climbs between layers: the cells at both ends, as tour indices, and the lengths in cell sides.
+        Climbs between layers, as three arrays: tour index of the first cell, tour index of the second cell, and length in cell
+        sides.
     steps : array_like of float64, shape (N,), optional
-        Length in cell sides of the path from each cell of the tour to the next. Robots use these paths between cells that no steps
-        connect.
+        Length in cell sides of the path from each cell of the tour to the next cell. Robots use such paths only between cells that
+        steps and climbs do not connect.
 
     Examples
     --------
@@ -132,7 +133,7 @@ class CellDistances:
         self._parts = lru_cache(maxsize=kept)(self._components)
 
     def _join(self, steps: NDArray[np.float64]) -> None:
-        """Connect consecutive cells of the tour that are in different components of the graph."""
+        """Connect consecutive cells of the tour if steps and climbs do not connect them."""
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
@@ -147,20 +148,20 @@ class CellDistances:
         self._remember()
 
     def length(self, here: int, cell: int, closed: int = 0) -> float:
-        """Return the length of the shortest path between two cells, in cell sides, or infinity if no path exists."""
+        """Return the length of the shortest path between two cells, in cell sides; infinity if no path exists."""
         return float(self._found(here, closed)[0][cell])
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return distances from a cell to all cells, in cell sides.
+        """Return the distances from the cell ``here`` to all cells of the tour, in cell sides.
 
-        If no path leads to a cell, the distance is set to the number of cells of the tour.
+        The distance to a cell that no path reaches is the number of cells of the tour.
         """
         return np.minimum(self._found(here, 0)[0], float(self._n))
 
     def cells(self, here: int, cell: int, closed: int = 0) -> tuple[int, ...]:
-        """Return the cells of the shortest path between two cells, as tour indices, without the first cell.
+        """Return the cells of the shortest path from the cell ``here`` to the cell ``cell``, as tour indices.
 
-        The result is empty if no path exists.
+        The result contains ``cell`` but not ``here``. If no path exists, the result is empty.
         """
         came = self._found(here, closed)[1]
         way: list[int] = []
@@ -172,7 +173,7 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the cells beside a step that must also be open: two cells for a step across a corner, otherwise no cells."""
+        """Return the cells beside a step that must also be open: two cells for a diagonal step, and no cells for other steps."""
         (*layer, row, col), (*to_layer, to_row, to_col) = self._cells[one].tolist(), self._cells[other].tolist()
         if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
             return ()
@@ -180,11 +181,11 @@ class CellDistances:
         return int(position[row, to_col]), int(position[to_row, col])
 
     def crossed(self, here: int, through: tuple[int, ...]) -> int:
-        """Return a bitset of the cells that must be open for a path: the cells that it enters, and the cells beside its steps."""
+        """Return the bitset of cells that must be open for a path: the cells on the path, and the cells beside diagonal steps."""
         return bitset_of(cell for one, other in pairwise((here, *through)) for cell in (other, *self.beside(one, other)))
 
     def reach(self, cell: int, closed: int = 0) -> int:
-        """Return a bitset of the cells that can be reached from a cell, including the cell itself even if it is closed."""
+        """Return the bitset of cells that a robot can reach from a cell, always including this cell itself."""
         return self._parts(closed & ~(1 << cell))[cell]
 
     def _search(self, here: int, closed: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
@@ -198,13 +199,13 @@ class CellDistances:
         return [sets[label] for label in labels.tolist()]
 
     def _labels(self, closed: int) -> NDArray[np.int32]:
-        """Return the connected component of each cell; int32, shape (N,)."""
+        """Return the number of each cell's connected component; int32, shape (N,)."""
         from scipy.sparse.csgraph import connected_components
 
         return np.asarray(connected_components(self._graph(closed), directed=False)[1])
 
     def _open_graph(self, closed: int) -> Any:
-        """Return the graph of neighbouring open cells."""
+        """Return the graph of open cells as a sparse matrix, with the length of each step and climb between neighbours."""
         from scipy.sparse import coo_array
 
         open_ = ~bits_to_array(closed, self._n)
@@ -221,18 +222,18 @@ class CellDistances:
 
 
 class RegionDistances:
-    """Distances between viewpoints inside a region.
+    """Distances between the viewpoints of cells, along paths inside a region.
 
     If the straight line between two viewpoints leaves the region, the distance is the length of a shortened path from cell to cell.
-    A robot's path (`RegionPaths.leg`) is never longer than this distance. In a ring-shaped region, a robot's path is up to 5 %
-    shorter than this distance.
+    A robot follows the path of `RegionPaths.leg`, which is never longer than this distance. In a ring-shaped region, the robot's
+    path is up to 5 % shorter than this distance.
 
     Parameters
     ----------
     paths : RegionPaths
     tour : Tour
     cells : CellDistances
-        Cell distances of the same tour.
+        Distances from cell to cell on the tour ``tour``.
     """
 
     stepwise = False
@@ -248,7 +249,7 @@ class RegionDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        Distances are computed for a region without closed cells, so ``closed`` must be 0.
+        This class knows no closed cells, so ``closed`` must be 0.
         """
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
@@ -257,9 +258,10 @@ class RegionDistances:
         return length
 
     def lengths(self, here: int) -> NDArray[np.float64]:
-        """Return approximate distances from a cell to all cells, in cell sides.
+        """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        Each distance is the straight distance plus the extra length of the path from cell to cell around walls.
+        Each distance is the straight distance plus the detour around walls. The length of the detour comes from a path from cell to
+        cell.
         """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T
@@ -278,7 +280,7 @@ class RegionDistances:
         return length_of(pulled(region, pulled(region, way)[::-1]))
 
     def _step(self, here: int, cell: int) -> NDArray[np.float64]:
-        """Return the points of the path to a neighbour, without the first point."""
+        """Return the points of the path from a cell to a neighbouring cell, without the first point of the path."""
         points = self._steps.get((here, cell))
         if points is None:
             points = self._steps[here, cell] = self._paths.legs(self._places[[here, cell]]).points[1:]

@@ -1,9 +1,9 @@
-"""Visibility from a cell: the cell itself and, for a footprint wider than one cell, the cells around it.
+"""Visibility: which cells a robot sees from its cell, if its footprint is wider than one cell.
 
-A footprint is a square of ``width`` cells per side, where ``width`` is odd. The robot stands in the central cell of its footprint.
-The cell's own piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if the own piece
-of this cell lies entirely in the footprint, and a path inside the footprint leads from the robot to the piece. Walls therefore
-block the view.
+A footprint is a square whose side is an odd number of cells. The robot stands in the central cell of its footprint. A cell's own
+piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if two conditions hold: the own
+piece of that cell lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls
+therefore block the view.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ _PARTS = (1, 3, 5)  # maximum number of cells across a footprint when the cell s
 
 
 class Footprint(Protocol):
-    """Visibility between the cells of a tour, as `TourCost` uses it."""
+    """The interface through which `TourCost` asks which cells a robot sees from a cell."""
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
+        """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour indices."""
 
 
 class MaskFootprint:
-    """Visibility between the cells of a tour with any number of dimensions. Positions without a cell hide the cells behind them.
+    """Visibility between the cells of a tour in 2 or 3 dimensions. A position without a cell hides the cells behind it.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class MaskFootprint:
         self._known: dict[tuple[int, int], Numbers] = {}
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices, including the cell itself."""
+        """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour indices."""
         if width == 1:
             return np.array([cell], dtype=np.int64)
         key = (cell, width)
@@ -73,17 +73,17 @@ class MaskFootprint:
         return around[[other == cell or self._clear(cell, int(other)) for other in around]]
 
     def _plain(self, cell: int, around: Numbers, block: NDArray[np.int64]) -> bool:
-        """Return whether all positions around a cell, up to the footprint, are cells."""
+        """Return whether every position of the footprint around a cell is a cell of the tour."""
         return len(around) == block.size
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Return whether a cell is completely visible from another cell, that is, whether all positions between them are cells."""
+        """Return whether a robot in ``cell`` sees the whole cell ``other``: all positions between them must be cells."""
         ends = np.sort(self._cells[[cell, other]], axis=0)
         return bool((self._position[tuple(slice(low, high + 1) for low, high in ends.T.tolist())] >= 0).all())
 
 
 class RegionFootprint(MaskFootprint):
-    """Visibility inside a region. A robot sees a piece behind a wall only if a path inside the footprint leads around the wall.
+    """Visibility inside a region. Walls block the view, unless a path inside the footprint leads around the wall.
 
     Parameters
     ----------
@@ -104,12 +104,12 @@ class RegionFootprint(MaskFootprint):
 
     @cached_property
     def _viewpoints(self) -> NDArray[np.float64]:
-        """Viewpoints in the lattice's frame."""
+        """First viewpoint of each cell in the lattice's frame, in metres."""
         return self._grid.lattice.from_region(self._grid.viewpoints[self._grid.viewpoint_starts[self._index]])
 
     @cached_property
     def _single(self) -> NDArray[np.bool_]:
-        """Which cells consist only of their own piece and have a single viewpoint."""
+        """Whether each cell has a single viewpoint, and therefore consists only of its own piece."""
         return np.asarray(np.diff(self._grid.viewpoint_starts)[self._index] == 1)
 
     @cached_property
@@ -125,7 +125,7 @@ class RegionFootprint(MaskFootprint):
         return super()._look(cell, width)
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Return whether a cell's piece lies in the footprint and is connected, inside it, to the robot's position."""
+        """Return whether the piece of ``other`` lies in the footprint, and is connected inside the footprint to the robot."""
         import shapely
 
         if not self._single[other]:
@@ -140,7 +140,7 @@ class RegionFootprint(MaskFootprint):
         return bool(shapely.intersects(self._room, shapely.point_on_surface(piece)))
 
     def _room_around(self, place: NDArray[np.float64]) -> Any:
-        """Return the connected part of the region inside the footprint around a robot's position."""
+        """Return the part of the region inside the footprint that is connected to the robot's position."""
         import shapely
 
         square = shapely.box(*(place - self._half), *(place + self._half))
@@ -149,7 +149,7 @@ class RegionFootprint(MaskFootprint):
 
 
 def check_widths(widths: NDArray[np.int64], robots: int) -> None:
-    """Refuse footprint widths unless each robot has one width, an odd whole number of cells from 1 to `WIDEST`.
+    """Check that each robot has one footprint width, which is an odd number of cells from 1 to `WIDEST`.
 
     Raises
     ------
@@ -161,9 +161,9 @@ def check_widths(widths: NDArray[np.int64], robots: int) -> None:
 
 
 def widths_of(footprints: ArrayLike, size: float) -> Numbers:
-    """Return the effective width of each footprint, from 1 to `WIDEST`; int64.
+    """Return the effective width of each footprint, as an odd number of cells from 1 to `WIDEST`; int64.
 
-    The effective width is the largest odd number of cells that fits in the footprint.
+    The effective width is the largest odd number of cells that fit side by side in the footprint.
 
     Parameters
     ----------
@@ -182,10 +182,10 @@ def widths_of(footprints: ArrayLike, size: float) -> Numbers:
 
 
 def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
-    """Return the cell size in metres with which all robots together see the most area per second.
+    """Return the cell size, in metres, for which all robots together see the most area per second.
 
-    The cell size is at most the side of the smallest footprint. If several sizes are equally good, the result is the largest one of
-    them. A footprint wider than one cell counts as three quarters of its width. This factor approximates `gain_of`.
+    The cell size is at most the side of the smallest footprint. Of several equally good sizes, the function chooses the largest. If
+    a footprint is wider than one cell, the function counts only three quarters of its width. This weight approximates `gain_of`.
 
     Parameters
     ----------

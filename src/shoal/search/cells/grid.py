@@ -1,4 +1,4 @@
-"""CellGrid: a region divided into square cells, with viewpoints from which a vehicle sees the whole region."""
+"""CellGrid: a region divided into square cells, and the viewpoints from which a vehicle sees the whole region."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from shoal.search.regions.region import SearchRegion
 
 @dataclass(frozen=True, eq=False)
 class CellGrid:
-    """The cells of a region. The function `cells_of` creates them.
+    """The cells of a region. The function `cells_of` creates a `CellGrid`.
 
-    The border of the region may divide a cell into several pieces. The largest piece is called the cell's own piece. Every other
-    piece is assigned to the cell whose own piece is the fewest portals away. Therefore no robot has to drive around a wall to see a
-    piece behind the wall.
+    The border of the region may divide a cell into several pieces. The largest piece of a cell is called the cell's own piece.
+    Every other piece is assigned to the cell whose own piece is the fewest portals away. Therefore no robot has to drive around a
+    wall to see a piece behind the wall.
 
     Parameters
     ----------
     region : SearchRegion
-        The region. Its area is the area that robots can see.
+        The region. Its attribute ``area`` is the area that robots can see.
     footprint : float
-        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the rows.
+        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the rows of cells.
     mask : ndarray of bool, shape (H, W)
-        Which cells contain a part of the region, with row 0 on top.
+        Whether each cell contains a part of the region. Row 0 is on top.
     lattice : Lattice
         Position, size and angle of the cells.
     clipped : Clipped
-        The cells that lie entirely inside the region, and the pieces of the other cells.
+        The cells that lie entirely inside the region, and the pieces of the cells on the region's border.
     portals : Portals
         The openings through which a vehicle moves from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
-        Viewpoints in metres. They are sorted by cell, row by row, and inside a cell in the order of the visits.
+        Viewpoints in metres, sorted by cell, row by row. The viewpoints of one cell have the order in which a robot visits them.
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
-        Index of each cell's first viewpoint, followed by the number of viewpoints.
+        Index of each cell's first viewpoint, followed by the number of all viewpoints.
     own : ndarray of int64, shape (H, W)
-        Number of each cell's own piece as in `Portals`, or -1 for positions without a cell.
+        Number of each cell's own piece, counted as in `Portals`. Positions without a cell have the number -1.
     """
 
     region: SearchRegion
@@ -67,12 +67,12 @@ class CellGrid:
 
     @property
     def corner(self) -> tuple[float, float]:
-        """Coordinates (x, y) of the top left corner in the lattice's frame, in metres."""
+        """Coordinates (x, y) of the grid's top left corner in the lattice's frame, in metres."""
         return self.lattice.left, self.lattice.top
 
     @property
     def angle(self) -> float:
-        """Angle of the rows in degrees, counter-clockwise from the region's x axis."""
+        """Angle of the rows of cells in degrees, counter-clockwise from the region's x axis."""
         return self.lattice.angle
 
     @cached_property
@@ -82,7 +82,7 @@ class CellGrid:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns."""
+        """Number of rows and number of columns."""
         return self.lattice.shape
 
     @property
@@ -92,7 +92,7 @@ class CellGrid:
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
-        """The cells as (row, col), row by row; int64, shape (n_cells, 2)."""
+        """The cells as pairs (row, column), sorted row by row; int64, shape (n_cells, 2)."""
         return np.argwhere(self.mask)
 
     @cached_property
@@ -102,11 +102,11 @@ class CellGrid:
         return ordinal
 
     def waypoints(self) -> Points:
-        """Return the first viewpoint of each cell in the order of `cells`; float64, shape (n_cells, 2)."""
+        """Return the first viewpoint of each cell in metres, in the order of `CellGrid.cells`; float64, shape (n_cells, 2)."""
         return np.asarray(self.viewpoints[self.viewpoint_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
-        """Return the numbers of given cells (row, col) in the order of `CellGrid.cells`; int64, shape (n,).
+        """Return the indices in `CellGrid.cells` of cells that are given as (row, column); int64, shape (n,).
 
         Raises
         ------
@@ -129,11 +129,14 @@ class CellGrid:
         return np.asarray(self.viewpoints[self.viewpoint_starts[index] : self.viewpoint_starts[index + 1]])
 
     def waypoint(self, cell: tuple[int, int]) -> Points:
-        """Return the first viewpoint of a cell: its centre if the centre is inside the region; float64, shape (2,)."""
+        """Return the first viewpoint of a cell in metres; float64, shape (2,).
+
+        If the centre of a cell lies inside the region, the centre is the cell's first viewpoint.
+        """
         return np.asarray(self.viewpoints_in(cell)[0])
 
     def cell_of(self, points: ArrayLike) -> NDArray[np.int64]:
-        """Return the cell that contains each point. For a point outside all cells, return the cell with the nearest waypoint.
+        """Return the cell that contains each point, or the cell with the nearest viewpoint if no cell contains the point.
 
         Returns
         -------
@@ -153,9 +156,9 @@ class CellGrid:
 
     @cached_property
     def components(self) -> NDArray[np.int64]:
-        """For each cell, the index of the part of the region that contains the cell's own piece; int64, shape (H, W).
+        """For each cell, the index in `SearchRegion.parts` of the part that contains the cell; int64, shape (H, W).
 
-        The index counts in `SearchRegion.parts`. Positions without a cell have the index -1.
+        Positions without a cell have the index -1.
         """
         import shapely
 
@@ -169,12 +172,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Whether a portal connects the own pieces of a cell and of the next cell in its row; bool, shape (H, W - 1)."""
+        """Whether a portal connects the own pieces of each cell and of the next cell in the row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Whether a portal connects the own pieces of a cell and of the cell below; bool, shape (H - 1, W)."""
+        """Whether a portal connects the own pieces of each cell and of the cell below it; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:
@@ -203,24 +206,24 @@ def cells_of(
     offset: tuple[float, float] = (0.0, 0.0),
     on_rows: bool = False,
 ) -> CellGrid:
-    """Divide a region into square cells for robots with a given footprint.
+    """Divide a region into square cells for robots with a square footprint.
 
     Parameters
     ----------
     region : SearchRegion
     footprint : float
-        Side in metres of the square that a vehicle sees. If the footprint is larger than the region, there is only one cell.
+        Side in metres of the square that a vehicle sees. If the footprint is larger than the region, the grid has a single cell.
     size : float, optional
-        Side of a cell in metres, at most the footprint. The default is the footprint. If the cells are smaller than the footprint,
-        neighbouring footprints overlap.
+        Side of a cell in metres, at most the footprint. By default, cells are as large as the footprint. If the cells are smaller
+        than the footprint, neighbouring footprints overlap.
     angle : float
-        Angle of the rows and of the footprint's sides in degrees, counter-clockwise from the x axis.
+        Angle of the rows of cells and of the footprint's sides, in degrees counter-clockwise from the x axis.
     offset : tuple of float
-        Shift of the lattice along its rows and upwards across its rows, in cell sides from 0 to 1. Without a shift, the lattice is
+        Shift of the lattice in cell sides, from 0 to 1: along its rows, and upwards across its rows. A lattice without a shift is
         centred on the bounding box of the region.
     on_rows : bool
-        Whether viewpoints of border cells lie on the centre lines of rows where possible. Tours that follow rows then have fewer
-        bends.
+        Whether viewpoints of border cells lie on the centre lines of rows where possible. Such viewpoints save bends on tours that
+        follow the rows.
 
     Returns
     -------
@@ -229,7 +232,7 @@ def cells_of(
     Raises
     ------
     InvalidInputError
-        If the footprint is not a positive number, or there would be more than 4 million cells.
+        If the footprint is not a positive number, or the lattice would have more than 4 million cells.
 
     Examples
     --------
@@ -268,7 +271,7 @@ def cells_of(
 
 
 def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
-    """Return the number of each cell's own piece."""
+    """Return the number of each cell's own piece, counted as in `Portals`; int64, shape (H, W)."""
     import shapely
 
     height, width = clipped.whole.shape
@@ -279,11 +282,10 @@ def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
 
 
 def _adopted(clipped: Clipped, portals: Portals, own: NDArray[np.int64]) -> dict[int, list[int]]:
-    """Assign each remaining piece to the cell whose own piece is the fewest portals away.
+    """Assign each piece that is not a cell's own piece to the cell whose own piece is the fewest portals away.
 
-    The keys of the result are flat indices of cells.
-
-    A piece from which no own piece can be reached stays with its cell.
+    The result maps the flat index of a cell to the numbers of its assigned pieces. A piece from which no portals lead to an own
+    piece is assigned to the cell in which it lies.
     """
     width = own.shape[1]
     n = len(clipped.pieces)

@@ -1,4 +1,4 @@
-"""The graph whose nodes are pieces of cells and whose edges are portals between them."""
+"""The graph whose nodes are the pieces of cells, and whose edges are the portals between pieces."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ class PortalGraph:
         self._n = len(grid.clipped.pieces)
 
     def through(self, start: Points, end: Points) -> Points | None:
-        """Return points on a path through the fewest pieces: its start, the middle of each portal, its end; float64, shape (k, 2).
+        """Return the start, the portal midpoints and the end of a path through the fewest pieces; float64, shape (k, 2).
 
-        The result is None if there is no path because rounding errors have closed a portal.
+        If rounding errors have closed a portal so that no path exists, the result is None.
         """
         from scipy.sparse.csgraph import breadth_first_order
 
@@ -44,7 +44,7 @@ class PortalGraph:
 
     @cached_property
     def _numbers(self) -> NDArray[np.int64]:
-        """Number of each node's piece, in increasing order; see `shoal.search.cells.portals.Portals`."""
+        """Number of the piece or whole cell of each node, as in `shoal.search.cells.portals.Portals`, in increasing order."""
         return np.concatenate([np.arange(self._n), self._n + np.flatnonzero(self.grid.clipped.whole)])
 
     @cached_property
@@ -66,7 +66,7 @@ class PortalGraph:
 
     @cached_property
     def _gates(self) -> dict[tuple[int, int], Points]:
-        """Midpoint of the widest portal between two nodes."""
+        """Midpoint of the widest portal between each two nodes, in metres."""
         portals = self.grid.portals
         order = np.argsort(portals.widths, kind="stable")  # widest last
         nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)
@@ -80,7 +80,7 @@ class PortalGraph:
         return self.grid.lattice.to_region(self.grid.lattice.centers(rows, cols).mean(axis=0))
 
     def _piece(self, point: Points) -> int:
-        """Return the node whose piece is nearest to a point."""
+        """Return the node whose piece or whole cell is nearest to a point."""
         import shapely
 
         clipped, lattice = self.grid.clipped, self.grid.lattice

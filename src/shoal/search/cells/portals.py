@@ -17,16 +17,17 @@ _ON_LINE = 1e-8  # relative to a cell: distance from a grid line that rounding m
 
 @dataclass(frozen=True, eq=False)
 class Portals:
-    """All portals between two pieces of cells, and between a piece and a whole cell.
+    """All portals between two pieces of cells, and all portals between a piece and a whole cell.
 
-    A whole cell lies entirely inside the region. The region's border divides the other cells into pieces.
+    A whole cell lies entirely inside the region. The region's border divides all cells on the border into pieces.
 
-    The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index plus the number of pieces.
+    The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index in the grid plus the number
+    of pieces.
 
     Parameters
     ----------
     pairs : ndarray of int64, shape (g, 2)
-        The numbers of the two pieces or cells that each portal connects.
+        The numbers of the two pieces or whole cells that each portal connects.
     middles : ndarray of float64, shape (g, 2)
         Midpoint of each portal in metres.
     widths : ndarray of float64, shape (g,)
@@ -39,7 +40,7 @@ class Portals:
 
 
 def portals_of(clipped: Clipped, lattice: Lattice) -> Portals:
-    """Return all portals between the pieces of a clipped region, and between a piece and a whole cell."""
+    """Return all portals between two pieces of a clipped region, and all portals between a piece and a whole cell."""
     found = [portal for axis in (0, 1) for portal in _matched(_stretches(clipped, lattice, axis), clipped, lattice, axis)]
     pairs = np.array([portal[:2] for portal in found], dtype=np.int64).reshape(-1, 2)
     middles = lattice.to_region(np.array([portal[2:4] for portal in found]).reshape(-1, 2))
@@ -51,7 +52,7 @@ Stretch = tuple[int, int, int, int, float, float]
 
 
 def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return the sides of all pieces: both end points, and the piece."""
+    """Return the sides of all pieces as three arrays: start points, end points, and indices of the pieces."""
     import shapely
 
     rings, ring_piece = shapely.get_rings(clipped.pieces, return_index=True)
@@ -61,7 +62,7 @@ def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
 
 
 def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
-    """Return the piece sides that lie on grid lines: on vertical lines for axis 0, on horizontal lines for axis 1."""
+    """Return the sides of pieces that lie on grid lines: on vertical grid lines for axis 0, on horizontal ones for axis 1."""
     start, end, piece = _segments(clipped)
     found: list[Stretch] = []
     for shift in (0, 1):
@@ -79,7 +80,7 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
 
 
 def _matched(stretches: list[Stretch], clipped: Clipped, lattice: Lattice, axis: int) -> list[tuple[int, int, float, float, float]]:
-    """Match overlapping sides of pieces on both sides of a line."""
+    """Return a portal for each pair of overlapping sides of two pieces that lie on different sides of a grid line."""
     width = lattice.shape[1]
     lines: dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]] = defaultdict(lambda: ([], []))
     for stretch in stretches:

@@ -31,9 +31,9 @@ class Route:
         Points in metres east and north, with the altitude if several layers are searched. The path is straight between two
         consecutive points.
     stops : ndarray of int64, shape (n,)
-        Indices of the stops among the points.
+        Index in ``points`` of each stop.
     transit : ndarray of bool, shape (k - 1,)
-        Which legs lead outside the region, from one of its parts to another part.
+        Whether each leg leads outside the region, from one of its parts to another part.
     """
 
     points: Points
@@ -46,9 +46,9 @@ class Route:
         return length_of(self.points)
 
     def long_legs(self, size: float) -> NDArray[np.bool_]:
-        """Return which legs lead outside the region, or belong to a long path between two stops; bool, shape (k - 1,).
+        """Return, for each leg, whether it leads outside the region or belongs to a long path; bool, shape (k - 1,).
 
-        A path is long if it is longer than 1.6 times ``size``, the side of a cell in metres.
+        A path between two stops is long if it is longer than 1.6 times ``size``, the side of a cell in metres.
         """
         between = np.searchsorted(self.stops, np.arange(1, len(self.points)), side="left")
         far = np.concatenate([[0.0], np.cumsum(leg_lengths(self.points))])
@@ -56,20 +56,20 @@ class Route:
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 
     def waypoints(self) -> Points:
-        """Return the points at which the path bends, including both ends; float64, shape (m, 2)."""
+        """Return both ends of the path and all points at which the path bends, in metres; float64, shape (m, 2)."""
         return merge_collinear(self.points)
 
 
 class RegionPaths:
-    """Short paths inside the region of a grid.
+    """Short paths inside the region of a `CellGrid`.
 
-    Because of rounding errors, a path may leave the region by up to `shoal.search.regions.region.TOUCH`.
+    Because of rounding errors, a path may leave the region by up to `shoal.search.regions.region.TOUCH` metres.
 
     Parameters
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead straight from one part of the region to another part, for vehicles that fly.
+        Whether a path may lead straight from one part of the region to another part. Only flying vehicles can do so.
 
     Examples
     --------
@@ -85,11 +85,11 @@ class RegionPaths:
         self.transit = transit
 
     def leg(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return a short path from one point to another; float64, shape (k, 2), k >= 2.
+        """Return a short path from one point to another, in metres; float64, shape (k, 2), k >= 2.
 
-        The path is the straight line if this line stays inside the region. If the straight line leaves the region, the path is the
-        shortest path around nearby corners. With more than 1000 nearby corners, the path is a shortened path from cell to cell,
-        which is rarely much longer than the shortest path.
+        If the straight line between the points stays inside the region, the path is this line. If the straight line leaves the
+        region, the path is the shortest path around nearby corners. With more than 1000 nearby corners, the path is a shortened
+        path from cell to cell, which is rarely much longer than the shortest path.
 
         Raises
         ------
@@ -99,26 +99,28 @@ class RegionPaths:
         return self.legs([np.asarray(start), np.asarray(end)]).points
 
     def legs(self, stops: ArrayLike) -> Route:
-        """Return the path through the given stops in their order.
+        """Return the path from stop to stop, through all given stops.
 
         Parameters
         ----------
         stops : array_like of float, shape (n, 2)
+            Stops in metres, in the order of the path.
 
         Raises
         ------
         InvalidInputError
-            If `leg` refuses two consecutive stops.
+            If `leg` raises an error for two consecutive stops.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
 
     def route(self, cells: ArrayLike) -> Route:
-        """Return the path through all viewpoints of some cells, one cell after another.
+        """Return the path through all viewpoints of the given cells, one cell after another.
 
         Parameters
         ----------
         cells : array_like of int, shape (n, 2)
+            Row and column of each cell, in the order of the path.
 
         Raises
         ------
@@ -140,7 +142,7 @@ class RegionPaths:
         return self._joined(grid.viewpoints[visit], known)
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
-        """Join stops by paths. ``known`` marks legs that are known to be straight."""
+        """Join stops by paths. The array ``known`` tells which legs are known to be straight."""
         good = known.copy()
         asked = np.flatnonzero(~known)
         good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
@@ -160,7 +162,10 @@ class RegionPaths:
         return Route(points, places, transit)
 
     def _way(self, start: Points, end: Points) -> Points | None:
-        """Return a path between two points that no straight line connects, or None for points in different parts."""
+        """Return a path between two points if the straight line between them leaves the region.
+
+        If the points lie in different parts of the region, the result is None.
+        """
         if self._part(start) != self._part(end):
             if not self.transit:
                 raise InvalidInputError(
@@ -173,7 +178,10 @@ class RegionPaths:
         return self._far(start, end) if near is None else near
 
     def _near(self, start: Points, end: Points) -> Points | None:
-        """Return the shortest path around the corners near a leg, if these are few and no other corners are necessary."""
+        """Return the shortest path around the corners near the straight line from ``start`` to ``end``.
+
+        If too many corners are near this line, the result is the best path found so far, or None.
+        """
         best: Points | None = None
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size
         room = _MARGINS[0] * self.grid.size
@@ -200,7 +208,7 @@ class RegionPaths:
         return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a shortened path through the portals between pieces, or around all corners if rounding errors closed one."""
+        """Return a shortened path through portals, or around all corners if rounding errors have closed a portal."""
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:
@@ -214,7 +222,7 @@ class RegionPaths:
         return way
 
     def _within_pieces(self, stops: Points) -> Points:
-        """Return the path through portals. Between two portals, the path stays in one piece of a cell."""
+        """Return the path through the midpoints of portals. Between two portals, the path stays in one piece of a cell."""
         straight = inside(self.grid.region, stops[:-1], stops[1:])
         legs = [stops[:1]]
         for k, free in enumerate(straight.tolist()):
@@ -234,7 +242,7 @@ class RegionPaths:
         return found
 
     def _corners_beside(self, way: Points) -> NDArray[np.int64]:
-        """Return the corners within one cell of the bends of a path."""
+        """Return the corners that are at most one cell side away from a bend of the path."""
         from scipy.spatial import KDTree
 
         bends, corners = way[1:-1], self._corners.corners
@@ -256,7 +264,7 @@ def length_of(way: Points) -> float:
 
 
 def leg_lengths(way: Points) -> NDArray[np.float64]:
-    """Return the lengths of the legs of a path in metres, for points in two or three dimensions; float64, shape (k - 1,)."""
+    """Return the length of each leg of a path in metres, in two or three dimensions; float64, shape (k - 1,)."""
     steps = np.diff(way, axis=0).T
     level = np.hypot(steps[0], steps[1])
     return np.asarray(level if len(steps) == 2 else np.hypot(level, steps[2]))

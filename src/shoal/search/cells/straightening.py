@@ -1,8 +1,8 @@
-"""Straightening: the choice of the viewpoints of border cells for a short path with few bends along a tour.
+"""Straightening: the choice of viewpoints in border cells that makes the path along a tour short, with few bends.
 
 The *window* of a border cell contains all points from which the cell's piece is completely visible. Each point of the window can be
-the cell's viewpoint. Where the tour visits several cells with windows one after another, a path of a few straight legs crosses all
-these windows. The viewpoint of a cell is the point where the path crosses the cell's window.
+the cell's viewpoint. If the tour visits several cells with windows one after another, a path of a few straight legs crosses all
+windows of these cells. The viewpoint of a cell is a point where the path crosses the cell's window.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ _ROUNDS = 12
 
 
 def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
-    """Return the grid with other viewpoints, so that the path along a closed tour is short and has few bends.
+    """Return a grid with new viewpoints, chosen so that the path along a closed tour is short and has few bends.
 
-    Every cell is still completely visible from its viewpoint. Each viewpoint lies in the region, and no wall separates the
+    Every cell is completely visible from its new viewpoint. Each new viewpoint lies in the region, and no wall separates the
     viewpoint from the piece of its cell.
 
     Parameters
     ----------
     grid : CellGrid
     cells : ndarray of int64, shape (N, 2)
-        All cells in the order of the tour.
+        Row and column of all cells, in the order of the tour.
     turn : float
         Cost of a turn in cells.
     """
@@ -61,7 +61,10 @@ def along_tour(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
 
 
 def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
-    """Return each window: for a cell with a choice of viewpoint, the points from which its whole piece is visible."""
+    """Return the window of each cell that has a choice of viewpoints, as a mapping from tour index to Shapely polygon.
+
+    A window contains all points from which the whole piece of a cell is visible.
+    """
     import shapely
 
     clipped, own, half = grid.clipped, grid.own, grid.footprint / 2
@@ -85,7 +88,7 @@ def _windows(grid: CellGrid, cells: Numbers, index: Numbers) -> dict[int, Any]:
 
 
 def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
-    """Return the own pieces of cells and of the cells around them; Shapely geometries or None, shape (n, 9)."""
+    """Return, for each cell, its own piece and the own pieces of its 8 neighbours; Shapely geometries or None, shape (n, 9)."""
     clipped, own = grid.clipped, grid.own
     rooms = np.full((len(rows), 9), None, dtype=object)
     for k in range(9):
@@ -100,7 +103,7 @@ def _around(grid: CellGrid, rows: Numbers, cols: Numbers) -> Any:
 
 
 def _chains(free: Numbers, n: int) -> list[Numbers]:
-    """Return the runs of consecutive cells of a closed tour that have a choice of viewpoint, as tour indices."""
+    """Return the runs of consecutive cells of a closed tour that have a choice of viewpoints, as arrays of tour indices."""
     chains = np.split(free, np.flatnonzero(np.diff(free) > 1) + 1)
     if len(chains) > 1 and chains[0][0] == 0 and chains[-1][-1] == n - 1:
         chains[0] = np.concatenate([chains.pop(), chains[0]])
@@ -108,7 +111,10 @@ def _chains(free: Numbers, n: int) -> list[Numbers]:
 
 
 def _places(windows: Any, known: Points, middles: Points, footprint: float) -> list[Points]:
-    """Return candidate points of each window, float64, each of shape (k, 2): its corners, and the ends of lines across it."""
+    """Return the points of each window that a path may use, float64, each of shape (k, 2).
+
+    The points of a window are its known viewpoint, its corners, and the ends of lines across the window.
+    """
     import shapely
 
     left, low, right, high = (side[:, None] for side in shapely.bounds(windows).T)
@@ -129,7 +135,7 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
 def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points], known: Points, turn: float) -> Points:
     """Return one point in each window, on a path with few bends between fixed points.
 
-    If there is no such path, return the points ``known``.
+    If the function finds no path through all windows, it returns the points ``known``.
     """
     import shapely
 
@@ -161,7 +167,7 @@ def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points],
 
 
 def _crossed(way: Points, stage_of: Numbers, shapes: list[Any], known: Points) -> Points:
-    """Return the crossing points of a path with each window, or all known points if the path misses a window."""
+    """Return one point of each window: on the path where the path crosses the window, or else nearest to the path."""
     import shapely
 
     found = known.copy()

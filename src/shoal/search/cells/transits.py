@@ -20,10 +20,9 @@ _ROOM = 1.0  # relative to the bounds of region and launch points: margin in whi
 
 
 class Transits:
-    """The shortest paths between points inside and outside a region.
+    """The shortest paths between points inside a region and points outside it.
 
-    The paths keep the region's margin from its no-go zones and holes. A path may cross a hole that contains a launch or landing
-    point.
+    All paths keep the region's margin from no-go zones and holes. A path may cross a hole that contains a launch or landing point.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ class Transits:
         return VisibilityGraph(self._space)
 
     def way(self, start: ArrayLike, end: ArrayLike) -> Points:
-        """Return the shortest path from one point to another; float64, shape (k, 2), k >= 2.
+        """Return the shortest path from one point to another, in metres; float64, shape (k, 2), k >= 2.
 
         Raises
         ------
@@ -91,10 +90,10 @@ class WaysOut:
     ----------
     transits : Transits
     launches : mapping of int to ndarray of float64, shape (2,)
-        The launch point in metres of each robot that starts outside the region, by the number of the robot (from 1).
+        Launch point, in metres, of each robot that starts outside the region. The keys are robot numbers, which begin with 1.
     stops : ndarray of float64, shape (N, 2) or (N, 3)
         Viewpoint of each cell by tour index, in metres. The third coordinate is the altitude, scaled so that a climb is as long as
-        a horizontal path of the same duration. All launch points have the altitude of the lowest viewpoint.
+        a horizontal path of the same duration. All launch points count as being at the altitude of the lowest viewpoint.
     size : float
         Side of a cell in metres.
     """
@@ -107,7 +106,7 @@ class WaysOut:
         return number in self._launches
 
     def length(self, number: int, cell: int) -> float:
-        """Return the length of the path from a robot's launch point to a cell, with the climb, in cell sides."""
+        """Return the length, in cell sides, of the path and the climb from a robot's launch point to a cell."""
         launch = self._launches[number]
         key = (*launch.tolist(), cell)
         if key not in self._known:

@@ -16,11 +16,11 @@ _MOST = 3  # maximum number of viewpoints of a piece before the vehicle follows 
 
 
 def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
-    """Return for each piece a point on the centre line of its row from which the whole piece is visible.
+    """Return, for each piece, a point on the centre line of its row of cells from which the whole piece is visible.
 
-    The point may lie in the previous or the next cell of the row. If several points suffice, the function chooses the point
-    farthest towards the neighbouring cell that contains more of the region. If both neighbouring cells contain equally much, the
-    function chooses the point nearest to the centre of the piece's cell.
+    The viewpoint of a piece may lie in the previous or the next cell of the row. Of several possible points, the function chooses
+    the point farthest towards the neighbouring cell that contains more of the region. If both neighbouring cells contain equally
+    large areas of the region, the function chooses the point nearest to the centre of the piece's cell.
 
     Parameters
     ----------
@@ -31,12 +31,12 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     footprint : float
         Side of the footprint in metres.
     free : Shapely geometry, optional
-        The area in which robots may be, if it is smaller than the region.
+        The area in which robots may be. By default, robots may be in the whole region.
 
     Returns
     -------
     list of (ndarray of float64, shape (1, 2)) or None
-        One point for each piece in the lattice's frame, or None if the whole piece is not visible from any point of the line.
+        One viewpoint for each piece, in the lattice's frame. A piece gets None if no point of the centre line sees the whole piece.
     """
     import shapely
 
@@ -68,7 +68,10 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
 
 
 def own_piece(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], cell: tuple[int, int]) -> Any:
-    """Return the own piece of a cell (row, col) as a Shapely geometry in the lattice's frame; ``own`` is as in `CellGrid`."""
+    """Return the own piece of a cell (row, column) as a Shapely geometry in the lattice's frame.
+
+    The argument ``own`` gives the number of each cell's own piece, as in `CellGrid`.
+    """
     if clipped.whole[cell]:
         return lattice.boxes(np.array([cell[0]]), np.array([cell[1]]))[0]
     return clipped.pieces[own[cell]]
@@ -77,10 +80,10 @@ def own_piece(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], cell: 
 def viewpoints_of(
     pieces: Any, centers: Points, *, footprint: float, size: float, known: Sequence[Points | None] = (), free: Any = None
 ) -> tuple[Points, NDArray[np.int64]]:
-    """Return for each piece one or several points from which the whole piece is visible.
+    """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    The viewpoint of a piece is the centre of its cell if the piece contains the centre. For any other piece, the viewpoint is the
-    point of the piece that is nearest to the centre of the cell and sees the whole piece. If no single point suffices, the piece
+    If a piece contains the centre of its cell, its viewpoint is this centre. Otherwise, the function looks for points of the piece
+    that see the whole piece, and chooses the point nearest to the centre of the cell. If no point sees the whole piece, the piece
     gets several viewpoints.
 
     Parameters
@@ -90,18 +93,18 @@ def viewpoints_of(
     centers : ndarray of float64, shape (n, 2)
         Centre of each piece's cell in the lattice's frame.
     footprint, size : float
-        Sides of the footprint and of a cell in metres; size <= footprint.
+        Side of the footprint and side of a cell in metres. The cell must not be larger than the footprint.
     known : sequence of (ndarray of float64, shape (k, 2)) or None
-        Viewpoints found by `viewpoints_on_rows`, which pieces without the centre of their cell get instead.
+        Viewpoints found by `viewpoints_on_rows`, for pieces that do not contain the centre of their cell.
     free : Shapely geometry, optional
-        The area where robots may be. All viewpoints then lie in this area, inside or beside their piece.
+        The area where robots may be. With ``free``, all viewpoints lie in this area, inside or beside their piece.
 
     Returns
     -------
     points : ndarray of float64, shape (k, 2)
         The viewpoints in the lattice's frame.
     index : ndarray of int64, shape (k,)
-        Number of each viewpoint's piece, in increasing order.
+        Number of the piece that belongs to each viewpoint, in increasing order.
     """
     import shapely
 
@@ -120,7 +123,7 @@ def viewpoints_of(
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return points from which a whole piece is visible: inside the piece, or beside it if robots must not be everywhere in it."""
+    """Return points from which a whole piece is visible, inside the piece or, if robots may only be in ``free``, beside it."""
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
@@ -134,7 +137,7 @@ def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: 
 
 
 def _lines(shape: Any) -> list[Points]:
-    """Return the points of a shape's lines, line by line."""
+    """Return the points of each line of a Shapely geometry, line by line."""
     import shapely
 
     lines = [part for part in shapely.get_parts(shapely.line_merge(shape)) if part.geom_type == "LineString"]
@@ -142,7 +145,7 @@ def _lines(shape: Any) -> list[Points]:
 
 
 def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return the part of a shape from which a robot could see some part of a piece."""
+    """Return the part of a shape in which a robot's footprint can overlap a piece."""
     import shapely
 
     low, high = np.reshape(piece.bounds, (2, 2))
@@ -156,7 +159,7 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
-    """Return at most ``most`` points in an area from which a piece is visible, and the part of the piece that none of them sees."""
+    """Return at most ``most`` viewpoints in the area ``room`` for a piece, and the part of the piece that no viewpoint sees."""
     import shapely
 
     chosen: list[Points] = []
@@ -176,7 +179,10 @@ def _within(piece: Any, room: Any, center: Points, half: float, speck: float, mo
 
 
 def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return the point of an area nearest to ``near`` from which the whole remaining part is visible, if there is such a point."""
+    """Return the point of the area ``room`` nearest to ``near`` from which the whole part ``left`` is visible.
+
+    If no point sees the whole part ``left``, the result is None.
+    """
     import shapely
 
     low, high = np.reshape(left.bounds, (2, 2))

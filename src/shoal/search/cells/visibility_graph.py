@@ -1,4 +1,4 @@
-"""Shortest paths around the corners of a region."""
+"""Shortest paths inside a region, around its corners."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _AT_FIRST = 16  # number of corners tested for a start point at once
 
 
 def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.bool_]:
-    """Return which straight segments stay inside the region, apart from rounding errors; bool, shape (n,).
+    """Return, for each straight segment, whether it stays inside the region apart from rounding errors; bool, shape (n,).
 
     Parameters
     ----------
     region : SearchRegion
     starts, ends : ndarray of float64, shape (n, 2)
-        The ends of the segments in metres. The starts must lie inside the region.
+        Start and end of each segment in metres. Each start must lie inside the region.
     """
     import shapely
 
@@ -39,10 +39,11 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 
 
 class VisibilityGraph:
-    """The corners at which shortest paths can bend (inner angle above 180 degrees), and which of them see each other.
+    """The corners of a region at which shortest paths can bend, and the pairs of corners that see each other.
 
-    A path that bends only at corners of `SearchRegion.bends` is preferred to a shorter path around other corners. When a search
-    first reaches a corner, the corners that are visible from there are computed and cached.
+    At such a corner, the inner angle of the region is above 180 degrees. A path that bends only at corners of `SearchRegion.bends`
+    is preferred to a shorter path around other corners. When a path search first reaches a corner, it computes and caches the
+    corners that are visible from this corner.
 
     Parameters
     ----------
@@ -51,7 +52,7 @@ class VisibilityGraph:
     Attributes
     ----------
     corners : ndarray of float64, shape (n, 2)
-        The corners in metres, beginning with those of `SearchRegion.bends`.
+        Positions of the corners in metres. The corners of `SearchRegion.bends` come first.
     """
 
     def __init__(self, region: SearchRegion) -> None:
@@ -68,27 +69,27 @@ class VisibilityGraph:
         self._seen_from: dict[int, tuple[float, NDArray[np.int64], NDArray[np.float64]]] = {}
 
     def within(self, low: Points, high: Points) -> NDArray[np.int64]:
-        """Return the indices of the corners in the box between the points ``low`` and ``high``; int64, shape (k,)."""
+        """Return the indices of the corners inside the box with the corners ``low`` and ``high``; int64, shape (k,)."""
         return np.flatnonzero(((self.corners >= low) & (self.corners <= high)).all(axis=1))
 
     def shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest path that bends only at given corners, or None if there is no path; float64, shape (k, 2).
+        """Return the shortest path that bends only at given corners, or None if no path exists; float64, shape (k, 2).
 
         Parameters
         ----------
         start, end : ndarray of float64, shape (2,)
-            Both ends of the path in metres, inside the region.
+            Start and end of the path in metres. They must lie inside the region.
         candidates : ndarray of int64, shape (c,)
-            Indices of the given corners.
+            Indices of the corners at which the path may bend.
         """
         few = candidates[candidates < self._few]
         found = self._shortest(start, end, few) if len(few) else None
         return self._shortest(start, end, candidates) if found is None else found
 
     def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Return the shortest path that bends only at the candidate corners, found by A*, or None.
+        """Find the shortest path that bends only at the candidate corners by A*. If no path exists, return None.
 
-        The visibility of corners from the start is tested corner by corner, beginning with the most promising corners.
+        The function tests in growing groups which corners are visible from the start, beginning with the most promising corners.
         """
         allowed = np.zeros(len(self.corners), dtype=np.bool_)
         allowed[candidates] = True
@@ -129,12 +130,15 @@ class VisibilityGraph:
         return None
 
     def _ends(self, corner: int, end: Points) -> bool:
-        """Return whether a shortest path could lead straight from a corner to its end."""
+        """Return whether a shortest path could lead straight from a corner to the point ``end``."""
         place = self.corners[[corner]]
         return bool(self._touched(np.array([corner]), end - place)[0] and inside(self._region, place, end[None])[0])
 
     def _neighbours(self, corner: int, wide: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Return the corners to which a shortest path could continue, up to distance ``wide`` or beyond, with distances."""
+        """Return the corners to which a shortest path could continue from a corner, and their distances in metres.
+
+        The result contains all such corners up to the distance ``wide``, and possibly farther corners.
+        """
         known, others, away = self._seen_from.get(corner, (-1.0, None, None))
         if others is None or away is None or known < wide:
             place = self.corners[corner]
@@ -149,9 +153,9 @@ class VisibilityGraph:
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
-        """Return whether, at each corner, a line leaves both sides of the corner on the same side.
+        """Return, for each corner and a line through it, whether both sides of the corner lie on one side of the line.
 
-        Other lines are not part of any shortest path.
+        A shortest path that passes a corner always follows such a line.
         """
         sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
         rounding = _ALONG * np.hypot(*directions.T)
@@ -166,7 +170,10 @@ def _chain(came: NDArray[np.int64], node: int) -> list[int]:
 
 
 def _inward_corners(area: Any) -> Points:
-    """Return the corners of a polygon at which shortest paths bend, and their neighbours on the border; shape (3, n, 2)."""
+    """Return the corners of a polygon at which shortest paths can bend; float64, shape (3, n, 2).
+
+    The first array contains these corners. The other two arrays contain the previous and the next corner on the border.
+    """
     import shapely
 
     found: list[Any] = [np.zeros((3, 0, 2))]
@@ -182,9 +189,9 @@ def _inward_corners(area: Any) -> Points:
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a path with fewer bends.
+    """Return a shortened path with fewer bends.
 
-    From each of its points, the new path leads straight to the farthest visible point among the next 64 points of the given path.
+    From each of its points, the new path leads straight to the farthest visible point among the next 64 points of the path ``way``.
     """
     kept = [0]
     while kept[-1] < len(way) - 1:
@@ -197,9 +204,9 @@ def pulled(region: SearchRegion, way: Points) -> Points:
 
 
 def merge_collinear(points: Points) -> Points:
-    """Return a path without repeated points and without points on a straight line between their neighbours.
+    """Remove repeated points from a path, and points on the straight line between the previous and the next point.
 
-    A point at which the path turns back is kept.
+    The function keeps points at which the path turns back.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Tours by name, with one module for each tour, and conversion between cells and indices of the Hilbert curve."""
+"""Tours by name, and conversion between cells and their indices on the Hilbert and Moore curves."""
 
 from __future__ import annotations
 
@@ -42,16 +42,19 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     Parameters
     ----------
     maker : str or TourMaker
-        "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon", "spanning-tree", "module:attribute" (an
-        object, or a class that is called without arguments), or an object with the methods of `TourMaker`.
+        One of the names "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon" and "spanning-tree", or an
+        object with the methods of `TourMaker`. A text "module:attribute" names a tour maker object, or a class that Shoal calls
+        without arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. In 3 dimensions "hilbert",
-        "open-hilbert" and "hilbert-rectangle" are 3-D curves. For the other names, the tours of all layers are joined to one tour.
+        A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. On a 3-D mask, "hilbert",
+        "open-hilbert" and "hilbert-rectangle" are 3-D curves. With any other name, Shoal makes a tour of each layer of a 3-D mask,
+        and joins the tours of all layers.
 
     Returns
     -------
     Tour
-        A tour that visits each True cell once. The tour finishes each connected component of the mask before the next one.
+        A tour that visits each True cell once. The tour finishes each connected component of the mask before it starts another
+        component.
 
     Raises
     ------
@@ -82,7 +85,7 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return the tour maker that a name or a text ``module:attribute`` stands for. A tour maker object is returned unchanged.
+    """Return the tour maker with a name or a text ``module:attribute``. A tour maker object is returned unchanged.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The interface of tour makers, and their registry."""
+"""The interface of tour makers, and the registry of all tour makers."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ class TourMaker(Protocol):
     dimensions: tuple[int, ...]
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return a tour that visits each True cell of ``mask`` once. The mask has shape (H, W) or (L, H, W).
+        """Return a tour that visits each True cell of ``mask`` once.
 
-        At least one cell is True.
+        The mask has the shape (H, W) or (L, H, W), and at least one True cell.
         """
         ...
 
@@ -48,18 +48,18 @@ class TourByOrder(ABC):
     closed = True
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
+        """Return the tour through all True cells of the mask."""
         low, region = smallest_part(mask)
         cells = component_after_component(self._in_order(region), region)
         return Tour(cells + low, mask.shape, closed=self.closed, name=self.name)
 
     @abstractmethod
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        """Return all True cells in the order of the tour; int64, shape (N, dimensions)."""
+        """Return all True cells of ``region`` in the order of the tour; int64, shape (N, dimensions)."""
 
 
 def check_covers(tour: Tour, mask: NDArray[np.bool_]) -> Tour:
-    """Return a tour if it visits all True cells of a mask and no other cells.
+    """Return a tour unchanged if it visits all True cells of a mask and no other cells.
 
     Raises
     ------

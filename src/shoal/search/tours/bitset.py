@@ -1,6 +1,6 @@
-"""Bitsets: sets of cells along a tour as integers, whose bit i stands for cell number i.
+"""Bitsets: sets of cells as integers, where bit i stands for cell number i of the tour.
 
-Unions and differences of bitsets are fast.
+Python computes unions and differences of bitsets fast.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 
 def arc_bits(first: int, count: int, n: int) -> int:
-    """Return the set of ``count`` consecutive cells from number ``first`` on, along a tour of n cells.
+    """Return the bitset of ``count`` consecutive cells, beginning with cell number ``first``, on a closed tour of n cells.
 
     Examples
     --------
@@ -24,7 +24,7 @@ def arc_bits(first: int, count: int, n: int) -> int:
 
 
 def turned(bits: int, first: int, n: int) -> int:
-    """Return a set with new cell numbers, which count from the cell ``first`` around a tour of n cells.
+    """Renumber the cells of a bitset so that the cell ``first`` gets the number 0, on a closed tour of n cells.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a set at or after number ``first`` around a tour of n cells, or None if the set is empty.
+    """Return the first cell of a bitset at or after the cell ``first`` on a closed tour of n cells; None for an empty bitset.
 
     Examples
     --------
@@ -48,7 +48,9 @@ def next_in(bits: int, first: int, n: int) -> int | None:
 
 
 def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
-    """Yield the runs of consecutive cells of a set as (first cell, length), from number ``first`` around a tour of n cells.
+    """Yield the runs of consecutive cells of a bitset as pairs (first cell, number of cells).
+
+    The function goes once around a closed tour of n cells, beginning with the cell ``first``.
 
     Examples
     --------
@@ -69,7 +71,7 @@ def runs(bits: int, first: int, n: int) -> Iterator[tuple[int, int]]:
 
 
 def members(bits: int) -> Iterator[int]:
-    """Yield the cells of a set in increasing order.
+    """Yield the cell numbers of a bitset in increasing order.
 
     Examples
     --------
@@ -97,7 +99,7 @@ def bitset_of(cells: Iterable[int]) -> int:
 
 
 def bits_to_array(bits: int, n: int) -> NDArray[np.bool_]:
-    """Return a set as a bool array of shape (n,), which is true at the numbers in the set.
+    """Return a bool array of shape (n,) that is true at the numbers in a bitset.
 
     Examples
     --------
@@ -120,7 +122,7 @@ def array_to_bits(members: NDArray[np.bool_]) -> int:
 
 
 def at_least(sets: list[int], k: int) -> int:
-    """Return the cells that are in at least k of the sets.
+    """Return the bitset of the cells that are in at least k of several bitsets.
 
     Examples
     --------
@@ -139,7 +141,7 @@ _FEW = 16  # number of intervals above which arrays are faster
 
 
 def intervals(bits: int) -> list[tuple[int, int]]:
-    """Return the runs of consecutive numbers of a set as (first number, length), in increasing order.
+    """Return the runs of consecutive numbers in a bitset as pairs (first number, length), in increasing order.
 
     Examples
     --------
@@ -156,7 +158,7 @@ def intervals(bits: int) -> list[tuple[int, int]]:
 
 
 def bits_of_intervals(found: list[tuple[int, int]]) -> int:
-    """Return the bitset of all numbers in runs given as (first number, length).
+    """Return the bitset of all numbers in runs that are given as pairs (first number, length).
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The boustrophedon tour: back and forth along rows, in an order of the rows that keeps connections short."""
+"""The boustrophedon tour: back and forth along rows of cells, in an order that keeps the ways between rows short."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ MOST_RUNS = 1500
 
 @TOURS.register("boustrophedon")
 class BoustrophedonTour(TourByOrder):
-    """A tour that traverses each run (consecutive cells of a row) without interruption, with about two turns per run.
+    """A tour that crosses each run without interruption, with about two turns for each run.
 
-    At first, the runs have the order of the boustrophedon decomposition of Choset, "Coverage of known spaces: the boustrophedon
-    cellular decomposition", Autonomous Robots 9, 2000. Then two kinds of exchanges shorten the connections between runs. One kind
-    of exchange replaces two connections (2-opt). The other kind of exchange moves up to three runs to another place on the tour
-    (Or-opt). The closing edge counts as a connection.
+    A run is a sequence of consecutive cells in one row. At first, the runs have the order of the boustrophedon decomposition of
+    Choset, "Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Then two kinds of
+    exchanges shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange
+    moves up to three runs to another place on the tour. The closing edge of the tour counts as a connection.
     """
 
     name = "boustrophedon"

@@ -1,4 +1,4 @@
-"""Conversion between cells and indices of the Hilbert and Moore curves, with random access on whole arrays."""
+"""Conversion of whole arrays between cells and their indices on the Hilbert and Moore curves."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ MAX_ORDER = {2: 31, 3: 20}
 
 
 def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the index on the Hilbert curve of each cell.
+    """Return the index of each cell on the Hilbert curve.
 
     Parameters
     ----------
     cells : array_like of int, shape (..., 2) or (..., 3)
-        (row, col) with row 0 on top, or (layer, row, col), each from 0 to 2^order - 1. The paper's location [x, y], with [0, 0] at
-        the lower left, is the cell (2^order - 1 - y, x).
+        Cells as (row, column) or (layer, row, column), where each number is from 0 to 2^order - 1, and row 0 is on top. The
+        location [x, y] of paper H, with [0, 0] at the lower left, is the cell (2^order - 1 - y, x).
     order : int
-        Order of the curve, which has 2^order cells per side: 0 to 31, in 3 dimensions 0 to 20.
+        Order of the curve: 0 to 31 in 2 dimensions, 0 to 20 in 3 dimensions. The curve has 2^order cells per side.
 
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1, or in 3 dimensions to 8^order - 1. Index 0 is the lower left cell of the first layer, and the
-        last index is the lower right cell of the first layer.
+        Indices from 0 to 4^order - 1 in 2 dimensions, or from 0 to 8^order - 1 in 3 dimensions. Index 0 is the lower left cell of
+        the first layer, and the last index is the lower right cell of the first layer.
 
     Raises
     ------
     InvalidInputError
-        If a cell is not on the curve, or the array contains values that are not whole numbers.
+        If a cell is not on the curve, or if the array contains numbers that are not whole.
 
     Notes
     -----
-    Paper H, section "Space-Filling Curves": at order 3 the location [3, 5] is index 28.
+    In paper H, section "Space-Filling Curves", the location [3, 5] has the index 28 on the curve of order 3.
 
     Examples
     --------
@@ -52,21 +52,21 @@ def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> NDArray[np.int64]:
-    """Return the cell of each index on the Hilbert curve. This function is the inverse of `hilbert_encode`.
+    """Return the cell at each index on the Hilbert curve, as the inverse of `hilbert_encode`.
 
     Parameters
     ----------
     indices : array_like of int, shape (...)
-        Indices from 0 to 2^(order * dimensions) - 1.
+        Indices on the curve, from 0 to 2^(order * dimensions) - 1.
     order : int
-        Order of the curve: 0 to 31, in 3 dimensions 0 to 20.
+        Order of the curve: 0 to 31 in 2 dimensions, 0 to 20 in 3 dimensions. The curve has 2^order cells per side.
     dimensions : int
-        2 or 3.
+        Number of dimensions of the curve: 2 or 3.
 
     Returns
     -------
     ndarray of int64, shape (..., dimensions)
-        (row, col) with row 0 on top, or (layer, row, col).
+        Cells as (row, column) or (layer, row, column), where row 0 is on top.
 
     Raises
     ------
@@ -91,22 +91,22 @@ def hilbert_decode(indices: ArrayLike, *, order: int, dimensions: int = 2) -> ND
 
 
 def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the index on the Moore curve of each cell.
+    """Return the index of each cell on the Moore curve.
 
-    The curve consists of four Hilbert curves, so that its end is beside its start.
+    The Moore curve consists of four Hilbert curves, joined so that the end of the curve is beside its start.
 
     Parameters
     ----------
     cells : array_like of int, shape (..., 2)
-        As in `hilbert_encode`.
+        Cells as (row, column), where each number is from 0 to 2^order - 1, and row 0 is on top.
     order : int
-        Order of the curve, which has 2^order cells per side: 0 to 31.
+        Order of the curve, from 0 to 31. The curve has 2^order cells per side.
 
     Returns
     -------
     ndarray of int64, shape (...)
-        Indices from 0 to 4^order - 1. Index 0 is the cell in the lowest row just left of the centre. The last index is the cell in
-        the lowest row just right of the centre.
+        Indices from 0 to 4^order - 1. Index 0 is the cell in the lowest row just left of the curve's centre. The last index is the
+        cell in the lowest row just right of the curve's centre.
 
     Raises
     ------
@@ -115,7 +115,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    E. H. Moore, "On certain crinkly curves", Transactions of the American Mathematical Society 1, 1900.
+    The source is E. H. Moore, "On certain crinkly curves", Transactions of the American Mathematical Society 1, 1900.
 
     Examples
     --------
@@ -128,19 +128,19 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
 
 def moore_decode(indices: ArrayLike, *, order: int) -> NDArray[np.int64]:
-    """Return the cell of each index on the Moore curve. This function is the inverse of `moore_encode`.
+    """Return the cell at each index on the Moore curve, as the inverse of `moore_encode`.
 
     Parameters
     ----------
     indices : array_like of int, shape (...)
-        Indices from 0 to 4^order - 1.
+        Indices on the curve, from 0 to 4^order - 1.
     order : int
-        Order of the curve, which has 2^order cells per side: 0 to 31.
+        Order of the curve, from 0 to 31. The curve has 2^order cells per side.
 
     Returns
     -------
     ndarray of int64, shape (..., 2)
-        (row, col) with row 0 on top.
+        Cells as (row, column), where row 0 is on top.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
 
 
 def _encoded(kernels: dict[int, Callable[..., int]], cells: ArrayLike, order: int, curve: str) -> NDArray[np.int64]:
-    """Return the index of each cell. ``kernels`` maps the number of dimensions to the compiled function."""
+    """Return the index of each cell on a curve. The mapping ``kernels`` gives the compiled function for 2 or 3 dimensions."""
     array = _whole_numbers(cells, "cells")
     if array.ndim == 0 or array.shape[-1] not in kernels:
         forms = " or ".join(("(row, col)", "(layer, row, col)")[: len(kernels)])

@@ -1,6 +1,6 @@
-"""The comb tour: straight lanes back and forth, with one column reserved for the return.
+"""The comb tour: straight lanes back and forth, with one column reserved for the way back.
 
-The comb has few turns, and its closing edge is one step long.
+The comb tour has few turns, and the way from its last cell to its first cell is one step long.
 """
 
 from __future__ import annotations
@@ -14,12 +14,14 @@ from shoal.search.tours.masks import component_after_component
 
 @TOURS.register("comb")
 class CombTour(TourByOrder):
-    """Lanes back and forth over all columns except the first. The first column leads back to the start.
+    """Straight lanes back and forth, with one column (or one row) beside the lanes that leads back to the start.
 
-    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. If both
-    sides are odd, the tour zigzags through the last two lanes. In a single row of cells, the closing edge is as long as the row. On
-    other shapes, the tour is the shortest of three tours: the comb of the bounding rectangle without the cells outside the shape,
-    and the boustrophedon decompositions along rows and along columns.
+    In a rectangle of at least 2 x 2 cells, all steps lead to neighbouring cells, except for one diagonal step if both sides are
+    odd. If both sides of the rectangle are odd, the tour zigzags through the last two lanes. In a single row of cells, the closing
+    edge is as long as the row.
+
+    On a shape that is not a rectangle, the tour is the shortest of three tours. One of them is the comb of the bounding rectangle
+    without the cells outside the shape. The other two tours sweep the shape back and forth along rows, and along columns.
     """
 
     name = "comb"
@@ -33,7 +35,7 @@ class CombTour(TourByOrder):
 
 
 def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
-    """Return the cells of a full rectangle in the order of the closed comb; int64, shape (rows * cols, 2)."""
+    """Return the cells of a full rectangle in the order of the comb tour; int64, shape (rows * cols, 2)."""
     grid = np.arange(rows * cols).reshape(rows, cols)[::-1]  # from the bottom up
     if min(rows, cols) > 1 and (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1):
         grid = grid.T  # an even number of lanes, preferably long lanes
@@ -51,7 +53,7 @@ def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
 
 
 def _sweeps(region: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """Return the cells in the order of two boustrophedon sweeps: from the bottom up, and from left to right."""
+    """Return two orders of the cells: a sweep along rows from the bottom up, and a sweep along columns from left to right."""
     from shoal.search.kernels.lanes import sweep_all
 
     upward, across = np.empty((2, np.count_nonzero(region), 2), dtype=np.int64)

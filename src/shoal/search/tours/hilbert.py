@@ -12,13 +12,13 @@ from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
 
 @TOURS.register("hilbert")
 class HilbertTour(TourByOrder):
-    """The Hilbert curve through the smallest square with 2^k cells per side around all cells.
+    """The Hilbert curve through the smallest square around all cells whose side is a power of 2.
 
-    The lower left corner of the square is the lower left corner of the cells' bounding box.
+    The lower left corner of the square is the lower left corner of the cells' bounding box. In 3 dimensions, the square is a cube.
 
-    As in paper H, the tour is closed: it continues from its last cell to its first cell. In a full square, the closing edge is one
-    cell side shorter than a side of the square. If the cells do not fill the square, they keep the order of the curve, and some
-    steps lead across positions without a cell. In 3 dimensions, the square is a cube.
+    As in paper H, the tour is closed: it continues from its last cell to its first cell. In a full square, this closing edge is one
+    cell side shorter than a side of the square. If the cells do not fill the square, the tour visits the cells in the order of the
+    curve, and some steps cross positions without a cell.
     """
 
     name = "hilbert"
@@ -38,7 +38,7 @@ class HilbertTour(TourByOrder):
 
 @TOURS.register("open-hilbert")
 class OpenHilbertTour(HilbertTour):
-    """The Hilbert curve as an open path that does not return from its end. This tour is only for comparisons."""
+    """The Hilbert curve as an open path, without the way back from its end to its start. The open path serves for comparisons."""
 
     name = "open-hilbert"
     closed = False
@@ -46,7 +46,10 @@ class OpenHilbertTour(HilbertTour):
 
 @TOURS.register("moore")
 class MooreTour(HilbertTour):
-    """The Moore curve through the smallest covering square with 2^k cells per side: four Hilbert curves, closed by one step."""
+    """The Moore curve through the smallest square around all cells whose side is a power of 2.
+
+    The Moore curve consists of four Hilbert curves, closed by one step.
+    """
 
     name = "moore"
     dimensions: tuple[int, ...] = (2,)

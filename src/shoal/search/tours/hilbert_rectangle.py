@@ -1,4 +1,4 @@
-"""The closed generalized Hilbert curve of any rectangle or box: out through one half and back through the other half."""
+"""A closed generalized Hilbert curve for any rectangle or box: out through one half and back through the other half."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ from shoal.search.tours.base import TOURS, TourByOrder
 class HilbertRectangleTour(TourByOrder):
     """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
-    In a rectangle of at least 2 x 2 cells, all steps lead to neighbours, except one diagonal step if both sides are odd. In a box
-    with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge is as long as the row.
+    In a rectangle of at least 2 x 2 cells, all steps lead to neighbouring cells, except for one diagonal step if both sides are
+    odd. In a three-dimensional box with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge
+    is as long as the row.
     """
 
     name = "hilbert-rectangle"
@@ -27,8 +28,8 @@ class HilbertRectangleTour(TourByOrder):
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the cells of a full box in the order of its closed generalized Hilbert curve; int64, shape (N, dimensions).
 
-    The curve runs forth and back along the longest side of even length. The longer of the other sides is divided into two halves:
-    one for the way forth, and one for the way back.
+    The curve runs out and back along the longest even side of the box, or along its longest side if all sides are odd. Across this
+    side, the box is divided into two halves: one half for the way out, and one half for the way back.
     """
     from shoal.search.kernels.rectangle import walk_box
 

@@ -1,4 +1,4 @@
-"""Tours through layers: the closed tours of neighbouring layers are cut and connected by two climbs."""
+"""Tours through several layers: the closed tours of two neighbouring layers are cut, and connected by a climb and a descent."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 def joined(
     tours: Sequence[Tour], points: Sequence[Floats] | None = None, *, floors: Sequence[int] | None = None, turn: float = TIE
 ) -> Tour:
-    """Return one tour that visits the cells of all layers, climbs from layer to layer, and descends beside each climb.
+    """Join the tours of several layers to one tour, which climbs from layer to layer and descends beside each climb.
 
-    One step of a layer's tour and one step of the next layer's tour are replaced by a climb and a descent. The two replaced steps
-    are chosen so that the tour gets as short as possible. If all layers are equal, each further layer adds two climbs and saves two
-    steps.
+    A climb and a descent replace one step of a layer's tour and one step of the next layer's tour. The function chooses the two
+    replaced steps so that the joined tour gets as short as possible. If all layers are equal, each further layer adds one climb and
+    one descent, and saves two steps.
 
     Parameters
     ----------
     tours : sequence of Tour
-        One plane tour per layer, from the lowest to the highest.
+        One plane tour for each layer, from the lowest layer to the highest.
     points : sequence of ndarray of float64, each of shape (N, 3), optional
-        Viewpoint of each cell of each tour. The default is (row, col, layer).
+        Viewpoint of each cell of each tour. By default, the viewpoint of a cell is (row, column, layer).
     floors : sequence of int, optional
-        Number of each tour's layer. The default is 0, 1, 2, ...
+        Number of the layer of each tour. By default, the tours get the numbers 0, 1, 2, ...
     turn : float
-        Cost of a turn in the unit of the points. If the cost is above 0, tours are cut at turns where possible, not on straight
-        sections.
+        Cost of a turn, in the unit of the viewpoints. If the cost is above 0, the function cuts tours at turns where possible.
 
     Returns
     -------
     Tour
-        Tour of cells (layer, row, col). The tour is closed if all given tours are closed.
+        Tour of cells (layer, row, column). The joined tour is closed if all given tours are closed.
 
     Notes
     -----
-    For equal layers whose tours step only to neighbours, the result is a Hamiltonian cycle of the cells in three dimensions.
-    Gabriely and Rimon describe the plane case: "Spanning-tree based coverage of continuous areas by a mobile robot", 2001.
+    If the layers are equal and their tours step only to neighbouring cells, the result is a Hamiltonian cycle of all cells.
+    Gabriely and Rimon describe the case of a single layer: "Spanning-tree based coverage of continuous areas by a mobile robot",
+    2001.
 
     Examples
     --------
@@ -68,7 +68,10 @@ def joined(
 
 
 def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
-    """Return a closed path into which another closed path is inserted. Cells from ``low`` on belong to the layer below."""
+    """Insert the closed path ``new`` of a layer into the closed path ``way`` of all lower layers.
+
+    Cell numbers from ``low`` on belong to the layer just below the inserted layer.
+    """
     from scipy.spatial import KDTree
 
     ends = np.roll(way, -1)
@@ -95,13 +98,13 @@ def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats
 
 
 def _at_turns(steps: Numbers, bent: Floats) -> Numbers:
-    """Return the steps with turns at both ends if there are enough of them, otherwise all steps."""
+    """Return the steps with the most turns at their ends, or all steps if too few steps have turns at their ends."""
     sharp = steps[(bent > 0) & (bent == bent.max())]
     return sharp if len(sharp) >= _ENOUGH else steps
 
 
 def _bends(points: Floats) -> Floats:
-    """Return 1 for each point of a closed path at which the direction changes, otherwise 0; float64, shape (N,)."""
+    """Return, for each point of a closed path, 1 if the direction changes at this point, or else 0; float64, shape (N,)."""
     steps = np.roll(points, -1, axis=0) - points
     before = np.roll(steps, 1, axis=0)
     cross = steps[:, 0] * before[:, 1] - steps[:, 1] * before[:, 0]

@@ -1,4 +1,4 @@
-"""Masks: grids of cells that are True where a robot must search, and their connected components."""
+"""Masks: bool arrays that are True for cells that a robot must search, and the connected components of masks."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ MAX_CELLS = 2**28
 
 
 def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:
-    """Return the mask of the cells to search, from a mask or from the shape of a full rectangle or box.
+    """Check a mask of the cells to search, or make a full mask from the shape of a rectangle or box.
 
     Parameters
     ----------
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        A mask that is True where a robot must search, with row 0 on top. Or the shape of a full grid.
+        A mask that is True for cells that a robot must search, with row 0 on top, or the shape of a full grid.
 
     Returns
     -------
     ndarray of bool, shape (H, W) or (L, H, W)
-        The contiguous mask.
+        The mask as a contiguous array.
 
     Raises
     ------
     InvalidInputError
-        If the dtype or the number of dimensions is invalid, no cell is True, or there are more than ``MAX_CELLS`` cells.
+        If the mask has an invalid dtype or an invalid number of dimensions, no True cell, or more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(mask_or_shape)
@@ -62,9 +62,9 @@ def _check_shape(shape: list[int]) -> tuple[int, ...]:
 
 
 def components(mask: ArrayLike) -> NDArray[np.int32]:
-    """Return the label of each cell's connected component, from 1 in reading order, and 0 where the mask is False.
+    """Label the connected components of a mask: 1, 2, ... in reading order, and 0 for cells where the mask is False.
 
-    Two cells are connected if they share a side, or a face in 3 dimensions.
+    Two cells are connected if they share a side in 2 dimensions, or a face in 3 dimensions.
 
     Parameters
     ----------
@@ -89,7 +89,15 @@ def components(mask: ArrayLike) -> NDArray[np.int32]:
 
 
 def smallest_part(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Return the first cell of the bounding box of all True cells (int64, shape (dimensions,)), and the mask inside this box."""
+    """Crop a mask to the bounding box of its True cells.
+
+    Returns
+    -------
+    ndarray of int64, shape (dimensions,)
+        The first cell of the bounding box.
+    ndarray of bool
+        The mask inside the bounding box.
+    """
     ends = []
     for axis in range(mask.ndim):
         found = np.flatnonzero(mask.any(axis=tuple(other for other in range(mask.ndim) if other != axis)))
@@ -98,7 +106,7 @@ def smallest_part(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[n
 
 
 def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return cells as a contiguous array of (layer, row, col). Cells (row, col) get layer 0."""
+    """Return cells as a contiguous array of (layer, row, column). Cells that are given as (row, column) get layer 0."""
     if cells.shape[1] == 3:
         return np.ascontiguousarray(cells)
     filled = np.zeros((len(cells), 3), dtype=np.int64)
@@ -107,9 +115,9 @@ def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the cells in another order, in which the cells of each connected component follow one another.
+    """Sort cells by connected component, so that all cells of one component follow one another.
 
-    The cells of a component keep their order. The components are sorted by their first cells in the given order.
+    The cells of a component keep their order. The components come in the order of their first cells in ``cells``.
     """
     labels = components(mask)
     if labels.max() == 1:

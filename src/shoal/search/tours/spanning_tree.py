@@ -13,24 +13,26 @@ from shoal.search.tours.tour import Tour
 
 @TOURS.register("spanning-tree")
 class SpanningTreeTour:
-    """A tour around a spanning tree of the full 2 x 2 blocks, extended by the cells of partial blocks.
+    """A tour around a spanning tree of the full 2 x 2 blocks, extended by the cells outside full blocks.
 
-    The method is that of Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
-    Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, all steps of the tour lead to neighbours. Cells of
-    partial blocks are added in two stages. In the first stage, the tour takes in pairs of cells beside one of its edges, and full
-    blocks that are not aligned with the others. These additions cost nothing. In the second stage, the cycles of cells that are
-    still separate are connected. A single cell counts as a cycle. Each connection replaces one edge of each of two cycles by two
-    steps between them. Of the two steps of a connection, one leads to a neighbouring cell. The other step of a connection may be
-    longer: a diagonal to a single cell, or the way back from a dead end one cell wide. Of the four alignments of blocks, the tour
-    uses the alignment with the largest number of full blocks. The spanning tree consists of straight corridors and a spine,
-    because this shape gives few turns.
+    The method follows Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
+    Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, all steps of the tour lead to neighbouring cells.
+    Of the four alignments of blocks, the tour uses the alignment with the largest number of full blocks. The spanning tree consists
+    of straight corridors and a spine, because a tree of this shape gives few turns.
+
+    The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in pairs of cells beside one of
+    its edges, and full blocks that are not aligned with the other blocks. The additions of the first stage cost nothing. In the
+    second stage, the tour connects the cycles of cells that are still separate, where a single cell counts as a cycle. To connect
+    two cycles, the tour replaces one edge of each cycle by two steps from cycle to cycle. One of the two steps leads to a
+    neighbouring cell. The other step may be longer: a diagonal to a single cell, or the way back from a dead end that is one cell
+    wide.
     """
 
     name = "spanning-tree"
     dimensions: tuple[int, ...] = (2,)
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
-        """Return the tour of all True cells."""
+        """Return the tour through all True cells of the mask."""
         from shoal.search.kernels import attaching, cycles
 
         low, region = smallest_part(mask)
@@ -52,10 +54,7 @@ class SpanningTreeTour:
 
 
 def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
-    """Return the full 2 x 2 blocks for the best of four alignments.
-
-    Return also the flat index of the first cell of the first block.
-    """
+    """Return the full 2 x 2 blocks for the best of four alignments, and the flat index of the first block's first cell."""
     square = region[:-1, :-1] & region[1:, :-1] & region[:-1, 1:] & region[1:, 1:]
     row, col = max(
         ((row, col) for row in (0, 1) for col in (0, 1)), key=lambda at: np.count_nonzero(square[at[0] :: 2, at[1] :: 2])
@@ -64,7 +63,7 @@ def _full_blocks(region: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], int]:
 
 
 def _by_component(region: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the flat indices of all True cells sorted by component, and the boundaries between the components.
+    """Return the flat indices of all True cells, sorted by component, and the positions at which components begin and end.
 
     The components are sorted along a Hilbert curve through their first cells.
     """

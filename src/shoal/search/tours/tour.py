@@ -1,4 +1,4 @@
-"""Tour: the cells of a region in the order in which a robot visits them, and metrics of this order."""
+"""Tour: the cells of a region in the order in which a robot visits them, and metrics of tours."""
 
 from __future__ import annotations
 
@@ -21,29 +21,30 @@ class TourMetrics:
     Attributes
     ----------
     cells : int
-        Number of cells.
+        Number of cells on the tour.
     length : float
         Sum of the lengths of all steps in cell sides, including the closing edge of a closed tour.
     closing_edge : float
-        Length in cell sides of the step from the last cell back to the first cell, or 0 for an open tour.
+        Length in cell sides of the step from the tour's last cell back to its first cell. An open tour has a closing edge of 0.
     turns : int
-        Number of cells at which the direction changes. In a closed tour, it may also change at the first and the last cell.
+        Number of cells at which the direction changes. On a closed tour, the first and the last cell may be turns, too.
     turns_per_cell : float
         Number of turns divided by the number of cells.
     longest_step : float
         Length of the longest step in cell sides, apart from the closing edge.
     neighbour_steps : float
-        Fraction of the steps, including the closing edge, that connect two cells with a common side (in 3 dimensions, a common
-        face).
+        Fraction of all steps, including the closing edge, that lead to a neighbouring cell. Neighbouring cells share a side, or a
+        face in 3 dimensions.
     neighbour_stretch : float
-        Mean distance along the tour between two cells with a common side. On a closed tour, the shorter direction counts. The
-        metric is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity preservation by space
-        filling curves", IPDPS 2012.
+        Mean distance along the tour between two cells that share a side. On a closed tour, the distance is that of the shorter
+        direction. The metric is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity
+        preservation by space filling curves", IPDPS 2012.
     dilation : float
-        Largest ratio of two cells' squared distance to their distance along the tour. The closing edge counts as one step. Only
-        pairs of cells at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, ... are compared. Therefore the metric is a lower bound on
-        the worst-case locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional
-        space-filling curves", Computational Geometry 43, 2010. For the Hilbert curve, WL2 tends to 6.
+        Largest ratio between the squared distance of two cells and their distance along the tour. The closing edge counts as one
+        step. The dilation is computed only from pairs of cells at the tour distances 1, 2, 3, 4, 6, 8, 12, 16, ... steps. Therefore
+        the dilation is a lower bound on the worst-case locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box
+        quality of two-dimensional space-filling curves", Computational Geometry 43, 2010. For the Hilbert curve, the locality WL2
+        tends to 6.
     """
 
     cells: int
@@ -57,18 +58,19 @@ class TourMetrics:
     dilation: float
 
     def report(self) -> dict[str, Any]:
-        """Return all metrics by name, for JSON."""
+        """Return a mapping from the name of each metric to its value, which can be written as JSON."""
         return asdict(self)
 
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """Cells in visiting order. A closed tour continues from its last cell to its first cell.
+    """The cells of a grid in the order of a visit. A closed tour continues from its last cell to its first cell.
 
     Parameters
     ----------
     cells : ndarray of int64, shape (N, 2) or (N, 3)
-        (row, col) with row 0 on top, or (layer, row, col); each cell at most once. The tour keeps a read-only copy.
+        Cells as (row, column) or (layer, row, column), where row 0 is on top. A tour must not contain a cell twice. The tour keeps
+        a read-only copy of the array ``cells``.
     shape : tuple of int
         Shape of the grid, (H, W) or (L, H, W).
     closed : bool
@@ -79,7 +81,7 @@ class Tour:
     Raises
     ------
     InvalidInputError
-        If there are no cells, a cell is outside the grid, or a cell is visited twice.
+        If the tour has no cells, contains a cell twice, or contains a cell outside the grid.
 
     Examples
     --------
@@ -121,7 +123,7 @@ class Tour:
 
     @cached_property
     def position(self) -> NDArray[np.int64]:
-        """Tour index of each cell of the tour, and -1 elsewhere; read-only int64 array of the grid's shape."""
+        """Tour index of each cell, and -1 for cells that are not on the tour; read-only int64 array of the grid's shape."""
         from shoal.search.kernels.measures import fill_position
 
         position = np.full(self.shape, -1, dtype=np.int64)
@@ -135,7 +137,7 @@ class Tour:
 
     @cached_property
     def steps(self) -> NDArray[np.float64]:
-        """Length of each step of the tour, in cell sides; float64, shape (N,), or (N - 1,) for an open tour."""
+        """Length of each step of the tour in cell sides; float64, shape (N,) for a closed tour, (N - 1,) for an open tour."""
         from shoal.search.kernels.measures import squared_steps
 
         squares = np.empty(len(self.cells), dtype=np.int64)
@@ -145,7 +147,7 @@ class Tour:
         return lengths
 
     def metrics(self) -> TourMetrics:
-        """Return the metrics of the tour. For N cells, the time grows as N log N, and the memory grows as N."""
+        """Return the metrics of the tour. For N cells, computing time grows as N log N, and memory grows as N."""
         from shoal.search.kernels import measures
 
         n, steps, cells = len(self.cells), self.steps, deep(self.cells)
