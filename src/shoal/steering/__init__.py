@@ -1,4 +1,4 @@
-"""Steering of particles by one shared input, with walls that hold particles. Names are imported when they are first used."""
+"""Steering of particles by one shared input, with walls that hold particles. The package imports each name at its first use."""
 
 from __future__ import annotations
 

@@ -30,36 +30,36 @@ _EQUAL = 1e-9  # relative to the size: states that differ by less are equal
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class SteeringEpisode(Episode):
-    """One run of steering, with its metrics and all data for a replay of its plan.
+    """One run of a steering problem, with its metrics and all data for a replay of its plan.
 
-    ``bool(episode)`` is true if the problem is solved.
+    ``bool(episode)`` is true if all particles end within the tolerance of their goals.
 
     Parameters
     ----------
     problem : SteeringProblem
         The problem as the user declared it.
     planner : str
-        The planner that made the plan: the requested planner, or the planner that ``auto`` chose.
+        Name of the planner that made the plan: the requested planner, or the planner that ``auto`` chose.
     status : Status
-        ``solved``: all particles are within the tolerance of their goals. ``approachable``: moves come arbitrarily close to the
-        goals but cannot reach them, and this plan ends outside the tolerance; ``error`` is the remaining distance. ``unreachable``:
-        no plan exists. ``limit``: no plan was found.
+        ``solved``: all particles are within the tolerance of their goals. ``approachable``: moves can come arbitrarily close to the
+        goals but never reach them, and the stored plan ends outside the tolerance. ``unreachable``: a proof shows that no plan
+        exists. ``limit``: the planner found no plan that ends within the tolerance, although a plan may exist.
     reason : str
         One sentence that explains the status.
     inputs : ndarray of float64, shape (moves, d)
-        The moves that were sent.
+        The moves (displacements) that were sent to all particles.
     states : ndarray of float64, shape (moves + 1, n, d)
         Positions of the particles at the start and after each move.
     order : ndarray of int64, shape (n,)
         Index of the goal of each particle.
     seed : int
     lower_bound : float or None
-        Lower bound on the length of any plan that ends within the tolerance, or None if no bound is known.
+        Lower bound on the total length of every plan that ends within the tolerance, or None if no lower bound is known.
     seconds : float
-        Planning time in seconds, without compiling and loading kernels. For closed-loop planners, the value is the time of the
-        whole run.
+        Planning time in seconds, without the time for compiling and loading kernels (compiled functions). For closed-loop planners,
+        ``seconds`` is the duration of the whole run.
     versions : dict
-        Versions of Shoal and its libraries.
+        Versions of Shoal and of the libraries that Shoal uses.
     """
 
     part: ClassVar[str] = "steering"
@@ -78,12 +78,12 @@ class SteeringEpisode(Episode):
 
     @property
     def moves(self) -> int:
-        """Number of moves."""
+        """Number of moves in the plan."""
         return len(self.inputs)
 
     @cached_property
     def length(self) -> float:
-        """Total length of all moves."""
+        """Sum of the lengths of all moves, in the workspace's unit of length."""
         return float(np.linalg.norm(self.inputs, axis=1).sum())
 
     @property
@@ -93,7 +93,7 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def goal(self) -> Points:
-        """The goal that each particle was assigned, in the order of the particles; float64, shape (n, d)."""
+        """The assigned goal of each particle, in the order of the particles; float64, shape (n, d)."""
         return np.asarray(self.problem.endpoints(self.seed)[1][self.order])
 
     @cached_property
@@ -103,23 +103,23 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: the largest ratio of a final error to the small error that causes it.
+        """Amplification of errors: the largest ratio of a final position error to the small error that causes the position error.
 
-        The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the condition
-        is between a few and a few hundred. A plan is sensitive if the condition times the contact tolerance (1e-9 of the
-        workspace's size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds all numbers
-        exactly as the planner did.
+        The cause is either a small displacement of a particle's start, or a small change of the contact tolerance. For most plans,
+        the amplification of errors is between a few and a few hundred. A plan is sensitive if its amplification of errors times the
+        contact tolerance (1e-9 of the workspace's size) exceeds the tolerance of the goals. A sensitive plan reaches its goals only
+        if a replay rounds all numbers exactly as the planner did.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 
     @property
     def sensitive(self) -> bool:
-        """Whether an error as small as the contact tolerance would make the plan miss a goal."""
+        """Whether an error at the start, as small as the contact tolerance, would make the plan miss a goal."""
         return bool(self.condition * TOUCH * self.problem.place.size > self.problem.tolerance)
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name."""
+        """The metrics of the run, by name."""
         return {
             "status": str(self.status), "moves": self.moves, "length": self.length, "error": self.error,
             "lower_bound": self.lower_bound, "condition": self.condition, "planner": self.planner, "seconds": self.seconds,
@@ -135,9 +135,9 @@ class SteeringEpisode(Episode):
         }  # fmt: skip
 
     def verify(self) -> Verification:
-        """Replay the inputs.
+        """Check the episode with a replay of its inputs.
 
-        Compare the replayed positions with the stored positions, and check that the status is consistent with the positions.
+        The method compares the replayed positions with the stored positions, and checks that the status agrees with the positions.
         """
         near = _EQUAL * self.problem.place.size
         try:
@@ -184,7 +184,7 @@ class SteeringEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SteeringEpisode:
-        """Read an episode without running its planner.
+        """Read an episode from a JSON file, without a new run of its planner.
 
         Raises
         ------
@@ -221,7 +221,7 @@ class SteeringEpisode(Episode):
 
 
 def _array(given: Any, what: str, shape: tuple[int | None, ...], *, empty: tuple[int, ...] = ()) -> NDArray[np.float64]:
-    """Return numbers as an array of the given shape, in which None stands for any length."""
+    """Return the numbers in ``given`` as an array of the shape ``shape``, in which None stands for any length."""
     try:
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

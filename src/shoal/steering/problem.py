@@ -1,4 +1,4 @@
-"""SteeringProblem: all settings of a steering run except its seed."""
+"""SteeringProblem: all settings of a steering run except its random seed."""
 
 from __future__ import annotations
 
@@ -101,18 +101,18 @@ def _dump_friction(given: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class SteeringProblem(Problem):
-    """Two or more particles that are moved by one shared input, with one goal for each particle.
+    """The problem of steering two or more particles to their goals with one shared input.
 
-    The fields are the options of ``shoal steer``, the fields of sweeps, and the fields of problem files. In Python, the workspace
-    may be a workspace object and the planner a third-party object. Start and goal are float64 arrays of shape (particles,
-    dimensions).
+    Each field of the class is also an option of the command ``shoal steer``, a field of sweeps, and a field of problem files. In
+    Python, the field ``workspace`` may be a workspace object, and the field ``planner`` may be a third-party planner object. The
+    fields ``start`` and ``goal`` are float64 arrays of shape (particles, dimensions), or the word ``random``.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If a value has the wrong type or range, or fields contradict each other. For a workspace object, also if a point is outside,
-        if two particles with different goals start at the same point, or if the planner does not support the task. For other
-        workspaces, `run` checks this.
+        If a value has the wrong type or range, or if fields contradict each other. If the workspace is an object, the constructor
+        also refuses points outside the workspace, particles with different goals at the same start, and unsuitable planners. If the
+        workspace is a name or a file, `run` makes these checks of points and planner.
 
     Notes
     -----
@@ -179,7 +179,7 @@ class SteeringProblem(Problem):
     varied: int = option(2, help="Number of the particle whose goal is goal_x, goal_y; the first particle has number 1.", least=1)
 
     def check_together(self) -> None:
-        """Refuse fields that contradict each other."""
+        """Raise an error if fields contradict each other."""
         if not isinstance(self.start, str) and not isinstance(self.goal, str):
             check_points(self.goal, what="goal", dimensions=self.start.shape[1], count=len(self.start))
         if (self.goal_x is None) != (self.goal_y is None):
@@ -195,17 +195,17 @@ class SteeringProblem(Problem):
 
     @property
     def n_particles(self) -> int:
-        """Number of particles. The number is 2 if start and goal are random."""
+        """Number of particles, which is 2 if both ``start`` and ``goal`` are random."""
         return next((len(points) for points in (self.start, self.goal) if not isinstance(points, str)), 2)
 
     @property
     def noisy(self) -> bool:
-        """Whether the execution of moves or the camera has noise, or the gain is nonuniform."""
+        """Whether the moves or the camera have noise, or the gain (displacement of a particle per input) is nonuniform."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property
     def chosen_planner(self) -> Any:
-        """The planner as an object: the requested planner, or the planner that ``auto`` means.
+        """The planner as an object: the requested planner, or the planner that ``auto`` chooses.
 
         Raises
         ------
@@ -227,7 +227,9 @@ class SteeringProblem(Problem):
 
     @classmethod
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
-        """Return the problem for the JSON data of the file ``path``. A workspace file may be given relative to this file.
+        """Return the problem that the JSON data of the file ``path`` describes.
+
+        A relative path of a workspace file starts at the folder of the problem file.
 
         Raises
         ------
@@ -241,23 +243,23 @@ class SteeringProblem(Problem):
         return problem
 
     def open_place(self) -> Any:
-        """Open the workspace."""
+        """Return the workspace as an object."""
         return open_workspace(self.workspace) if isinstance(self.workspace, str) else self.workspace
 
     def place_key(self) -> str | None:
-        """Return the name of the workspace, or None if the workspace is given as an object."""
+        """Return the name or path of the workspace, or None if the workspace is given as an object."""
         return self.workspace if isinstance(self.workspace, str) else None
 
     def place_is_file(self) -> bool:
-        """Return whether the workspace is a file."""
+        """Return whether the field ``workspace`` names a file."""
         return isinstance(self.workspace, str) and os.path.exists(self.workspace)
 
     def place_digest(self) -> bytes:
-        """Return the description of the workspace as bytes."""
+        """Return the JSON description of the workspace as bytes."""
         return json.dumps(describe(self.place), sort_keys=True).encode()
 
     def check_at_place(self) -> None:
-        """Refuse points outside the workspace, particles that cannot separate, and a planner that does not support the task.
+        """Raise an error for points outside the workspace, particles that cannot separate, or an unsuitable planner.
 
         Raises
         ------
@@ -282,7 +284,7 @@ class SteeringProblem(Problem):
         assert self.chosen_planner
 
     def world(self, *, seed: int = 0, gain: float | None = None) -> Any:
-        """Return the world of the problem. The seed determines the direction in which the gain grows.
+        """Return the simulated world of the problem; ``seed`` determines the direction in which the gain grows.
 
         Raises
         ------
@@ -294,7 +296,10 @@ class SteeringProblem(Problem):
         return make_world(self.place, friction=self.friction, radius=self.particle_radius, gain=variation, seed=seed)
 
     def endpoints(self, seed: int) -> tuple[Points, Points]:
-        """Return start and goal of each particle, float64, shape (particles, dimensions). The seed determines random points."""
+        """Return the start and the goal of each particle; each float64, shape (particles, dimensions).
+
+        If the start or the goal is random, ``seed`` determines its points.
+        """
         rng = np.random.default_rng([check_integer(seed, what="seed", least=0), 1])
         start, goal = (
             self._drawn(rng) if isinstance(points, str) else points.copy() for points in (self.start, self.goal)
@@ -304,9 +309,9 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return a random point for each particle, uniform in the workspace.
+        """Return a random point for each particle, uniformly distributed in the workspace.
 
-        Particles with a radius lie inside and do not overlap.
+        Particles with a radius lie completely inside the workspace and do not overlap.
         """
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         low, high = workspace.bounds
@@ -324,7 +329,7 @@ class SteeringProblem(Problem):
 
 
 def check_can_part(start: Points, goal: Points, tolerance: float) -> None:
-    """Refuse particles that start at the same point and have different goals, because no move separates them.
+    """Raise an error if particles with different goals start at the same point, because no shared move separates such particles.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Run a steering problem: plan, simulate the plan, and return the episode."""
+"""Run a steering problem: make a plan, simulate the plan, and return the episode."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 
 def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
-    """Bring particles to their goals with one shared input.
+    """Plan and simulate a steering problem: bring particles to their goals with one shared input.
 
     Parameters
     ----------
     problem : SteeringProblem
-        The problem. Planners know the friction of the problem but not its noise. All planners except robust send the plan
-        unchanged.
+        The problem to solve. A planner knows the friction of the problem. Only closed-loop planners, such as robust, know the noise
+        and correct the plan during the run.
     seed : int
-        Seed for random starts and goals, noise, and planners with random decisions.
+        Seed of all random numbers: for random starts and goals, for noise, and for the random decisions of planners.
 
     Returns
     -------
     SteeringEpisode
-        The episode. ``bool(episode)`` is true only if the problem was solved.
+        The record of the run. ``bool(episode)`` is true only if the run has solved the problem.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
 
 @dataclass(frozen=True)
 class _Attempt:
-    """Result of planning and simulation for one assignment of goals to particles."""
+    """The result of planning and simulation for one assignment of goals to particles."""
 
     order: tuple[int, ...]
     status: Status
@@ -87,7 +87,11 @@ class _Attempt:
     lower_bound: float | None
 
     def rank(self, tolerance: float, prefers: str) -> tuple[bool, float, float]:
-        """Return a sort key: successful attempts first, then by the criterion that the planner minimizes."""
+        """Return a sort key for attempts.
+
+        Successful attempts come first, sorted by the criterion that the planner minimizes. Failed attempts follow, sorted by their
+        final error.
+        """
         if self.error > tolerance:
             return True, self.error, 0.0
         moves, length = float(len(self.inputs)), path_length(self.inputs)
@@ -95,7 +99,7 @@ class _Attempt:
 
 
 def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
-    """Plan and simulate with one assignment of goals to particles."""
+    """Plan and simulate the problem with one assignment of goals to particles."""
     start, goal = task.start, task.goal
     simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)
@@ -134,9 +138,9 @@ def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order
 
 
 def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None:
-    """Return the moves that the planner finds.
+    """Return the moves of the plan that ``planner`` finds for ``task``.
 
-    If the planning time is limited and the plan of greedy is better, return the moves of greedy.
+    If the planning time is limited and the planner greedy finds a better plan, the function returns the moves of greedy.
     """
     plans = [planner.plan(task)]
     if task.deadline < inf and simple:
@@ -147,7 +151,7 @@ def _planned(task: SteeringTask, planner: Any, *, simple: bool) -> Points | None
 
 
 def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float) -> str:
-    """Return the reason why the moves that were found do not solve the problem."""
+    """Return the reason why the moves of the planner do not solve the problem."""
     if found > problem.max_moves:
         return f"the plan that was found takes {found} moves, more than {problem.max_moves}"
     if not len(inputs):

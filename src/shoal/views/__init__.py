@@ -1,6 +1,6 @@
-"""Figures, films and the HTML player of an episode of any part.
+"""Figures, films and the HTML player for episodes of all three parts: swarm, steering and search.
 
-Only this package and ``papers`` import matplotlib.
+In Shoal, only the packages ``views`` and ``papers`` import matplotlib.
 """
 
 from __future__ import annotations
@@ -29,25 +29,27 @@ INLINE = 1_000_000  # maximum characters of a player in a notebook
 
 
 def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **options: Any) -> Figure:
-    """Return the figure of an episode.
+    """Return a matplotlib figure of an episode.
 
     Parameters
     ----------
     episode : Episode
-        The episode, of any part. For ``kind="frontier"`` also several episodes, whose median is drawn.
+        An episode of swarm, steering or search. With ``kind="frontier"``, also a list of swarm episodes; the figure then shows
+        their median.
     kind : str, optional
-        Kind of the figure. The default is the first kind of the part:
+        Kind of the figure. By default, the first kind listed here for the part of the episode:
 
-        - swarm: "map" (option ``moves``: number of moves before the picture; default: all), "frontier" (frontier cells by move).
-        - steering: "plan".
-        - search: "routes", "timeline" (activities of each robot over time).
+        - swarm: "map" shows the map after ``moves`` moves (an option; by default, after all moves), and "frontier" shows the number
+          of frontier cells over the moves.
+        - steering: "plan" shows the paths of the particles.
+        - search: "routes" shows the path of each robot, and "timeline" shows the activities of each robot over time.
     **options
-        Options of the kind of figure, as listed above.
+        Options of the chosen kind of figure: only the kind "map" has an option, ``moves``.
 
     Raises
     ------
     InvalidInputError
-        If the part does not have this kind or option.
+        If the part of the episode has no figure of the given kind, or if the kind has no such option.
     """
     kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
     if kind is None:
@@ -57,23 +59,23 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
 
 
 def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
-    """Write a film of an episode of any part. The suffix determines the format.
+    """Write a film of an episode of swarm, steering or search; the suffix of ``path`` determines the format.
 
     Parameters
     ----------
     episode : Episode
-        An episode that `verify` confirms, because the film replays the motion between its moves.
+        An episode whose method ``verify`` succeeds, because the film simulates the motion within each move again.
     path : path
-        ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
+        Path of the film, with the suffix ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
     on_frame : callable, optional
-        Function that is called with (frames done, total frames).
+        Function that Shoal calls after each frame, with the number of finished frames and the total number of frames.
 
     Raises
     ------
     InvalidInputError
         If the suffix is unsupported, or the episode is too large for a browser.
     OutputError
-        If the file cannot be written. No partial file remains.
+        If writing the file fails. After a failure, no partial file remains.
     """
     from shoal.views.drawing.encoding import check_film, encode_film
 
@@ -87,7 +89,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
 
 
 def notebook_page(episode: Episode) -> str:
-    """Return an episode as HTML for a notebook: its figure, one sentence, and its player unless the player is too large."""
+    """Return an episode as HTML for a notebook: its figure, one sentence, and (unless it is too large) its player."""
     from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which is slow to import
 
     encoded, name = base64.b64encode(encode_figure(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))
@@ -107,7 +109,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return a view module of the episode's part. The views of other parts and the kernels of other parts are not loaded."""
+    """Return the module ``room`` of the views for the episode's part, without loading the views and kernels of other parts."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")

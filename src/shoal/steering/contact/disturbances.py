@@ -15,18 +15,19 @@ from shoal.steering.workspaces.region import Region
 
 
 def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, gain: float = 0.0, seed: int = 0) -> Any:
-    """Return the world of a workspace: a `ContactWorld`, or a `RegionWorld` if the workspace has obstacles.
+    """Return the simulated world for a workspace: a `ContactWorld`, or a `RegionWorld` if the workspace has obstacles.
 
     Parameters
     ----------
     workspace : ConvexWorkspace or Region
     friction : float
-        Coefficient of friction between particles and walls. With an infinite coefficient, a particle pushed into a wall never
-        slides.
+        Coefficient of friction between particles and walls. With an infinite friction coefficient, a particle that is pushed into a
+        wall never slides.
     radius : float
-        Radius of the particles.
+        Radius of each particle, in the workspace's unit of length.
     gain : float
-        Total relative variation of the gain over the workspace, along a direction drawn from the seed.
+        Total variation of the gain across the workspace, relative to the mean gain. The gain is the displacement of a particle
+        divided by the input. The gain grows along a random direction, which ``seed`` determines.
     seed : int
 
     Raises
@@ -47,6 +48,6 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
 
 
 def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
-    """Return four random generators: one each for the field, the execution of moves, the camera and the planner."""
+    """Return four random generators: for the direction of the gain, the noise of moves, the noise of the camera, and planners."""
     spawned = np.random.SeedSequence(seed).spawn(4)
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]  # four children, four generators

@@ -1,12 +1,14 @@
-"""Proofs that finite friction keeps the difference Δ of two particles from some values, by gauges and barriers of Δ.
+"""Proofs that two particles cannot reach some differences Δ of their positions, because the friction of the walls is finite.
 
-A wall acts on a particle with a reaction inside the friction cone around its inward normal N. A reaction on particle 2 changes Δ
-directly, and a reaction on particle 1 changes Δ by the opposite of the reaction. A gauge is a measure of the length of Δ, with a
-convex polygon as its unit ball. If no single reaction can increase a gauge of Δ, the value of the gauge never increases. A barrier
-is a closed curve around Δ = 0 and the initial Δ. No possible reaction moves Δ across the barrier. Each barrier belongs to one
-initial Δ. From the initial Δ, the barrier is computed in both directions of rotation, in small steps of the angle of Δ. In each
-step, the barrier follows the possible reaction that moves Δ farthest outwards. The longer Δ is, the fewer walls a particle can
-touch while the other particle stays inside the workspace.
+The reaction of a wall on a particle lies inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is
+added to the position difference Δ, and a wall reaction on particle 1 is subtracted from Δ. A gauge is a measure of the length of
+the position difference Δ; its unit ball is a convex polygon. If no single wall reaction can increase a gauge of Δ, no plan can
+increase this gauge. A barrier is a closed curve in the space of the position differences Δ, around the zero vector and the initial
+Δ. No possible wall reaction moves the position difference Δ across a barrier. Each barrier belongs to one initial position
+difference Δ. The computation of a barrier starts at the initial position difference Δ and rotates in both directions, in small
+steps of the angle of Δ. In each step, the barrier follows the possible wall reaction that moves the position difference Δ farthest
+outwards. The longer the position difference Δ is, the fewer walls one particle can touch while the other particle stays inside the
+workspace.
 """
 
 from __future__ import annotations
@@ -28,14 +30,16 @@ _ANGLES = 3000  # number of corners of a barrier
 
 
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
-    """Return the reason why friction keeps Δ from changing from ``before`` to a value near ``after``, or None if no proof is found.
+    """Return why friction prevents a position difference ``before`` from changing to nearly ``after``, or None without a proof.
 
-    On a disk of radius r with the friction coefficient μ, no reaction of the wall makes Δ longer while |Δ| is above
-    2 r sin(atan μ). Therefore |Δ| never exceeds the larger of 2 r sin(atan μ) and the initial |Δ|. If |Δ| is above
-    2 r sin(atan μ), each turn of Δ makes |Δ| shorter. On a polygon, the function uses several gauges and a barrier. The sides of
-    the first gauge's unit ball have the walls' normals and the opposite vectors as their normals. The unit ball of the second gauge
-    has these vectors as its corners. With friction up to 1, a polygon of four sides has two more gauges. The function ignores a
-    gauge that a reaction can increase.
+    On a disk of radius r with the friction coefficient μ, no wall reaction increases a distance of two particles above 2 r sin(atan
+    μ). The distance of two particles on a disk therefore never exceeds the larger of 2 r sin(atan μ) and the initial distance,
+    where r is the radius and μ the friction coefficient. If the distance of two particles is above 2 r sin(atan μ), each rotation
+    of their position difference makes the distance shorter. On a polygon, the function uses several gauges (measures of the length
+    of the position difference) and a barrier (a closed curve that the position difference cannot cross). The unit ball of the first
+    gauge is a polygon whose sides have the walls' normals and the opposite vectors as normals. The unit ball of the second gauge is
+    the convex hull of the walls' normals and the opposite vectors. For polygons with four sides and friction coefficients up to 1,
+    the function uses two more gauges. The function ignores each gauge that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -49,9 +53,9 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, wide: float) -> str | None:
-    """Return the reason for the limit on a disk.
+    """Return why friction keeps two particles on a disk from a position difference ``after``, or None without a proof.
 
-    The direction of the goal's difference may be wrong by up to the angle ``wide``.
+    ``wide`` is the allowed error of the direction of ``after``, in radians.
     """
     large, small, cone = float(np.hypot(*before)), float(np.hypot(*after)), float(np.arctan(friction))
     most = max(large, 2 * workspace.radius * float(np.sin(cone)))
@@ -72,12 +76,13 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
-    """Return the largest angle in radians by which Δ can turn while |Δ| shrinks from ``large`` to ``small``.
+    """Return the largest angle, in radians, by which a position difference turns while it shrinks from ``large`` to ``small``.
 
-    The particles are on a disk, and ``cone`` is the half-angle of the friction cone. The largest turn results from reactions at the
-    edge of this cone. Let φ be the angle for which |Δ| = 2 radius cos φ. While φ grows by dφ, Δ turns by tan(φ + cone) tan φ dφ.
-    The result is the integral of these turns, in closed form. The result is infinite if ``small`` is at most 2 radius sin(cone),
-    because Δ can turn without shrinking if |Δ| is 2 radius sin(cone).
+    Both particles are on a disk of radius ``radius``, and ``cone`` is the half-angle of the friction cone in radians. Wall
+    reactions at the edge of the friction cone give the largest turn. Let φ be the angle for which the position difference has the
+    length 2 radius cos φ. While the angle φ grows by dφ, the position difference turns by tan(φ + cone) tan φ dφ. The function
+    returns the integral of tan(φ + cone) tan φ in closed form. The result is infinite if ``small`` is at most 2 radius sin(cone). A
+    position difference of the length 2 radius sin(cone) can turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:
@@ -89,7 +94,7 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return the reason that a gauge of the walls' normals gives for a limit, or None."""
+    """Return why a gauge built from the walls' normals excludes a position difference ``after``, or None without a proof."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
@@ -108,7 +113,7 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return the reason if a barrier separates the initial difference from all differences near the goal's, or None."""
+    """Return the reason if a barrier separates the position difference ``before`` from all differences near ``after``, or None."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2
@@ -143,18 +148,18 @@ def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Point
 
 
 def _sides_of_hull(points: Points) -> Points:
-    """Return vectors n such that the convex hull of the points is the set of p with n @ p <= 1 for all n."""
+    """Return vectors n for which the convex hull of ``points`` is the set of all p with n @ p <= 1 for every n."""
     return _duals(hull(points))
 
 
 def _duals(rows: Points) -> Points:
-    """Return, for each row and the next row, the vector whose scalar product with both is 1; float64, shape (n, 2)."""
+    """Return, for each row and the next row, the vector whose scalar product with both rows is 1; float64, shape (n, 2)."""
     pairs = np.stack([rows, np.roll(rows, -1, axis=0)], axis=1)
     return np.asarray(np.linalg.solve(pairs, np.ones((len(rows), 2, 1)))[..., 0])
 
 
 def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
-    """Return whether no reaction of any wall increases the gauge max(sides @ Δ), for all Δ on its unit ball."""
+    """Return whether no wall reaction increases the gauge max(sides @ Δ) of any position difference Δ on its unit ball."""
     order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)

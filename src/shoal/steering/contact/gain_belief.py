@@ -1,4 +1,4 @@
-"""Estimate of the gain for closed-loop planners: how strongly particles follow the input at each point."""
+"""Estimate of the gain (displacement of a particle divided by the input) at each point, for closed-loop planners."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """Gaussian belief about the coefficients a and b of the gain a + b p at a point p. Moves without contact improve the belief."""
+    """Gaussian estimate of the coefficients a and b of a gain that is a + b · p at the point p.
+
+    Each observed move without wall contact improves the estimate.
+    """
 
     def __init__(self, room: Any, noise: Any) -> None:
         d = room.dimensions
@@ -27,32 +30,33 @@ class GainBelief:
         return np.asarray(np.r_[1.0, (point - self.center) / self.size])
 
     def at(self, point: Points) -> float:
-        """Return the expected gain at a point."""
+        """Return the expected gain (displacement of a particle divided by the input) at a point."""
         return max(float(self._features(point) @ self.estimate), 0.2)
 
     def mean(self, here: Points, there: Points) -> float:
-        """Return the expected mean gain on the path between two points."""
+        """Return the expected mean gain on the straight path between two points."""
         return self.at((here + there) / 2)
 
     def deviation(self, here: Points, there: Points) -> float:
-        """Return the standard deviation of the mean gain on the path between two points."""
+        """Return the standard deviation of the mean gain on the straight path between two points."""
         features = self._features((here + there) / 2)
         return float(np.sqrt(features @ self.spread @ features))
 
     def ahead(self, point: Points, move: Points) -> Points:
-        """Return the expected end point of a move for a particle that touches no wall."""
+        """Return the expected end point of a particle that starts at ``point``, receives the input ``move`` and touches no wall."""
         middle = point + self.at(point) * move / 2
         return np.asarray(point + self.at(middle) * move)
 
     def behind(self, point: Points, move: Points) -> Points:
-        """Return the expected start point of a particle that a move brings to ``point`` without wall contact."""
+        """Return the expected start point of a particle that the input ``move`` brings to ``point`` without wall contact."""
         middle = point - self.at(point) * move / 2
         return np.asarray(point - self.at(middle) * move)
 
     def learn(self, here: Points, there: Points, move: Points) -> None:
-        """Update the belief by a move of a particle without wall contact.
+        """Update the estimate of the gain with an observed move of a particle without wall contact.
 
-        The travelled distance divided by the length of the move is taken as the gain at the midpoint of the particle's path.
+        The method divides the distance travelled along the input by the length of the input. The quotient is the observed gain at
+        the midpoint of the particle's path.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

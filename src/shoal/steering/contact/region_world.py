@@ -1,4 +1,4 @@
-"""RegionWorld: motion of particles under a shared displacement in a region with obstacles."""
+"""RegionWorld: motion of particles under one shared displacement, in a region with obstacles."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ from shoal.steering.workspaces.region import Region
 class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    An edge with inward normal N holds a particle that touches the edge while the displacement u satisfies ``N u <= 0``. At a convex
-    corner (narrower than 180 degrees), either edge can hold the particle. At a wider corner, such as the corner of an obstacle, the
-    particle is held only if both edges would hold it. At a wider corner, the particle therefore moves whenever there is free space
-    in the direction of the displacement. During a straight move, a particle stops where it first meets an edge that would hold it,
-    and stays there until the end of the move. The other particles continue. Particles do not collide with each other.
+    As long as the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the
+    edge. At a corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. At a corner with
+    more than 180 degrees of free space, such as the corner of an obstacle, a particle is held only if both edges hold the particle.
+    At a corner of an obstacle, a particle therefore moves whenever the space in the direction of the displacement is free. During a
+    straight move, a particle stops at the first edge that holds the particle, and stays at this edge until the end of the move. A
+    stopped particle does not stop the other particles. Particles do not collide with each other.
 
     Parameters
     ----------
     workspace : Region
     touch : float
-        Contact tolerance relative to the size: a particle whose distance to an edge is smaller touches the edge.
+        Contact tolerance: the largest distance at which a particle touches an edge, as a fraction of the workspace's size.
 
     Notes
     -----
-    Source: an extension by Shoal; see the outlook of paper W, section VIII. In a convex region, the dynamics equal paper W, section
-    III, eq. 1.
+    Source: an extension by Shoal, after the outlook of paper W, section VIII. In a convex region, the dynamics follow eq. 1 of
+    paper W, section III.
 
     Examples
     --------
@@ -54,7 +55,7 @@ class RegionWorld(SteeringWorld):
 
     @cached_property
     def edges(self) -> kernels.Edges:
-        """The edges of the region, in the form that kernels use."""
+        """The edges of the region, as arrays for the compiled functions."""
         edges = np.ascontiguousarray(self.workspace.edges)
         along = edges[:, 2:] - edges[:, :2]
         lengths = np.hypot(*along.T)
@@ -71,18 +72,21 @@ class RegionWorld(SteeringWorld):
         return kernels.Edges(edges, normals, lengths, links, reflex, size, _boxes_of_runs(edges))
 
     def is_held(self, point: Points, move: Points) -> bool:
-        """Return whether an edge would hold a particle at the start of a move."""
+        """Return whether an edge holds a particle at ``point`` at the start of the displacement ``move``."""
         return bool(kernels.is_held(point, move, *self.edges))
 
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles in place, without any checks."""
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
         for point in state:
             kernels.advance(point, move, self.edges)
         return state
 
 
 def _boxes_of_runs(edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the bounding boxes of runs of edges. There are about as many runs as edges in each run; float64, shape (runs, 4)."""
+    """Return the bounding box of each group of consecutive edges; float64, shape (groups, 4).
+
+    The number of groups is about equal to the number of edges in a group.
+    """
     runs = ceil(sqrt(len(edges)))
     length = -(-len(edges) // runs)
     ends = edges[np.minimum(np.arange(runs * length), len(edges) - 1)].reshape(runs, 2 * length, 2)

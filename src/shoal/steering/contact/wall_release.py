@@ -1,4 +1,4 @@
-"""Wall release: small moves off a wall, made before a translation that the wall would otherwise block."""
+"""Wall release: a small move of a particle off a wall, before a translation that the wall would block."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ _STEEP = 0.01  # minimum slope of a lift
 
 
 def touched_normals(workspace: ConvexWorkspace, point: Points, *, within: float = 2 * TOUCH) -> Points:
-    """Return the inward normals of the walls that a particle touches within a relative tolerance; float64, shape (walls, d)."""
+    """Return the inward unit normals of the walls near a particle at ``point``; float64, shape (walls, d).
+
+    A wall is near if its distance from the particle is at most ``within`` times the workspace's size.
+    """
     near = within * workspace.size
     normals = workspace.normals[workspace.wall_distances(point) <= near]
     if workspace.round and float(workspace.circle_distance(point)) <= near:
@@ -28,15 +31,15 @@ def touched_normals(workspace: ConvexWorkspace, point: Points, *, within: float 
 
 
 def is_released(workspace: ConvexWorkspace, points: Points, move: Points) -> bool:
-    """Return whether no wall blocks any particle during a move, with a safety margin."""
+    """Return whether a move leads each particle away from all walls that the particle touches, with a safety margin."""
     length = float(np.linalg.norm(move))
     return all((touched_normals(workspace, point) @ move > RELEASED * length).all() for point in points)
 
 
 def released_translation(workspace: ConvexWorkspace, points: Points, move: Points) -> list[Points] | None:
-    """Return one or two moves that together translate all particles by ``move``, or None if walls prevent it.
+    """Return one or two moves that together translate all particles by ``move``, or None if walls prevent the translation.
 
-    If a wall would block a single move, the first of the two moves is a small move off the walls.
+    If a wall blocks the direct move, the function returns a small move off the walls and the rest of the translation.
     """
     if is_released(workspace, points, move):
         return [move]
@@ -49,10 +52,10 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves that take one particle off its walls while a wall holds the other particle, each with the resulting state.
+    """Return small moves that lead one particle off its walls while a wall holds the other particle, each with its resulting state.
 
-    The small moves are needed if no single move takes both particles off their walls, for example if the particles lie on opposite
-    walls.
+    A planner needs these small moves if no translation leads both particles off their walls, for example if the particles touch
+    opposite walls.
     """
     found = []
     for held in (0, 1):
@@ -70,10 +73,10 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector whose smallest scalar product with given unit vectors is largest, or None if this product is about 0.
+    """Return the unit vector that maximizes the smallest scalar product with the unit vectors ``rows``.
 
-    The result is a linear combination of at most d of the given vectors, where d is the number of dimensions. All vectors of the
-    combination have the same scalar product with the result.
+    The result is None if no unit vector has a scalar product above 0.01 with every row. In d dimensions, the result is a linear
+    combination of at most d rows, which all have the same scalar product with the result.
     """
     d = rows.shape[1]
     if not len(rows):

@@ -1,4 +1,4 @@
-"""ContactWorld: motion of particles under a shared displacement, between walls that hold the particles pushed into them."""
+"""ContactWorld: motion of particles under one shared displacement, between walls that hold particles."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PUSHED = kernels.PUSHED
 
 
 class SteeringWorld(ABC):
-    """Base class of the steering worlds: particles in a workspace, moved by one shared displacement."""
+    """Base class of the simulated worlds of steering, in which one shared displacement moves all particles in a workspace."""
 
     workspace: Any
     friction: float
@@ -32,7 +32,7 @@ class SteeringWorld(ABC):
         return self.workspace
 
     def initial(self, points: ArrayLike) -> Points:
-        """Return the state in which the particles are at ``points``; float64, shape (n, dimensions).
+        """Return ``points`` as the initial positions of the particles; float64, shape (n, dimensions).
 
         Raises
         ------
@@ -60,7 +60,7 @@ class SteeringWorld(ABC):
         return self.moved(state, np.ascontiguousarray(vector))
 
     def play(self, points: ArrayLike, moves: ArrayLike) -> Points:
-        """Return the states at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
+        """Return the positions of the particles at the start and after each move; float64, shape (moves + 1, n, dimensions)."""
         d = self.workspace.dimensions
         vectors = np.asarray(moves, dtype=np.float64)
         vectors = check_points(vectors.reshape(-1, d) if vectors.size == 0 else vectors, what="moves", dimensions=d)
@@ -70,54 +70,57 @@ class SteeringWorld(ABC):
         return np.array(states)
 
     def held(self, points: ArrayLike, move: ArrayLike) -> NDArray[np.bool_]:
-        """Return which particles a wall would hold at the start of a move if friction were infinite; bool, shape (n,)."""
+        """Return which particles a wall with infinite friction would hold at the start of ``move``; bool, shape (n,)."""
         state = np.ascontiguousarray(check_points(points, what="points", dimensions=self.workspace.dimensions))
         vector = check_points([move], what="move", dimensions=self.workspace.dimensions, count=1)[0]
         return np.array([self.is_held(point, vector) for point in state])
 
     @abstractmethod
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles in place, without any checks."""
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
 
     @abstractmethod
     def is_held(self, point: Points, move: Points) -> bool:
-        """Return whether a wall would hold a particle at the start of a move."""
+        """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
 
 
 @dataclass(frozen=True, eq=False)
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    A wall with inward normal N holds a particle that touches the wall while the displacement u satisfies ``N u <= 0``. The wall
-    therefore also holds a particle that is pushed along the wall. In a corner, either wall can hold the particle. During a straight
-    move, a particle stops where it first meets a wall and stays there until the end of the move. The other particles continue.
+    As long as the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall.
+    A wall therefore also holds a particle that is pushed exactly parallel to the wall. In a corner, each wall alone can hold a
+    particle. With infinite friction, a particle stops at the first wall that it meets during a straight move, and stays at this
+    wall until the end of the move. A stopped particle without a radius does not stop the other particles.
 
-    With finite friction, a particle pushed into a wall slides along the wall by ``|T u| - friction |N u|``, if this value is
-    positive. In ``|T u|``, T is the direction along the wall. With a gain, a particle at p moves by ``g(p) u``, where ``g(p) = 1 +
-    gradient (p - c)`` and c is the centre of the workspace. For example, particles closer to a coil move faster. Particles with a
-    radius are spheres. The centres of spheres stay at least a radius away from the walls. A sphere that meets a held sphere stops.
+    With finite friction, a particle slides along a wall by ``|T u| - friction |N u|`` if this length is positive, where u is the
+    displacement, N the wall's normal and T its tangent. The gain of a particle at the point p is ``g(p) = 1 + gradient (p - c)``,
+    where c is the centre of the workspace. The displacement u moves a particle with the gain g by ``g u``. A gain can describe, for
+    example, that particles near a coil move faster. Particles with a radius above 0 are spheres. The centre of a sphere stays at
+    least one radius away from each wall. A moving sphere stops when it meets a stopped sphere.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
     friction : float
-        Coefficient of Coulomb friction, at least 0. Infinite friction is the ideal world, in which held particles never slide.
+        Coefficient of Coulomb friction, at least 0. With infinite friction, a particle that is pushed into a wall never slides.
     gradient : array_like of float, shape (dimensions,), optional
-        Gradient of the gain, per unit of length.
+        Gradient of the gain (displacement of a particle divided by the input), per unit of length of the workspace.
     radius : float
-        Radius of the particles.
+        Radius of each particle, in the workspace's unit of length.
     touch : float
-        Contact tolerance relative to the size: a particle whose distance to a wall is smaller touches the wall.
+        Contact tolerance: the largest distance at which a particle touches a wall, as a fraction of the workspace's size.
 
     Raises
     ------
     InvalidInputError
-        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace.
+        If a number is out of range, the gain is not positive everywhere, a particle does not fit into the workspace, or particles
+        with a radius have a gain or finite friction.
 
     Notes
     -----
-    Source: paper W, section III, eq. 1; section VII.A for the gain. Finite friction, the gain model and the radius are extensions
-    by Shoal.
+    Sources: eq. 1 in section III of paper W; for the gain, section VII.A of paper W. Finite friction, the linear gain and the
+    radius of particles are extensions by Shoal.
 
     Examples
     --------
@@ -151,7 +154,7 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:
-        """Coefficients (g, gx, gy, ...) of the gain: a particle at p moves by ``g + (gx, gy, ...) p`` times the input."""
+        """Coefficients (g, gx, gy, ...) of the gain: a particle at the point p moves by ``g + (gx, gy, ...) p`` times the input."""
         d = self.workspace.dimensions
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
@@ -178,18 +181,18 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def walls(self) -> kernels.Walls:
-        """The walls of the workspace, in the form that kernels use."""
+        """The walls of the workspace, as arrays for the compiled functions."""
         room = self.room
         normals, circle = np.ascontiguousarray(room.normals), np.array([*room.center, room.radius])
         near = float(self.workspace.size) * self.touch / kernels.TOUCH
         return kernels.Walls(normals, room.offsets, circle, near, float(self.friction), self.gain)
 
     def is_held(self, point: Points, move: Points) -> bool:
-        """Return whether a wall would hold a particle at the start of a move."""
+        """Return whether a wall holds a particle at ``point`` at the start of the displacement ``move``."""
         return bool(kernels.is_held(point, move, self.walls))
 
     def moved(self, state: Points, move: Points) -> Points:
-        """Move the particles in place, without any checks."""
+        """Apply the displacement ``move`` to the positions in the array ``state`` in place, without checks."""
         before, spare = state.copy(), np.empty_like(move)
         shares = np.array([kernels.advance(point, move, self.walls, spare) for point in state])
         if self.radius:
@@ -198,10 +201,10 @@ class ContactWorld(SteeringWorld):
 
 
 def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
-    """Stop spheres that collide with a stopped sphere, in the order of the collisions. ``after`` changes in place.
+    """Stop each sphere that collides with a stopped sphere, in the order of the collisions.
 
-    Until a wall stops the first sphere, all spheres move alike and cannot collide. ``shares`` holds the fraction of the move at
-    which each sphere stopped.
+    Until a wall stops the first sphere, all spheres move alike and cannot collide. ``shares`` holds, for each sphere, the fraction
+    of the move after which a wall stopped the sphere. The function changes the end positions ``after`` in place.
     """
     shares = shares.copy()
     length = float(move @ move)

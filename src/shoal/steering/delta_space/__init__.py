@@ -1,1 +1,1 @@
-"""The Δ configuration space: the differences of two particles' positions that a given number of moves can reach."""
+"""The Δ configuration space: the sets of position differences Δ that two particles can reach with a given number of moves."""

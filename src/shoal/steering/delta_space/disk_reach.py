@@ -1,12 +1,15 @@
-"""The differences Δ of two particles that k moves reach on a disk, and their fraction of all differences.
+"""The set of position differences Δ that two particles on a disk can reach with k moves, and the relative area of this set.
 
-The first of two moves brings one particle into contact with the wall at a point c. The depth of a point is its distance from the
-tangent of the wall at c. The second move can bring the other particle to any point q of the disk that is not deeper than this
-particle was at the contact. The reachable set is therefore a union of convex sets { q - c } that contain Δ = 0. This union is
-described by its *radii*: the extent of the set in each direction. Let H be the largest depth that the other particle can have at a
-contact, and N the inward normal of the wall. In a direction e, this contact gives the extent H / (N·e), or the distance from c to
-the opposite wall if this distance is smaller. The radius in direction e is the largest extent over all contacts. The depths for the
-next two moves follow from the radii. On a disk, contacts of either particle give the same sets.
+A cycle has two moves. The first move of a cycle brings one particle into contact with the wall at a point c. The depth of a point
+below the contact c is its distance from the tangent of the wall at c. The second move of a cycle can bring the other particle to
+each point q of the disk that is not deeper than this particle's position before the second move. For one contact c, the vectors
+from c to q form a convex set that contains the zero vector. The set of all reachable position differences is the union of these
+convex sets over all contacts. The attribute ``radii`` describes the reachable set by its extent in each direction from the zero
+vector. Let H be the largest depth of the other particle below a contact c, and let N be the inward normal of the wall at c. In the
+direction of a unit vector e, a contact with the largest depth H and the normal N gives the extent H / (N·e). An extent never
+exceeds the length of the chord from the contact to the opposite wall. The radius of the reachable set in a direction is the largest
+extent over all contacts. The radii after k moves determine the largest depths for moves k + 1 and k + 2. On a disk, contacts of
+particle 1 and contacts of particle 2 give the same sets of position differences.
 """
 
 from __future__ import annotations
@@ -28,20 +31,22 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskReach:
-    """The differences Δ of two particles that an even number of moves reaches on a disk.
+    """The set of position differences Δ that two particles on a disk can reach with an even number of moves.
 
-    The coordinates are rotated so that the initial difference Δ points to the right.
+    The x axis points in the direction of the initial position difference Δ.
 
     Parameters
     ----------
     radius : float
+        Radius of the disk, in any unit of length.
     distance : float
-        Distance between the particles at the start.
+        Distance between the two particles at the start, in the same unit as ``radius``.
     moves : int
-        2, 4, 6, ...
+        Number of moves: 2, 4, 6, ...
     radii : ndarray of float64, shape (n,)
-        Extent of the set of differences Δ in n directions. The directions are the midpoints of n equal intervals of angles from 0
-        to π. The set is symmetrical, so the radii in the other directions follow.
+        Extent of the set of position differences from the zero vector in n directions. The angles of the n directions are the
+        midpoints of n equal intervals between 0 and π radians. The set is symmetrical about the x axis, so ``radii`` also gives the
+        extents at negative angles.
     """
 
     radius: float
@@ -51,56 +56,57 @@ class DiskReach:
 
     @property
     def workspace(self) -> ConvexWorkspace:
-        """The disk, around the origin."""
+        """The disk as a workspace, with its centre at the origin."""
         return disk(self.radius)
 
     @property
     def before(self) -> NDArray[np.float64]:
-        """Δ at the start; float64, shape (2,)."""
+        """The position difference Δ at the start; float64, shape (2,)."""
         return np.array([self.distance, 0.0])
 
     @property
     def outline(self) -> Points:
-        """Boundary of the set; float64, shape (2 n, 2) for n radii."""
+        """Boundary of the set of position differences; float64, shape (2 n, 2) for n radii."""
         ahead = _ahead(len(self.radii))
         angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
         radii = np.concatenate([self.radii, self.radii[::-1]])
         return np.asarray(radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1))
 
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...)."""
+        """Return for each position difference, shape (..., 2), whether the particles can reach it; bool, shape (...)."""
         given = np.asarray(differences, dtype=np.float64)
         angles = np.abs(np.arctan2(given[..., 1], given[..., 0]))
         return np.asarray(np.hypot(given[..., 0], given[..., 1]) <= np.interp(angles, _ahead(len(self.radii)), self.radii))
 
     def fraction(self) -> float:
-        """Return the area of the set as a fraction of the area of all differences."""
+        """Return the area of the reachable set divided by the area of the set of all position differences."""
         return float(np.mean(self.radii**2)) / (2 * self.radius) ** 2
 
 
 def check_moves(moves: int) -> int:
-    """Return ``moves`` if this number is even and at least 2. Other numbers raise InvalidInputError."""
+    """Return the number ``moves`` if it is even and at least 2, or raise InvalidInputError."""
     if check_integer(moves, what="moves", least=2) % 2:
         raise InvalidInputError(f"moves: expected an even number, 2 or more, got {moves}")
     return int(moves)
 
 
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: int = DIRECTIONS) -> list[DiskReach]:
-    """Return the sets that two particles on a disk reach after 2, 4, ..., ``moves`` moves.
+    """Return the sets of position differences that two particles on a disk can reach after 2, 4, ..., ``moves`` moves.
 
     Particle 2 starts to the right of particle 1.
 
-    Only the initial distance matters, because a rotation of the start rotates the sets.
+    The initial direction from particle 1 to particle 2 does not matter, because a rotation of the start rotates the sets alike.
 
     Parameters
     ----------
     distance : float
-        Distance between the particles at the start, above 0 and at most twice the radius.
+        Distance between the particles at the start, above 0 and at most twice the radius of the disk.
     moves : int
         Number of moves, even and at least 2.
     radius : float
+        Radius of the disk, in the same unit as ``distance``.
     directions : int
-        Number of contacts, and of directions of Δ, in the computation; at least 16.
+        Number of sampled contacts, and number of sampled directions of the position difference; at least 16.
 
     Raises
     ------
@@ -134,12 +140,12 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
 
 def _ahead(count: int) -> NDArray[np.float64]:
-    """Return the directions of the radii, from 0 to π."""
+    """Return the angles, between 0 and π radians, at which `DiskReach` stores the extent of its set."""
     return pi * (np.arange(count) + 0.5) / count
 
 
 def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the extent of the set of differences Δ in each direction, from contacts with given depths of the other particle."""
+    """Return the extent of the reachable set in each direction, for contacts with given largest depths of the other particle."""
     slope = np.cos(ahead[:, None] - contacts)  # length of each chord, and its inward component per unit of length
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
@@ -154,7 +160,7 @@ def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths:
 
 
 def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the largest depth that Δ can have below each contact."""
+    """Return, for each contact of one particle, the largest depth of the other particle below the wall's tangent."""
     around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
     slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
     return np.asarray((np.minimum(far, slope) * slope).max(axis=1))

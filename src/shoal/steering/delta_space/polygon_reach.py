@@ -1,12 +1,13 @@
-"""The differences Δ of two particles that k moves reach on a polygon, and their fraction of all differences.
+"""The set of position differences Δ that two particles in a polygon can reach with k moves, and the relative area of this set.
 
-While one particle touches a wall, the other particle can have a certain largest depth below this wall. The largest depths at all
-contacts determine the set that k moves reach. Let particle 1 (σ = 1) or particle 2 (σ = -1) touch a wall at the contact c after k
-moves. H_k(c) is then the largest possible depth of the other particle below this wall. The sets that k + 2 moves reach are
+The depth of a point below a wall is its distance from the line of the wall. Let one particle touch a wall at the point c after k
+moves, and let H_k(c) be the largest possible depth of the other particle below this wall. Let the sign σ be 1 if particle 1 touches
+the wall, and -1 if particle 2 touches the wall. The position differences that k + 2 moves reach are the union, over all contacts c
+and both signs σ, of the sets
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) }.
 
-Linear programs over the sets give the depths for the next two moves.
+Linear programs over the sets after k moves give the largest depths H_k.
 """
 
 from __future__ import annotations
@@ -34,21 +35,22 @@ _CLOSE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class PolygonReach:
-    """The differences Δ of two particles that an even number of moves reaches in a polygon.
+    """The set of position differences Δ that two particles in a polygon can reach with an even number of moves.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
     before : ndarray of float64, shape (2,)
-        The difference Δ at the start.
+        The position difference Δ at the start.
     moves : int
-        2, 4, 6, ...
+        Number of moves: 2, 4, 6, ...
     contacts : ndarray of float64, shape (contacts, 2)
         Sample points on the walls.
     walls : ndarray of int64, shape (contacts,)
-        Index of the wall of each contact.
+        Index of the wall on which each sample point in ``contacts`` lies.
     depths : ndarray of float64, shape (2, contacts)
-        H_(moves - 2) for σ = 1 and σ = -1. The depth is negative where the toucher cannot be.
+        Largest depth of the other particle below the wall of each contact, before the last two moves. Row 0 is for contacts of
+        particle 1, and row 1 for contacts of particle 2. A depth is negative where the touching particle cannot be.
     """
 
     workspace: ConvexWorkspace
@@ -59,10 +61,11 @@ class PolygonReach:
     depths: NDArray[np.float64]
 
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each difference, shape (..., 2), whether it can be reached; bool, shape (...).
+        """Return for each position difference, shape (..., 2), whether the particles can reach it; bool, shape (...).
 
-        The result is exact for two moves. For more moves, depths are known only at `contacts`, and the method uses the lower of two
-        neighbouring depths. Therefore the result can wrongly be False near the boundary. `reaches` is exact.
+        For two moves, the result is exact. For more than two moves, the method knows the largest depths only at the sample points
+        `contacts`, and uses the lower of two neighbouring depths. For more than two moves, the result can therefore be wrongly
+        False near the boundary of the reachable set. The method `reaches` is exact for any number of moves.
         """
         import shapely
 
@@ -78,10 +81,10 @@ class PolygonReach:
         return whole
 
     def reaches(self, after: ArrayLike) -> bool:
-        """Return whether a difference can be reached. The result is exact for any number of moves.
+        """Return whether the particles can reach the position difference ``after``; exact for any number of moves.
 
-        The method tries all sequences of walls and of particles that touch them. The computing time grows as (2 n) ** (moves / 2),
-        where n is the number of walls. Use this method for up to six moves.
+        The method tries all sequences of pairs of a wall and a touching particle. For n walls, the computing time grows as (2 n) **
+        (moves / 2). Use the method `reaches` for up to six moves.
 
         Raises
         ------
@@ -102,7 +105,7 @@ class PolygonReach:
 
     @cached_property
     def pieces(self) -> list[Points]:
-        """Convex polygons whose union is the set, for drawing; each float64, shape (n, 2), counter-clockwise."""
+        """Convex polygons for drawing, whose union is the reachable set; each float64, shape (n, 2), counter-clockwise."""
         if self.moves == 2:
             return two_move_pieces(self.workspace, self.before)
         found = []
@@ -122,7 +125,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The set for drawing: polygons as pairs (outline, holes), rounded to 1e-6 of the workspace's size."""
+        """The reachable set for drawing, as pairs (outline, holes) of polygons, rounded to 1e-6 of the workspace's size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)
@@ -132,9 +135,10 @@ class PolygonReach:
         ]
 
     def fraction(self) -> float:
-        """Return the area of the set as a fraction of all differences. The fraction is exact for two moves.
+        """Return the area of the reachable set divided by the area of the set of all position differences.
 
-        For more moves, the fraction is the area of the set that `contains` computes.
+        For two moves, the fraction is exact. For more than two moves, the fraction refers to the approximate set that the method
+        `contains` uses.
         """
         from shapely import Polygon
 
@@ -143,18 +147,18 @@ class PolygonReach:
 
 
 def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, contacts: int = 33) -> list[PolygonReach]:
-    """Return the sets that two particles in a polygon reach after 2, 4, ..., ``moves`` moves.
+    """Return the sets of position differences that two particles in a polygon can reach after 2, 4, ..., ``moves`` moves.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
         The polygon.
     before : array_like of float, shape (2,)
-        The difference Δ at the start.
+        The position difference Δ at the start.
     moves : int
         Number of moves, even and at least 2.
     contacts : int
-        Number of sample points on each side.
+        Number of sample points on each side of the polygon.
 
     Raises
     ------

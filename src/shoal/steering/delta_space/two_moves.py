@@ -1,7 +1,8 @@
-"""The Δ configuration space: how two moves and the walls change the difference Δ between two particles.
+"""Cycles of two moves: how a wall contact changes the position difference Δ of two particles.
 
-Δ is the position of particle 2 minus the position of particle 1. The first move brings one particle, the toucher, into contact with
-a wall. The second move displaces the other particle while the wall holds the toucher. Moves without contact do not change Δ.
+The position difference Δ is the position of particle 2 minus the position of particle 1. The first move of a cycle brings one
+particle, the toucher, into contact with a wall. The second move of a cycle displaces the other particle while the wall holds the
+toucher. Moves without wall contact do not change the position difference Δ.
 """
 
 from __future__ import annotations
@@ -21,20 +22,21 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 @dataclass(frozen=True)
 class Crossing:
-    """A cycle of two moves that changes Δ: the toucher, its wall and its contact.
+    """A cycle of two moves: one particle (the toucher) moves to a wall; while the wall holds it, the other particle moves.
 
     Parameters
     ----------
     toucher : int
         The particle that touches the wall, 1 or 2.
     wall : int
-        Index of the side that is the wall, or -1 for a round wall.
+        Index of the polygon's side that holds the toucher, or -1 for the round wall of a disk.
     first, last : ndarray of float64, shape (2,)
-        Ends of the part of the wall at which the toucher may be.
+        Ends of the section of the wall on which the toucher may be.
     contact : ndarray of float64, shape (2,)
-        Midpoint of that part.
+        Midpoint of the section from ``first`` to ``last``.
     slack : float
-        Margin of feasibility relative to the size. The margin is 0 at the boundary of the reachable set.
+        Margin of feasibility, as a fraction of the workspace's size. The margin of feasibility is 0 at the boundary of the set of
+        reachable position differences.
     """
 
     toucher: int
@@ -45,7 +47,7 @@ class Crossing:
     slack: float
 
     def moves(self, points: ArrayLike, change: ArrayLike) -> Points:
-        """Return the two moves, shape (2, 2), that change the difference Δ by ``change``.
+        """Return the two moves, shape (2, 2), that change the position difference Δ by ``change``.
 
         The particles start at ``points``, away from all walls.
         """
@@ -55,29 +57,30 @@ class Crossing:
 
 
 def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: ArrayLike) -> Crossing | None:
-    """Return a cycle of two moves that changes Δ from ``before`` to ``after``, or None if no cycle does.
+    """Return a cycle of two moves that changes the position difference from ``before`` to ``after``, or None if no cycle exists.
 
-    Among several cycles, the function chooses the cycle with the largest margin of feasibility (`Crossing.slack`).
+    If several cycles exist, the function returns the cycle with the largest margin of feasibility (`Crossing.slack`).
 
     Parameters
     ----------
     workspace : ConvexWorkspace
         A polygon or a disk.
     before, after : array_like of float, shape (2,)
-        Differences: position of particle 2 minus position of particle 1.
+        Position differences before and after the cycle: the position of particle 2 minus the position of particle 1.
 
     Raises
     ------
     InvalidInputError
-        If the workspace is neither a polygon nor a disk, or a given difference is not the difference of two points of the
+        If the workspace is neither a polygon nor a disk, or if ``before`` or ``after`` is not the difference of two points in the
         workspace.
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected. On a polygon, let N be the inward normal of a side, and let σ = 1 if particle 1
-    touches, -1 if particle 2 touches. The conditions are ``0 <= σN·after <= σN·before`` and ``σN·before > 0``, and a point c of the
-    side must exist with ``c + σ before`` and ``c + σ after`` in the workspace. On a disk around the origin, the conditions for a
-    contact c are ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+    Source: paper W, algorithms 2 and 3, corrected. Let N be the inward normal of a polygon's side, and let the sign σ be 1 if
+    particle 1 touches the side, -1 if particle 2 does. A cycle at a side with the normal N needs ``0 <= σN·after <= σN·before`` and
+    ``σN·before > 0``, with the sign σ of the touching particle. In addition, a point c of the side must exist for which both ``c +
+    σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of particle 1 needs ``c·before <=
+    -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
 
     Examples
     --------
@@ -124,8 +127,8 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the part of each side from which every vector of ``shifts`` leads to a point of the polygon.
 
-    The result contains the start and the end of the part of each side, as fractions of the side's length. If a side has no such
-    part, the end lies before the start.
+    For each side, the result holds the start and the end of the part, as fractions of the side's length. If no point of a side
+    qualifies, the end of its part is smaller than the start.
     """
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
@@ -154,11 +157,11 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return start, end and half-width in radians of the arc where particle 1 can touch the wall of a disk, or None without an arc.
+    """Return start, end and half-width in radians of the arc where particle 1 can touch a disk's wall, or None without an arc.
 
-    A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. The arc is the intersection of
-    three arcs. The first arc contains the contacts at which ``before`` fits inside the disk, and the second arc those at which
-    ``after`` does. At the contacts of the third arc, the wall holds particle 1.
+    A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. From each contact on the arc, the
+    vectors ``before`` and ``after`` both lead to points inside the disk. At each contact on the arc, the wall also holds particle 1
+    during the second move.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):
@@ -179,15 +182,15 @@ def _angle(vector: Points) -> float:
 
 
 def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
-    """Return the convex pieces whose union is the set of differences that two moves reach, for drawing; each float64, shape (n, 2).
+    """Return convex polygons for drawing, whose union is the set of differences that two moves reach; each float64, shape (n, 2).
 
-    For a polygon, there is one piece for each usable pair of a side and a toucher. For a disk, there is one piece for each of many
-    sampled contacts.
+    For a polygon, the function returns one piece for each usable pair of a side and a touching particle. For a disk, the function
+    returns one piece for each sampled contact.
 
     Raises
     ------
     InvalidInputError
-        If the workspace is not plane, or ``before`` is not the difference of two points of the workspace.
+        If the workspace is not plane, or if ``before`` is not the difference of two points in the workspace.
     """
     start = _check_difference(workspace, before, "before")
     return _disk_pieces(workspace.radius, start) if workspace.round else _polygon_pieces(workspace, start)

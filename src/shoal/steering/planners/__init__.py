@@ -1,4 +1,4 @@
-"""The planners by name. Each planner has its own file."""
+"""The built-in planners of steering, which `make_planner` finds by name."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "rob
 
 
 def make_planner(planner: str | Planner) -> Planner:
-    """Return a planner by name or ``module:attribute``, or return a given planner object.
+    """Return the planner with a given name or ``module:attribute``; a planner object is returned unchanged.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Planner fewest-moves: search for a plan with the smallest number of straight moves."""
+"""Planner fewest-moves: a search for a plan with the smallest number of straight moves."""
 
 from __future__ import annotations
 
@@ -26,19 +26,20 @@ LONGEST = 15  # number of moves of a plan whose end is also searched among plans
 class FewestMoves:
     """A planner that searches for the plan with the fewest straight moves.
 
-    Among plans with equally many moves, the planner prefers shorter plans.
+    Among plans with the same number of moves, the planner prefers the shortest plan.
 
-    A chain of m contacts takes 2 m + 1 moves. A straight move that continues after a contact is a contact and an adjustment at
-    once. Therefore fewer than 2 m + 1 moves are often enough. The planner tries plans of three moves in many directions and
-    lengths. The planner draws random plans of four to six moves, and repairs the plans that almost succeed. The planner compares
-    the results with the plans of chains, and with plans that begin like a chain.
+    A chain of m wall contacts takes 2 m + 1 moves. A single straight move can bring one particle to a wall and then adjust the
+    position of the other particle. Therefore fewer than 2 m + 1 moves are often enough for m wall contacts. The planner tries plans
+    of three moves in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs the
+    plans that almost succeed. Finally, the planner compares its plans with the plans of chains, and with plans that begin like a
+    chain.
     """
 
     name = "fewest-moves"
     prefers = "moves"
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves; see `Planner`."""
+        """Return the moves of a plan for ``task``; see the class `Planner`."""
         best: Points | None = None
         chains = self._chains(task)
         if task.world.room.dimensions == 3:
@@ -56,7 +57,7 @@ class FewestMoves:
         return _fewer(best, chains)
 
     def _chains(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the chain with the fewest cycles."""
+        """Return the plan of the chain of wall contacts with the fewest cycles."""
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
@@ -66,7 +67,7 @@ class FewestMoves:
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
 
     def _long(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if the roadmap has no chain."""
+        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if the roadmap contains no chain."""
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None
@@ -79,7 +80,7 @@ class FewestMoves:
 
 
 def _finished(task: SteeringTask, plan: Points) -> Points | None:
-    """Return a plan whose beginning is kept and whose end is replaced by three or four moves, or None if that saves no moves."""
+    """Return ``plan`` with its last moves replaced by three or four moves, or None if no such replacement saves moves."""
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)
     for total in range(lasts[0] + 1, len(plan)):
@@ -96,7 +97,7 @@ def _finished(task: SteeringTask, plan: Points) -> Points | None:
 
 
 def _fewer(one: Points | None, other: Points | None) -> Points | None:
-    """Return the plan with fewer moves, or the shorter plan if the numbers are equal."""
+    """Return the plan with fewer moves, or the shorter plan if both plans have the same number of moves."""
     if one is None or other is None:
         return other if one is None else one
     return min(one, other, key=lambda moves: (len(moves), path_length(moves)))

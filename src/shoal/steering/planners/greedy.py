@@ -1,4 +1,4 @@
-"""Planner greedy, algorithm 1 of paper W: each cycle goes to the reachable difference nearest to the goals' difference."""
+"""Planner greedy, algorithm 1 of paper W: each cycle leads to the reachable position difference nearest to that of the goals."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 
 @PLANNERS.register("greedy")
 class Greedy:
-    """A planner whose cycles each bring the difference of the particles as near as possible to the goals' difference.
+    """A planner whose every cycle brings the position difference of the particles as near as possible to that of the goals.
 
-    If several cycles are equally good, the planner chooses the one in which the toucher has the shortest path to the contact and
-    from there to its goal. In three dimensions, a plan in the plane gets vertical components.
+    Among equally good cycles, the planner chooses the cycle in which the toucher has the shortest path via the contact to its goal.
+    In three dimensions, the planner first makes a plan in the plane and then adds vertical components.
 
     Notes
     -----
-    Source: paper W, algorithms 1 to 3, corrected, and section IV.G.
+    Source: algorithms 1 to 3 (corrected) and section IV.G of paper W.
     """
 
     name = "greedy"
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves; see `Planner`."""
+        """Return the moves of a plan for ``task``; see the class `Planner`."""
         for first, query in task.departures():
             chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
             moves = None if chain is None else task.moves_of(chain, query)
@@ -52,15 +52,15 @@ class Greedy:
 
 
 def misses(task: SteeringTask, moves: Points) -> bool:
-    """Return whether a plan has too many moves or does not end within the tolerance."""
+    """Return whether a plan has too many moves, or ends farther from the goals than the tolerance."""
     return len(moves) > task.max_moves or not task.reaches_goal(moves)
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of algorithm 1, or None if the chain stalls far from the goal or needs more than ``cycles`` cycles.
+    """Return the chain of algorithm 1 of paper W, or the chain of another search if the progress is too slow, or None.
 
-    The difference at the end of the chain is within ``tolerance`` of the goals' difference, unless the chain ends after ``cycles``
-    cycles.
+    The chain of algorithm 1 ends when its position difference is within ``tolerance`` of the goals' difference, or after ``cycles``
+    cycles. The result is None if algorithm 1 makes no progress and the other search finds no chain.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -103,7 +103,7 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
 
 
 def _is_slow(left: float, before: float, tolerance: float) -> bool:
-    """Return whether too many cycles remain, if each further cycle reduces the error by the same factor as the last one."""
+    """Return whether too many cycles remain, if each further cycle reduces the error by the mean factor of the last few cycles."""
     return (
         before < inf
         and left > tolerance
@@ -112,9 +112,9 @@ def _is_slow(left: float, before: float, tolerance: float) -> bool:
 
 
 def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
-    """Return a chain that ends exactly with the goals' difference, or None if the search finds no chain.
+    """Return a chain that ends exactly with the position difference of the goals, or None if the search finds no chain.
 
-    If ``roadmap`` is true, the search includes chains of more than three cycles.
+    If ``roadmap`` is true, the search includes chains of more than three cycles from a roadmap.
     """
     if query.walls.round and query.friction == inf:
         backward = antipodal_chain(query, cycles=_BACKWARD)
@@ -128,7 +128,10 @@ def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
 
 
 def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points] | None:
-    """Return the cycle that comes nearest to the goal's difference, and its contact. Ties are resolved by the shortest path."""
+    """Return the cycle that comes nearest to the position difference of the goals, and the contact of this cycle.
+
+    Among equally good cycles, the function returns the cycle with the shortest path.
+    """
     cycles = nearest_cycles(query, state[1] - state[0], query.after)
     nearest = min((cycle.distance for cycle in cycles), default=inf)
     best, shortest = None, inf
@@ -143,9 +146,9 @@ def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points]
 
 
 def _spatial_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return a chain in the plane after adding the heights of its contacts.
+    """Return a chain in space, made from a chain in the plane by adding the heights of its contacts.
 
-    If the heights are not feasible, return the shortest chain of a search in space.
+    If no feasible heights exist, the function returns the shortest chain of a search in space.
     """
     flat = query.flat()
     if min(float(np.linalg.norm(flat.before)), float(np.linalg.norm(flat.before - flat.after))) > tolerance:

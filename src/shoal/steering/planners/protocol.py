@@ -1,4 +1,4 @@
-"""The interface of planners, which find the inputs of a steering problem. PLANNERS contains the built-in planners by name."""
+"""The interface `Planner` of objects that find the inputs of a steering problem, and the registry PLANNERS of all planners."""
 
 from __future__ import annotations
 
@@ -18,20 +18,21 @@ class Planner(Protocol):
 
     Notes
     -----
-    A planner may have four more attributes:
+    A planner may have four optional attributes:
 
-    - ``general``: true if the planner supports regions with obstacles and more than two particles. Without ``general``, a planner
-      gets only problems with two particles in a convex workspace.
-    - ``obstacles``: true if the planner supports regions with obstacles, for two particles.
-    - ``prefers``: "length" or "moves": the measure by which two plans are compared if goals are interchangeable.
-    - ``control(task, apparatus)``: a method that sends moves and observes in a closed loop, in place of a plan. See
-      `shoal.steering.simulation.apparatus`.
+    - ``general``: true if the planner supports regions with obstacles, and also more than two particles. A planner without
+      ``general`` and ``obstacles`` gets only problems with two particles in a convex workspace.
+    - ``obstacles``: true if the planner supports two particles in a region with obstacles.
+    - ``prefers``: "length" or "moves", the measure by which Shoal compares the plans for different assignments of interchangeable
+      goals.
+    - ``control(task, apparatus)``: a method for a closed loop, which sends moves and observes the particles instead of making a
+      plan in advance. The class `shoal.steering.simulation.apparatus.Apparatus` describes the apparatus.
     """
 
     name: str
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves, as a float64 array of shape (moves, d), that bring the particles to the goal or near it.
+        """Return moves that bring the particles to their goals, or near their goals; float64, shape (moves, d).
 
         The result is None if the planner finds no plan.
         """

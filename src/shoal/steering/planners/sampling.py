@@ -1,4 +1,4 @@
-"""Planner sampling: random search for regions with obstacles and for more than two particles."""
+"""Planner sampling: a random tree search, for regions with obstacles and for more than two particles."""
 
 from __future__ import annotations
 
@@ -37,26 +37,25 @@ _ROOM = 0.9  # fraction of the tolerance that the search uses; the rest is for r
 
 @PLANNERS.register("sampling")
 class Sampling:
-    """A planner that grows a tree of states by random manoeuvres.
+    """A planner that grows a search tree of particle positions by random manoeuvres.
 
-    The tree is complete when a translation leads from one of its states to the goal.
+    The search tree is complete when a translation leads from one of its states to the goals.
 
-    A manoeuvre brings one particle to a wall and then moves another particle. The second move corrects the relative positions of
-    the particles completely or partly, or the second move is random. Every manoeuvre is simulated, and its result becomes the next
-    node of the tree. Around obstacles, particles with the correct relative positions take the shortest translation path without
-    wall contact. With more than two particles, this planner is experimental.
+    A manoeuvre brings one particle to a wall and then moves another particle. The second move of a manoeuvre corrects the relative
+    positions of the particles completely or partly, or is random. The planner simulates each manoeuvre and adds the resulting state
+    to the search tree. When the relative positions are correct, the planner translates all particles around obstacles on the
+    shortest path without wall contact. With more than two particles, the planner sampling is experimental.
 
     Notes
     -----
-    Source: a method of Shoal; see the outlook of paper W, section VIII. A failure proves nothing: None means only that the planner
-    has found no plan.
+    Source: an addition by Shoal, after the outlook of paper W, section VIII. If the planner finds no plan, a plan may still exist.
     """
 
     name = "sampling"
     general = True
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves; see `Planner`.
+        """Return the moves of a plan for ``task``; see the class `Planner`.
 
         Raises
         ------
@@ -85,7 +84,7 @@ class Sampling:
 
 
 def world_of(world: Any) -> kernels.World:
-    """Return a world in the form that the sampling kernels use."""
+    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner sampling."""
     room = world.room
     size = float(room.size)
     if room.round:
@@ -102,7 +101,7 @@ def world_of(world: Any) -> kernels.World:
 
 @dataclass
 class Tree:
-    """A search tree: the states of its nodes, the parents of the nodes, and the moves from each parent."""
+    """A search tree of particle positions: the state and the parent of each node, and the moves from the parent to the node."""
 
     task: SteeringTask
     world: kernels.World
@@ -120,7 +119,10 @@ class Tree:
         self.nodes = kernels.Tree(states, ints[0], made, ints[1], ints[2], keys, ints[3])
 
     def search(self, translations: Translations) -> Points | None:
-        """Return the first plan found, or None. The method removes unnecessary moves from a long plan."""
+        """Grow the tree until it contains a plan; return this plan, or None if the search ends without a plan.
+
+        The method removes unnecessary moves from a long plan.
+        """
         for _hit in range(HITS):
             moves = self._direct(translations)
             if moves is not None:
@@ -133,7 +135,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree to the next state whose relative positions are correct. Return False if the search has ended."""
+        """Grow the tree until a new state has the relative positions of the goals; return False if the search ends before."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
@@ -145,7 +147,7 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return all moves to the last node, and from there the translations to the goal, or None if no such translations exist."""
+        """Return the moves to the last node and a translation path from the last node to the goals, or None if no path exists."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -163,7 +165,7 @@ class Tree:
         return None
 
     def path(self) -> Points:
-        """Return the moves from the start to the last node; float64, shape (moves, 2)."""
+        """Return the moves from the start to the last node of the tree; float64, shape (moves, 2)."""
         parents, made, counts = self.nodes.parents, self.nodes.made, self.nodes.counts
         parts, node = [np.zeros((0, 2))], self.total - 1
         while node:
@@ -173,7 +175,7 @@ class Tree:
 
 
 class Translations:
-    """Translation paths to the goal for particles whose relative positions are correct.
+    """Translation paths to the goals for particles that already have the relative positions of their goals.
 
     An offset is the common displacement of all particles from their goals.
     """
@@ -183,9 +185,9 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield paths from an offset to the goal as moves, one path for each margin from the walls that leaves a path.
+        """Yield paths around obstacles from ``offset`` to the goals, as moves, one path for each possible margin from the walls.
 
-        In a convex workspace, there are no paths around obstacles.
+        In a convex workspace, the method yields no paths.
         """
         room = self._task.world.room
         for margin in self._margins if isinstance(room, Region) else ():
@@ -199,19 +201,20 @@ class Translations:
 
 @dataclass
 class FreeOffsets:
-    """The offsets (common displacements of all particles from their goals) with a path to the goals without collision.
+    """The offsets (common displacements of all particles from their goals) from which a collision-free path leads to the goals.
 
     Attributes
     ----------
     free, inner : shapely.Polygon
-        ``free``: the offsets without collision. ``inner``: the offsets where paths may bend, slightly smaller so that rounding
-        errors stay inside ``free``.
+        ``free``: the area of the offsets without collision. ``inner``: the slightly smaller area in which paths may bend, so that
+        paths stay inside ``free`` despite rounding errors.
     places : ndarray of float64, shape (n, 2)
-        The point nearest to the goal, and the reflex corners of ``inner``, where shortest paths bend.
+        The point of ``inner`` nearest to the goals, followed by the reflex corners of ``inner``, at which shortest paths bend.
     reach : float
-        Maximum distance of an offset outside ``inner`` that can still be connected by a straight move.
+        Maximum distance from ``inner`` at which a straight move can still connect an offset with ``inner``.
     seen : dict of int to ndarray of bool, shape (n,)
-        For each place that was needed so far, whether a straight free path connects the place with each of the n places.
+        Stored results: for each place that the search has visited, whether a straight collision-free path leads to each of the n
+        places.
     """
 
     free: Any
@@ -221,9 +224,9 @@ class FreeOffsets:
     seen: dict[int, NDArray[np.bool_]] = field(default_factory=dict)
 
     def path(self, offset: Points, task: SteeringTask) -> Points | None:
-        """Return the bends of the shortest path from an offset to the goal; float64, shape (points, 2).
+        """Return the corners of the shortest path from ``offset`` to the goals; float64, shape (points, 2).
 
-        The method is an A* search from the goal. The result is None if no path exists, or if no time is left.
+        The method is an A* search that starts at the goals. The result is None if no path exists, or if the planning time ends.
         """
         first = _nearest(self.inner, offset, self.reach)
         if first is None:
@@ -254,7 +257,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets with a path to the goal that keeps all particles away from the walls by a margin, or None."""
+    """Return the offsets with a path to the goals on which all particles keep ``margin`` from the walls, or None."""
     import shapely
     from shapely import affinity
 
@@ -275,13 +278,13 @@ def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | Non
 
 
 def _reflex_corners(ring: Points) -> Points:
-    """Return the corners of a ring that are wider than 180 degrees, measured on its left side."""
+    """Return the corners of a closed line at which the angle on its left side exceeds 180 degrees."""
     (x, y), (x_after, y_after) = (ring - np.roll(ring, 1, axis=0)).T, (np.roll(ring, -1, axis=0) - ring).T
     return np.asarray(ring[x * y_after < y * x_after])
 
 
 def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
-    """Return which other places a straight free path connects with a place."""
+    """Return, for each point of ``others``, whether a straight path inside the area ``free`` connects it with ``place``."""
     import shapely
 
     lines = shapely.linestrings(np.stack([np.broadcast_to(place, others.shape), others], axis=1))
@@ -289,7 +292,7 @@ def _sees(free: Any, place: Points, others: Points) -> NDArray[np.bool_]:
 
 
 def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
-    """Return the point of an area nearest to an offset, or None if it is farther than ``reach``."""
+    """Return the point of the area ``inner`` nearest to ``offset``, or None if this point is farther away than ``reach``."""
     import shapely
 
     line = shapely.shortest_line(inner, shapely.Point(offset))
@@ -299,7 +302,7 @@ def _nearest(inner: Any, offset: Points, reach: float) -> Points | None:
 
 
 def _shortened(task: SteeringTask, moves: Points) -> Points:
-    """Return a plan after removing moves and merging pairs of moves, as long as the plan still works."""
+    """Return a shorter plan, made by removing moves and merging consecutive moves as long as the plan reaches the goals."""
     changed = True
     while changed:
         changed = False

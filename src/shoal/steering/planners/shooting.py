@@ -1,4 +1,4 @@
-"""Plans with a given number of straight moves: the last two moves are computed, and trials in simulations give the others."""
+"""Plans with a given number of straight moves: trials in simulations give the first moves, and formulas give the last two."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _ALL = 1_000_000
 
 
 def shooting_plan(task: SteeringTask, count: int) -> Points | None:
-    """Return a plan with ``count`` moves (2 to 6) of shape (count, d), or None if the simulations find no plan."""
+    """Return a plan of ``count`` moves (2 to 6), float64 of shape (count, d), or None if the simulations find no plan."""
     walls = normalize_walls(task.world.room)
     d = walls.dimensions
     start, goal = walls.normalized(task.start), walls.normalized(task.aim)
@@ -51,7 +51,7 @@ def shooting_plan(task: SteeringTask, count: int) -> Points | None:
 
 
 def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
-    """Return the shorter one of the plans of two moves, or None."""
+    """Return the shorter of the two possible plans with two moves (one plan for each touching particle), or None."""
     found = []
     for toucher in (0, 1):
         two = np.zeros_like(start)
@@ -62,7 +62,7 @@ def _of_two(start: Points, goal: Points, between: Walls) -> Points | None:
 
 
 def directions(d: int, count: int) -> Points:
-    """Return unit vectors in evenly distributed directions."""
+    """Return ``count`` unit vectors with evenly distributed directions in ``d`` dimensions."""
     if d == 2:
         angles = 2 * np.pi * (np.arange(count) + 0.5) / count
         return np.stack([np.cos(angles), np.sin(angles)], axis=1)

@@ -1,4 +1,4 @@
-"""Shortening of plans for two particles around obstacles: first random changes of all plans, then of the shortest plans."""
+"""Random changes that shorten plans for two particles around obstacles: first of many plans, then of the shortest plans."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ QUIET = kernels.Noise(np.zeros((0, 2, 2)), np.zeros((0, 0, 2)), 0.0, 0.0)
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A plan in steps.
+    """A plan as a sequence of steps: translations, contacts and adjustments.
 
     Parameters
     ----------
@@ -30,7 +30,8 @@ class Plan:
     count : int
         Number of steps.
     cost : float
-        The length; in noise the mean number of moves; infinite if the plan does not work.
+        Without noise, the length of the plan; with noise, its mean number of moves. The cost of a plan that misses the goals is
+        infinite.
     """
 
     steps: kernels.Steps
@@ -39,7 +40,7 @@ class Plan:
 
 
 class Shortening:
-    """Random changes of plans for one task."""
+    """Random changes that shorten plans for one task."""
 
     def __init__(self, task: SteeringTask, world: Any, rng: np.random.Generator) -> None:
         self.task, self.world, self.rng = task, world, rng
@@ -49,9 +50,10 @@ class Shortening:
         self._ends = task.start, np.ascontiguousarray(task.goal), task.tolerance, self._most
 
     def shortest(self, found: list[Points]) -> Points:
-        """Return the shortest plan that random changes of the given plans lead to.
+        """Return the shortest plan that random changes make from the plans ``found``.
 
-        All plans are changed at random first. Then the shortest plans are changed further.
+        In a first stage, the method changes up to 40 plans at random. In a second stage, the method changes the 5 shortest plans
+        further.
 
         Parameters
         ----------
@@ -66,7 +68,7 @@ class Shortening:
         return min(whole, key=path_length)
 
     def changed(self, plan: Plan, *, changes: int, noise: Any = QUIET) -> Plan:
-        """Return the best plan that random changes of ``plan`` lead to.
+        """Return the best plan that random changes make from ``plan``.
 
         Without noise, the best plan is the shortest plan. With noise, the best plan has the smallest mean number of moves.
         """
@@ -80,7 +82,7 @@ class Shortening:
 
     @staticmethod
     def _distinct(plans: list[Plan]) -> list[Plan]:
-        """Return the plans that work, the shortest first, and one of those that are equally long."""
+        """Return the plans that reach the goals, the shortest first, with only one plan of each length."""
         found: list[Plan] = []
         for plan in sorted((plan for plan in plans if plan.cost < np.inf), key=lambda plan: plan.cost):
             if not found or plan.cost > (1 + _ALIKE) * found[-1].cost:
@@ -89,7 +91,7 @@ class Shortening:
 
 
 def copy_of(plan: Plan, first: int = 0) -> Plan:
-    """Return a copy of the steps of a plan, beginning with a given step."""
+    """Return a copy of a plan that begins with step number ``first``."""
     steps, count = new_steps(), plan.count - first
     for new, old in zip(steps, plan.steps, strict=True):
         new[:count] = old[first : plan.count]
@@ -103,7 +105,10 @@ def new_steps() -> kernels.Steps:
 
 
 def steps_of(task: SteeringTask, moves: Points) -> Plan:
-    """Divide a plan into steps. If the number of steps exceeds ``MOST_STEPS``, the result contains only the first steps."""
+    """Return the plan with given moves as a sequence of steps (translations, contacts and adjustments).
+
+    If the plan has more than ``MOST_STEPS`` steps, the result contains only the first ``MOST_STEPS`` steps.
+    """
     parts, state = [], task.start
     for move in moves[np.hypot(*moves.T) > 0]:
         after = task.world.step(state, move)
@@ -127,7 +132,7 @@ def steps_of(task: SteeringTask, moves: Points) -> Plan:
 
 
 def _direction_at(room: Any, point: Points) -> Points:
-    """Return the direction of the wall that is nearest to a point, with the inside on its right."""
+    """Return the direction of the wall nearest to ``point``, as a unit vector with the inside of the workspace on its right."""
     if room.round:
         outward = point - room.center
         return np.array([outward[1], -outward[0]]) / max(float(np.hypot(*outward)), 1e-300)

@@ -1,4 +1,4 @@
-"""Planner shortest: search for the shortest chain of contacts."""
+"""Planner shortest: a search for the shortest chain of wall contacts."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 @PLANNERS.register("shortest")
 class Shortest:
-    """A planner that returns the shortest of many chains of contacts and adjustments.
+    """A planner that returns the shortest of many chains of wall contacts and adjustments.
 
-    The plan is never longer than the plan of the planner greedy.
+    The plan is not longer than the plan of the planner greedy, unless rounding errors could make the plan of greedy fail.
 
     The planner tries all kinds of chains of one, two or three cycles. Then the planner inserts cycles into the shortest chains or
-    removes cycles, as long as this shortens the chains.
+    removes cycles, as long as the changes shorten the chains.
 
     Notes
     -----
-    Source: paper W, section V, with contacts limited to their feasible range, and extended to several cycles.
+    Source: section V of paper W, with contacts limited to their feasible range, and with an extension to several cycles.
     """
 
     name = "shortest"
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return moves; see `Planner`."""
+        """Return the moves of a plan for ``task``; see the class `Planner`."""
         plans = [Greedy().plan(task)]
         for first, query in task.departures():
             for chain in improved_chains(query, _greedy_seeds(query, task)):
@@ -48,6 +48,6 @@ class Shortest:
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
-    """Return the chain that the planner greedy finds, with any number of cycles."""
+    """Return a list with the chain that the planner greedy finds, or an empty list."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return [] if chain is None else [chain]

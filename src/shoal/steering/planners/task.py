@@ -1,6 +1,6 @@
-"""The class SteeringTask, the input of a planner.
+"""The class SteeringTask, which describes to a planner what its plan must achieve.
 
-The module also contains proofs that two particles in a convex workspace cannot reach a goal.
+The module also contains proofs that two particles in a convex workspace cannot reach their goals.
 """
 
 from __future__ import annotations
@@ -34,22 +34,22 @@ _WIDER = (1e-7, 1e-6, 1e-5)  # margins of chains with sensitive moves
 
 @dataclass(frozen=True, eq=False)
 class SteeringTask(StartAndGoal):
-    """The task of a planner: to bring particles from their starts to their goals in a world.
+    """The task of a planner: to bring particles from their starts to their goals in a simulated world.
 
     Parameters
     ----------
     world : ContactWorld
-        The world, or another object with ``room``, ``step`` and ``play``.
+        The simulated world, or another object with the attribute ``room`` and the methods ``step`` and ``play``.
     start, goal : ndarray of float64, shape (n, d)
-        Positions of the particles, with one goal assigned to each particle.
+        Start positions of the particles, and the assigned goal of each particle.
     tolerance : float
         Maximum distance of each particle from its goal at the end.
     max_moves : int
-        Maximum number of moves.
+        Maximum number of moves of a plan.
     seed : int
-        Seed for planners with random decisions.
+        Seed of the random numbers that some planners draw.
     deadline : float
-        Time of `time.monotonic` at which the planner must return the best plan so far.
+        Time at which the planner must return the best plan so far, in seconds on the clock `time.monotonic`.
     """
 
     world: Any
@@ -62,7 +62,10 @@ class SteeringTask(StartAndGoal):
 
     @cached_property
     def aim(self) -> Points:
-        """The goals of both particles, shifted by a part of the tolerance off walls that they touch; float64, shape (2, d)."""
+        """The goals of both particles, float64 of shape (2, d).
+
+        A goal on a wall is shifted away from the wall by a part of the tolerance.
+        """
         room = self.world.room
         aim = self.goal.copy()
         for row, point in enumerate(self.goal):
@@ -72,7 +75,7 @@ class SteeringTask(StartAndGoal):
         return aim
 
     def chain_query(self, start: Points | None = None, aim: Points | None = None) -> ChainQuery:
-        """Return the task as a query for chains of contacts, in normalized units."""
+        """Return the task as a query for chains of wall contacts, in the units of `NormalizedWalls`."""
         walls = normalize_walls(self.world.room)
         margin = min(MARGIN, 0.02 * self.tolerance / walls.scale)
         return ChainQuery(
@@ -85,11 +88,11 @@ class SteeringTask(StartAndGoal):
         )
 
     def error(self, points: Points) -> float:
-        """Return the largest distance between a particle and its goal."""
+        """Return the largest distance between a particle at ``points`` and its goal."""
         return float(np.linalg.norm(points - self.goal, axis=1).max())
 
     def translation(self) -> Points | None:
-        """Return the moves of a translation, shape (moves, d), if the translation solves the task, otherwise None."""
+        """Return the moves of a translation that solves the task, shape (moves, d), or None if no translation does."""
         shifts = self.goal - self.start
         if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
             return None
@@ -102,12 +105,12 @@ class SteeringTask(StartAndGoal):
         return np.array(moves)
 
     def moves_of(self, chain: Chain, query: ChainQuery) -> Points | None:
-        """Return the moves of a chain, with small moves off a wall before translations that start on this wall.
+        """Return the moves of a chain, with a small move off a wall before each translation that starts on a wall.
 
-        The result is None if a necessary small move is impossible.
+        The result is None if a small move off a wall is necessary but impossible.
 
-        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. In this case, the chain is
-        optimized again at a larger distance from all walls.
+        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance. If rounding errors could exceed
+        the tolerance, the method optimizes the chain again with a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
@@ -120,11 +123,11 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def reaches_goal(self, moves: ArrayLike, start: Points | None = None) -> bool:
-        """Return whether moves from ``start`` end within the tolerance. The default of ``start`` is the task's start."""
+        """Return whether moves from ``start`` (default: the task's start) bring all particles within the tolerance of the goals."""
         return self.error(self.world.play(self.start if start is None else start, moves)[-1]) <= self.tolerance
 
     def is_sure(self, moves: Points, start: Points | None = None) -> bool:
-        """Return whether a plan also succeeds with rounding errors at its start, and with a smaller contact tolerance."""
+        """Return whether a plan still succeeds with rounding errors at its start, and with a smaller contact tolerance."""
         begin = self.start if start is None else start
         steps = _ROUNDINGS * self.world.room.size * np.eye(begin.shape[1])
         exact = self._exact_world.play(begin, moves)[-1]
@@ -135,9 +138,9 @@ class SteeringTask(StartAndGoal):
         return replace(self.world, touch=EXACT_TOUCH)
 
     def _played(self, chain: Chain, query: ChainQuery) -> Points | None:
-        """Return the moves of a chain.
+        """Return the moves of a chain, each planned from the simulated end of the previous move.
 
-        Each move starts from the simulated end of the previous move. Therefore rounding errors do not add up.
+        The simulation of each move prevents an accumulation of rounding errors.
         """
         room, walls = self.world.room, query.walls
         state = walls.restored(query.start)
@@ -161,7 +164,7 @@ class SteeringTask(StartAndGoal):
         return self.tidied(np.array(moves), start=walls.restored(query.start))
 
     def _held(self, point: Points, move: Points) -> Points:
-        """Return a move with a minimum push of the toucher into its wall, so that rounding errors do not release it."""
+        """Return ``move`` with a minimum push into the wall, so that rounding errors do not release the held particle."""
         normals = touched_normals(self.world.room, point)
         if not len(normals):
             return move
@@ -171,17 +174,17 @@ class SteeringTask(StartAndGoal):
         return np.asarray(move - off * wall) if 0 < off < _SLIGHT * size else move
 
     def _sent(self, steps: list[Points], state: Points, moves: list[Points]) -> Points:
-        """Add moves to a plan. Return the state after these moves."""
+        """Add the moves ``steps`` to the list ``moves``, and return the simulated state after ``steps``."""
         for step in steps:
             moves.append(step)
             state = self.world.step(state, step)
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan without the tiny moves that a slightly longer previous move can replace.
+        """Return a plan without each tiny move that a slightly longer previous move can replace.
 
-        In a chain, the particle that touches no wall keeps a margin from the walls. If this particle touches a wall in the next
-        cycle, the move to this wall is only as long as the margin.
+        In a chain, the particle that touches no wall keeps a small margin from the walls. If the particle at the margin touches the
+        nearby wall in the next cycle, its move to the wall is tiny.
         """
         size = self.world.room.size
         k = 1
@@ -198,14 +201,14 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def departures(self) -> list[tuple[list[Points], ChainQuery]]:
-        """Return possible first moves, each with the query that remains: no move, or small moves of one particle off its walls."""
+        """Return pairs of first moves and the remaining query: no first move, or a small move of one particle off its walls."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]
         return [([move], self.chain_query(start=after)) for move, after in separations(room, self.start)]
 
     def lower_bound(self) -> float:
-        """Return a lower bound on the length of plans that end within the tolerance; see docs/concepts/steering/planners.md."""
+        """Return a lower bound on the length of all plans that end within the tolerance; see docs/concepts/steering/planners.md."""
         direct = float(np.linalg.norm(self.goal - self.start, axis=1).max())
         apart = float(np.linalg.norm(self.after - self.before))
         if apart <= 2 * self.tolerance:
@@ -221,7 +224,7 @@ class SteeringTask(StartAndGoal):
 
 
 def why_unreachable(task: SteeringTask) -> str | None:
-    """Return the reason why no plan exists, or None if a plan may exist."""
+    """Return the reason why no plan for the task exists, or None if a plan may exist."""
     room = task.world.room
     flat = float(np.hypot(*(task.before[:2])))
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
@@ -237,7 +240,7 @@ def why_unreachable(task: SteeringTask) -> str | None:
 
 
 def why_approachable(task: SteeringTask) -> str | None:
-    """Return the reason why moves can approach the goal but not reach it, or None if moves can reach the goal."""
+    """Return the reason why moves can approach the goals but never reach them, or None if moves may reach the goals."""
     room = task.world.room
     if float(np.linalg.norm(task.after - task.before)) <= 2 * task.tolerance:
         return None

@@ -1,4 +1,4 @@
-"""Vertical components that make a plan in the plane work in a prism or a cylinder."""
+"""Vertical components of moves, which turn a plan in the plane into a plan in a prism or a cylinder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles fr
 
 
 def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
-    """Return the plan of a planner in the plane with vertical components added, or None if there is no plan."""
+    """Return the plan that a planner makes in the plane, with added vertical components, or None without a plan."""
     below = planar_task(task)
     if why_unreachable(below) is not None:
         return None
@@ -26,7 +26,7 @@ def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
 
 
 def planar_task(task: SteeringTask) -> SteeringTask:
-    """Return a three-dimensional task without its vertical coordinates, as a task in the base of the workspace."""
+    """Return a three-dimensional task without vertical coordinates, as a task in the base of the prism or cylinder."""
     room = task.world.room
     world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
     return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)
@@ -35,27 +35,27 @@ def planar_task(task: SteeringTask) -> SteeringTask:
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     """Add a vertical component to each move of a plan in the plane, so that both particles reach the heights of their goals.
 
-    Whether a side wall holds a particle depends only on the move's component in the plane. Therefore the plan in the plane
+    Whether a side wall holds a particle depends only on the horizontal component of the move. The plan in the plane therefore
     determines which fraction of each move a particle makes. The final height of each particle is a linear function of the vertical
-    components. A linear program minimizes the sum of the vertical components.
+    components of the moves. A linear program minimizes the sum of the absolute vertical components.
 
     Parameters
     ----------
     task : SteeringTask
         A task in a prism or a cylinder.
     flat : ndarray of float64, shape (moves, 2)
-        A plan of `planar_task`.
+        A plan for the result of `planar_task`, that is, for the task in the plane.
 
     Returns
     -------
     ndarray of float64, shape (moves, 3), or None
-        The result is None if no vertical components solve the task, for example if a wall holds a particle during all moves but
-        one.
+        The plan with vertical components, or None if no vertical components solve the task. For example, no solution may exist if a
+        wall holds one particle during all moves except one.
 
     Notes
     -----
-    A method of Shoal. Paper W, section IV.G, corrects heights by separate moves while one particle is held. This method combines
-    these corrections with the other moves.
+    The method is an addition by Shoal. Section IV.G of paper W corrects the heights with separate moves while a wall holds one
+    particle. Shoal combines the corrections of the heights with the moves of the plan in the plane.
     """
     room = task.world.room
     states = ContactWorld(room.base).play(task.start[:, :2], flat)
@@ -71,7 +71,7 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
 def _least_vertical_moves(
     shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Return the smallest vertical moves between given heights that stay within 0 .. height, or None if no such moves exist."""
+    """Return the smallest vertical moves from the heights ``start`` to ``goal``, between floor and ceiling, or None."""
     from scipy.optimize import linprog
 
     count = len(shares)

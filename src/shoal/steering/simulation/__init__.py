@@ -1,1 +1,1 @@
-"""Simulation of steering: the apparatus for closed-loop planners, and replay of inputs."""
+"""Simulation of steering: the simulated apparatus for closed-loop planners, and replays of stored inputs."""

@@ -1,4 +1,4 @@
-"""The simulated apparatus: noisy input, noisy camera, and the resulting states."""
+"""The simulated apparatus: a noisy input, a noisy camera, and the resulting positions of the particles."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 
 class Apparatus:
-    """The interface of closed-loop planners to the world: send a move, and observe.
+    """The interface between a closed-loop planner and the simulated world: send a move, and observe the particles.
 
     Attributes
     ----------
     problem : SteeringProblem
-        The problem, which includes the noise that a planner may know.
+        The problem of the run; a planner may read its noise.
     states : list of ndarray of float64, shape (n, d)
-        States at the start and after each move.
+        True positions of the n particles at the start and after each move.
     inputs : list of ndarray of float64, shape (d,)
-        The moves that were sent.
+        The moves that the planner has sent, without noise.
     remark : str
-        The planner's remark about the run. This remark becomes a part of the episode's reason.
+        A remark of the planner about the run, which becomes a part of the episode's reason.
     """
 
     def __init__(self, problem: SteeringProblem, start: Points, *, seed: int) -> None:
@@ -35,20 +35,20 @@ class Apparatus:
         self.inputs: list[Points] = []
 
     def restart(self) -> None:
-        """Discard all moves so far, and put the particles back to their starts."""
+        """Discard all moves so far, and put the particles back at their starts."""
         del self.states[1:], self.inputs[:]
 
     def with_noise(self, noise: float, *, seed: int = 0) -> Apparatus:
-        """Return another apparatus with the same start, whose execution noise has the given standard deviation."""
+        """Return another apparatus with the same start positions, and with input noise of the standard deviation ``noise``."""
         return Apparatus(self.problem.replaced(execution=noise), self.states[0], seed=seed)
 
     def look(self) -> Points:
-        """Return the positions that the camera observes."""
+        """Return the positions of the particles that the noisy camera observes."""
         noise, state = self.problem.measurement, self.states[-1]
         return np.asarray(state + self._camera.normal(scale=noise, size=state.shape) if noise else state.copy())
 
     def send(self, move: Points) -> None:
-        """Move the particles."""
+        """Move the particles by the input ``move`` plus noise."""
         self.inputs.append(np.asarray(move, dtype=np.float64))
         noise = self.problem.execution
         executed = self.inputs[-1] + self._execution.normal(scale=noise, size=len(move)) if noise else self.inputs[-1]
@@ -56,24 +56,24 @@ class Apparatus:
 
 
 def executed_moves(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
-    """Return the moves as executed: the inputs with execution noise; float64, shape (moves, d)."""
+    """Return the executed moves, which are the inputs plus random noise; float64, shape (moves, d)."""
     if not problem.execution:
         return inputs
     return np.asarray(inputs + generators(seed)[1].normal(scale=problem.execution, size=inputs.shape))
 
 
 def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
-    """Return all states of a replay of inputs with a seed; float64, shape (moves + 1, n, d)."""
+    """Return the positions of the particles during a replay of ``inputs``; float64, shape (moves + 1, n, d)."""
     start, _ = problem.endpoints(seed)
     return np.asarray(problem.world(seed=seed).play(start, executed_moves(problem, inputs, seed=seed)))
 
 
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
-    """Return the amplification of errors: the largest ratio of a final error to the small error that causes it.
+    """Return the amplification of errors: the largest ratio of a final position error to the small error that causes it.
 
-    The small error is a displacement of one particle's start along one axis, by 1e-12 of the workspace's size in either direction.
-    The function simulates the moves for each displacement. In one more simulation, the contact tolerance is 1e-12 of the
-    workspace's size, not 1e-9. The amplification is large if a wall no longer holds a particle after a small change.
+    The function displaces one particle's start along one axis by 1e-12 of the workspace's size, in either direction, and simulates
+    the moves for each such displacement. In one more simulation, the contact tolerance is 1e-12 of the workspace's size instead of
+    1e-9. The amplification of errors is large if a small change of the start causes a wall to release a particle.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

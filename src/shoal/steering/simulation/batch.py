@@ -1,4 +1,4 @@
-"""SteeringBatch: many worlds of steering, moved together in compiled code."""
+"""SteeringBatch: many simulated worlds of steering, which compiled code moves together."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ SEEDS = 2**31
 
 
 class SteeringBatch:
-    """Worlds of one problem, each with its own start, goal and noise. In each step, every world makes its own move.
+    """Many simulated worlds of one steering problem, each with its own start, goal, noise and moves.
 
     Parameters
     ----------
     problem : SteeringProblem
     worlds : int
-        Number of worlds.
+        Number of simulated worlds.
 
     Attributes
     ----------
     states, seen : ndarray of float64, shape (worlds, particles, dimensions)
-        The positions of the particles, and their positions as the camera sees them.
+        ``states``: the true positions of the particles. ``seen``: the positions that the noisy camera observes.
     goals : ndarray of float64, shape (worlds, orders, particles, dimensions)
-        The goals of the particles: in every order if the particles are interchangeable, otherwise in one order.
+        The goals of the particles. If goals are interchangeable, the array holds the goals in every order.
     errors : ndarray of float64, shape (worlds,)
-        The largest distance of a particle from its goal, for the best order of the goals.
+        For each world, the largest distance of a particle from its goal, with the best order of the goals.
     moves, seeds : ndarray of int64, shape (worlds,)
     terminated, truncated : ndarray of bool, shape (worlds,)
-        ``terminated``: all particles are within the tolerance of their goals. ``truncated``: the maximum number of moves was
-        reached, and not all particles are at their goals.
+        ``terminated``: all particles of the world are within the tolerance of their goals. ``truncated``: the world has made the
+        maximum number of moves, but not all of its particles are at their goals.
 
     Raises
     ------
@@ -50,7 +50,7 @@ class SteeringBatch:
 
     Notes
     -----
-    A world behaves exactly like `shoal.steering.simulation.apparatus.Apparatus` does with its seed.
+    A world behaves exactly like a `shoal.steering.simulation.apparatus.Apparatus` with the same seed.
 
     Examples
     --------
@@ -82,19 +82,20 @@ class SteeringBatch:
         return self._all if where is None else where.nonzero()[0]
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: int | Sequence[int | None] | None = None) -> None:
-        """Let worlds begin an episode.
+        """Begin a new episode in all worlds, or in the worlds that ``where`` selects.
 
         Parameters
         ----------
         where : ndarray of bool, shape (worlds,), optional
-            Mask of the worlds to reset. The default is all worlds.
+            Mask of the worlds to reset; by default, all worlds.
         seed : int, or sequence of int or None, one per world, optional
-            Seed of the new episode: ``seed + i`` for world i. Without a seed, each world draws its next seed.
+            Seeds of the new episodes. From one integer ``seed``, world i gets the seed ``seed + i``. Without a seed, each world
+            draws the seed of its next episode from its own random generator.
 
         Raises
         ------
         InvalidInputError
-            If a seed or the start of a new episode is invalid. No world changes then.
+            If a seed or the start of a new episode is invalid. After this error, all worlds are unchanged.
         """
         chosen, problem = self._chosen(where), self.problem
         rngs = world_generators(seed, chosen, len(self), self._rngs)
@@ -116,9 +117,9 @@ class SteeringBatch:
         self._look(chosen)
 
     def send(self, moves: Points, where: NDArray[np.bool_] | None = None) -> None:
-        """Move the particles of the chosen worlds and observe.
+        """Move the particles of the selected worlds, and observe the particles.
 
-        The inputs have shape (worlds, dimensions), with a row for every world.
+        The array ``moves`` has the shape (worlds, dimensions), with a row for every world, also for worlds that are not selected.
         """
         chosen, problem = self._chosen(where), self.problem
         executed = np.array(moves, dtype=np.float64, order="C")

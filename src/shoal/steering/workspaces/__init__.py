@@ -1,1 +1,1 @@
-"""Workspaces: convex workspaces, regions with obstacles, and workspace files."""
+"""Workspaces of steering: convex workspaces, regions with obstacles, and files that describe workspaces."""

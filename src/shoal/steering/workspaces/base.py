@@ -1,4 +1,4 @@
-"""SteeringWorkspace: what convex workspaces and regions with obstacles have in common."""
+"""SteeringWorkspace: the attributes and methods that convex workspaces and regions with obstacles have in common."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ EXACT_TOUCH = 1e-12  # relative to the size: contact tolerance in sensitive comp
 
 
 class SteeringWorkspace(ABC):
-    """Base class of the workspaces.
+    """Base class of the workspaces of steering: areas or volumes in which particles move.
 
     Attributes
     ----------
     kind : str
-        Name of the kind of workspace for messages, such as "polygon".
+        Name of the kind of workspace in error messages, such as "polygon".
     """
 
     kind: str
@@ -31,26 +31,32 @@ class SteeringWorkspace(ABC):
     @property
     @abstractmethod
     def dimensions(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the workspace, 2 or 3."""
 
     @property
     @abstractmethod
     def rings(self) -> tuple[Points, ...]:
-        """Corners of the outline and of each obstacle, with free space on the left of each edge; each float64, shape (n, 2)."""
+        """Corners of the outline and of each obstacle, each float64 of shape (n, 2).
+
+        The free space lies on the left of each edge from one corner to the next.
+        """
 
     @cached_property
     def size(self) -> float:
-        """The largest extent of the workspace in the plane, to which relative tolerances refer."""
+        """The size of the workspace: its largest extent in the plane, to which relative tolerances refer."""
         return float(np.ptp(self.rings[0], axis=0).max())
 
     @property
     def bounds(self) -> tuple[Points, Points]:
-        """The smallest and the largest x and y of the workspace, as two points; each float64, shape (2,)."""
+        """The points (smallest x, smallest y) and (largest x, largest y) of the workspace; each float64, shape (2,)."""
         return self.rings[0].min(axis=0), self.rings[0].max(axis=0)
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """All edges as (x, y) of both ends, with free space on the left of each edge; float64, shape (edges, 4)."""
+        """The edges of the workspace as (x, y) of their start and (x, y) of their end; float64, shape (edges, 4).
+
+        The free space lies on the left of each edge.
+        """
         return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in self.rings])
 
     @cached_property
@@ -62,19 +68,19 @@ class SteeringWorkspace(ABC):
 
     @abstractmethod
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest wall, negative for points outside; float64, shape (...)."""
+        """Return the distance of each point from the nearest wall, negative outside the workspace; float64, shape (...)."""
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point whether it lies inside or on a wall, with the tolerance `TOUCH`; bool, shape (...)."""
+        """Return whether each point lies inside the workspace or on a wall, with the tolerance `TOUCH`; bool, shape (...)."""
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Return points as a float64 array of shape (n, dimensions).
+        """Check that points lie in the workspace, and return them as a float64 array of shape (n, dimensions).
 
         Raises
         ------
         InvalidInputError
-            If a point lies outside.
+            If a point lies outside the workspace.
         """
         array = check_points(points, what=what, dimensions=self.dimensions)
         outside = ~self.contains(array)

@@ -17,26 +17,26 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, convex_ou
 
 @dataclass(frozen=True, eq=False)
 class ConvexWorkspace(SteeringWorkspace):
-    """A convex workspace, bounded by flat walls and optionally by a circle.
+    """A convex workspace, bounded by flat walls, by a round wall, or by both.
 
-    Use `polygon`, `disk`, `regular_polygon`, `prism` or `cylinder` to create a workspace. Points are (x, y) or (x, y, z), with the
-    y axis upwards.
+    The functions `polygon`, `disk`, `regular_polygon`, `prism` and `cylinder` create convex workspaces. Points are (x, y) or (x, y,
+    z), and drawings show the y axis upwards.
 
     Parameters
     ----------
     kind : str
         "polygon", "disk", "prism" or "cylinder".
     vertices : ndarray of float64, shape (n, 2)
-        Corners of the polygon or of the prism's base, counter-clockwise. For a disk or a cylinder, the array is empty.
+        Corners of the polygon or of the prism's base, counter-clockwise; an empty array for a disk or a cylinder.
     radius : float
         Radius of the disk or cylinder, or 0 for other kinds.
     center : ndarray of float64, shape (2,)
-        Centre of the disk or cylinder, or the mean of the vertices.
+        Centre of the disk or of the cylinder's base; for a polygon or a prism, the mean of ``vertices``.
     height : float
-        Height of the prism or cylinder, which stands on z = 0, or 0 for a plane workspace.
+        Height of the prism or cylinder, whose base lies at z = 0; 0 for a plane workspace.
     open_ends : bool
-        Whether the prism or cylinder is a tube without end caps. Particles can leave through the ends of the tube, and no cap holds
-        particles.
+        Whether the prism or cylinder is a tube without end caps. Particles can leave a tube through its open ends, where no wall
+        holds particles.
     """
 
     kind: str
@@ -48,37 +48,37 @@ class ConvexWorkspace(SteeringWorkspace):
 
     @property
     def dimensions(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the workspace, 2 or 3."""
         return 3 if self.height else 2
 
     @property
     def round(self) -> bool:
-        """Whether the side wall is a circle."""
+        """Whether the side wall of the workspace is round: a circle or a cylinder."""
         return self.radius > 0
 
     @cached_property
     def size(self) -> float:
-        """The largest extent of the workspace in the plane, to which relative tolerances refer."""
+        """The size of the workspace: its largest extent in the plane, to which relative tolerances refer."""
         return 2 * self.radius if self.round else super().size
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """The corners of the polygon or of the base as the only ring; float64, shape (n, 2)."""
+        """A list with one array: the corners of the polygon or of the prism's base; float64, shape (n, 2)."""
         return (self.vertices,)
 
     @property
     def bounds(self) -> tuple[Points, Points]:
-        """The smallest and the largest x and y of the workspace, as two points; each float64, shape (2,)."""
+        """The points (smallest x, smallest y) and (largest x, largest y) of the workspace; each float64, shape (2,)."""
         return (self.center - self.radius, self.center + self.radius) if self.round else super().bounds
 
     @property
     def middle(self) -> Points:
-        """The centre, which in three dimensions is at half the height; float64, shape (dimensions,)."""
+        """The centre of the workspace, in three dimensions at half its height; float64, shape (dimensions,)."""
         return self.center if self.dimensions == 2 else np.append(self.center, self.height / 2)
 
     @cached_property
     def normals(self) -> Points:
-        """Inward unit normals of the flat walls: of the sides, then of floor and ceiling; float64, shape (walls, dimensions)."""
+        """Inward unit normals of the side walls, followed by those of floor and ceiling; float64, shape (walls, dimensions)."""
         along = np.roll(self.vertices, -1, axis=0) - self.vertices
         sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         if self.dimensions == 2:
@@ -89,23 +89,24 @@ class ConvexWorkspace(SteeringWorkspace):
 
     @cached_property
     def offsets(self) -> NDArray[np.float64]:
-        """Offsets of the flat walls: a point is inside if ``normals @ point >= offsets``; float64, shape (walls,)."""
+        """Offsets of the flat walls: a point is inside these walls if ``normals @ point >= offsets``; float64, shape (walls,)."""
         sides = np.sum(self.normals[: len(self.vertices), :2] * self.vertices, axis=1)
         return sides if self.dimensions == 2 or self.open_ends else np.concatenate([sides, [0.0, -self.height]])
 
     @cached_property
     def base(self) -> ConvexWorkspace:
-        """The polygon or disk that is the base of a prism or cylinder, or the workspace itself if it is plane."""
+        """The polygon or disk that is the base of the prism or cylinder; for a plane workspace, the workspace itself."""
         return ConvexWorkspace("disk" if self.round else "polygon", self.vertices, self.radius, self.center)
 
     @cached_property
     def differences(self) -> ConvexWorkspace:
         """The Δ configuration space: all differences of the positions of two particles in a plane workspace.
 
-        The differences form a polygon for a polygon, and a disk of twice the radius for a disk.
+        The position differences in a polygon form a polygon, and the position differences in a disk form a disk of twice the
+        radius.
 
-        For a polygon of n sides, the polygon of differences has 2n sides, minus two for each pair of parallel sides. Source: paper
-        W, section IV.A.
+        For a workspace with n sides, the polygon of differences has 2n sides, minus two for each pair of parallel sides. Source:
+        paper W, section IV.A.
 
         Examples
         --------
@@ -119,37 +120,37 @@ class ConvexWorkspace(SteeringWorkspace):
         return polygon(hull((self.vertices[:, None] - self.vertices[None]).reshape(-1, 2)))
 
     def wall_distances(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to each flat wall, negative for points outside; float64, shape (..., walls)."""
+        """Return the distance of each point from each flat wall, negative behind the wall; float64, shape (..., walls)."""
         return np.asarray(points, dtype=np.float64) @ self.normals.T - self.offsets
 
     def circle_distance(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return each point's distance to the round wall, negative for points outside.
+        """Return the distance of each point from the round wall, negative for points outside the wall.
 
-        Without a round wall, distances are infinite.
+        If the workspace has no round wall, all distances are infinite.
         """
         flat = np.asarray(points, dtype=np.float64)[..., :2] - self.center
         return np.asarray(self.radius - np.hypot(flat[..., 0], flat[..., 1])) if self.round else np.full(flat.shape[:-1], np.inf)
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest wall, negative for points outside; float64, shape (...)."""
+        """Return the distance of each point from the nearest wall, negative outside the workspace; float64, shape (...)."""
         walls = self.wall_distances(points)
         nearest = walls.min(axis=-1) if walls.shape[-1] else np.full(walls.shape[:-1], np.inf)
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return the extent of the workspace from its centre in the direction of a vector, multiplied by the vector's length."""
+        """Return the extent of the workspace from its centre in the direction of a vector, times the length of the vector."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))
         return float(side + (abs(vector[2]) * self.height / 2 if len(vector) == 3 else 0.0))
 
     def inset(self, margin: float) -> ConvexWorkspace:
-        """Return a plane workspace reduced by ``margin`` at every wall.
+        """Return a smaller copy of a plane workspace, in which every wall has moved inwards by ``margin``.
 
         Raises
         ------
         InvalidInputError
-            If no area is left, or the workspace is not plane.
+            If ``margin`` leaves no area, or if the workspace is not plane.
 
         Examples
         --------
@@ -177,12 +178,13 @@ class ConvexWorkspace(SteeringWorkspace):
 
 
 def polygon(vertices: ArrayLike) -> ConvexWorkspace:
-    """Return a convex polygon.
+    """Return a convex polygon as a workspace.
 
     Parameters
     ----------
     vertices : array_like of float, shape (n, 2)
-        Corners in either direction; see `shoal.steering.workspaces.convex_geometry.convex_outline` for the accepted outlines.
+        Corners of the polygon, clockwise or counter-clockwise. The function
+        `shoal.steering.workspaces.convex_geometry.convex_outline` describes the accepted outlines.
 
     Raises
     ------
@@ -200,14 +202,14 @@ def polygon(vertices: ArrayLike) -> ConvexWorkspace:
 
 
 def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
-    """Return a regular polygon around the origin with a horizontal lowest side.
+    """Return a regular polygon around the origin, whose lowest side is horizontal.
 
     Parameters
     ----------
     sides : int
-        Number of sides, at least 3.
+        Number of sides of the polygon, at least 3.
     radius : float
-        Radius of the circle through the corners.
+        Radius of the circle through the corners of the polygon.
 
     Raises
     ------
@@ -219,7 +221,7 @@ def regular_polygon(sides: int, *, radius: float = 0.5) -> ConvexWorkspace:
 
 
 def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorkspace:
-    """Return a disk.
+    """Return a disk as a workspace.
 
     Parameters
     ----------
@@ -236,7 +238,7 @@ def disk(radius: float = 0.5, *, center: ArrayLike = (0.0, 0.0)) -> ConvexWorksp
 
 
 def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
-    """Return the right prism over a polygon, or the cylinder over a disk, from z = 0 to ``height``.
+    """Return the right prism over a polygon, or the cylinder over a disk, between z = 0 and z = ``height``.
 
     Parameters
     ----------
@@ -245,7 +247,7 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
     height : float
         Height of the prism, above 0.
     open_ends : bool
-        Whether the prism has no end caps, like a tube.
+        Whether the prism is a tube without end caps.
 
     Raises
     ------
@@ -265,14 +267,14 @@ def prism(base: ConvexWorkspace, height: float, *, open_ends: bool = False) -> C
 
 
 def cylinder(radius: float, height: float, *, open_ends: bool = False) -> ConvexWorkspace:
-    """Return the cylinder around the z axis, from z = 0 to ``height``.
+    """Return the cylinder around the z axis, between z = 0 and z = ``height``.
 
     Parameters
     ----------
     radius, height : float
         Radius and height of the cylinder, above 0.
     open_ends : bool
-        Whether the cylinder has no end caps, like a tube.
+        Whether the cylinder is a tube without end caps.
 
     Raises
     ------

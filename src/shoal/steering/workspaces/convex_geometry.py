@@ -1,4 +1,4 @@
-"""Geometry of convex polygons: checks of outlines, counter-clockwise order, simplification, convex hulls and clipping."""
+"""Functions for convex polygons: checks of outlines, counter-clockwise order, simplification, convex hulls and clipping."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _STRAIGHT = 1e-12  # relative to the squared size: a corner with a smaller turn 
 def convex_outline(vertices: ArrayLike) -> Points:
     """Return the corners of a convex polygon in counter-clockwise order; float64, shape (n, 2).
 
-    The given vertices may be clockwise or counter-clockwise. The first vertex may be repeated at the end. Repeated vertices and
-    vertices on a straight side are left out.
+    The order of ``vertices`` may be clockwise or counter-clockwise. The last vertex may repeat the first vertex. The result leaves
+    out repeated vertices and vertices in the middle of a straight side.
 
     Raises
     ------
     InvalidInputError
-        If the outline is flat, crosses itself or is not convex. The message gives the index of the vertex in the input, counted
+        If the outline is flat, crosses itself or is not convex. The error message gives the number of the wrong vertex, counted
         from 1.
 
     Examples
@@ -63,9 +63,9 @@ def convex_outline(vertices: ArrayLike) -> Points:
 
 
 def hull(points: Points) -> Points:
-    """Return the corners of the convex hull of points, float64, shape (n, 2).
+    """Return the corners of the convex hull of ``points``; float64, shape (n, 2).
 
-    If all points lie on a line, the result is the two end points.
+    If all points lie on one line, the result consists of the two end points.
     """
     from shapely import MultiPoint
 
@@ -86,13 +86,13 @@ def clipped(corners: Points, normal: Points, most: float) -> Points:
 
 
 def signed_area(corners: Points) -> float:
-    """Return the area inside a ring of corners, negative if the corners are clockwise."""
+    """Return the area of the polygon with the given corners, negative if the corners are in clockwise order."""
     x, y = corners.T
     return float(0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
 
 
 def _thickness(corners: Points) -> float:
-    """Return the largest distance of the points from the line that fits them best."""
+    """Return the largest distance of a corner from the straight line that fits all corners best."""
     centred = corners - corners.mean(axis=0)
     return float(np.abs(centred @ np.linalg.svd(centred, full_matrices=False)[2][1]).max())
 

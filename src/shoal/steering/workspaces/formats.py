@@ -1,4 +1,4 @@
-"""Workspaces from names and from JSON, GeoJSON, WKT and SVG."""
+"""Functions that make workspaces from names and from JSON, GeoJSON, WKT and SVG."""
 
 from __future__ import annotations
 
@@ -39,26 +39,29 @@ _GEOJSON = ("Polygon", "MultiPolygon", "Feature", "FeatureCollection", "Geometry
 
 
 def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace:
-    """Return a workspace by name, from a file, from well-known text or from a JSON description.
+    """Return the workspace that a name, a file, a well-known text (WKT) or a JSON description defines.
 
     Parameters
     ----------
     source : str, path or dict
-        A name: ``square`` (side 1, from the origin), ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` or
-        ``regular:SIDES`` (around the origin, corners on a circle of radius 0.5), ``disk`` (radius 0.5) or ``disk:RADIUS``. A file:
-        ``.json`` (as in a problem file, or GeoJSON), ``.geojson``, ``.wkt``, or ``.svg``. In an SVG drawing the largest closed line
-        is the outline and the other lines are obstacles; units are those of the drawing, with the y axis upwards. Well-known text:
-        ``POLYGON ((0 0, ...))``. Or a dict as in a problem file, such as ``{"type": "polygon", "vertices": [...]}``.
+        A workspace name, the path of a workspace file, a well-known text such as ``POLYGON ((0 0, ...))``, or a dict as in a
+        problem file, such as ``{"type": "polygon", "vertices": [...]}``. The name ``square`` means a square with the side 1 and one
+        corner at the origin. The names ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` and ``regular:SIDES``
+        mean regular polygons around the origin, with corners on a circle of radius 0.5. The name ``disk`` means a disk of radius
+        0.5, and ``disk:RADIUS`` a disk of another radius. The suffix of a workspace file is ``.json`` (a problem file or GeoJSON),
+        ``.geojson``, ``.wkt`` or ``.svg``. In an SVG drawing, the largest closed line is the outline of the workspace, and the
+        other closed lines are obstacles. A workspace from an SVG drawing has the units of the drawing and a y axis that points
+        upwards.
 
     Returns
     -------
     ConvexWorkspace or Region
-        The workspace. The result is a region if the source has obstacles or the type "region".
+        The workspace, which is a `Region` if the source has obstacles or the type "region".
 
     Raises
     ------
     UnknownNameError, InvalidInputError
-        If the source is unknown or invalid. The message gives the location in the file.
+        If ``source`` is unknown or invalid. For a file, the error message gives the location in the file.
 
     Examples
     --------
@@ -80,7 +83,7 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
 
 
 def workspace_of(data: Any, *, where: str) -> Workspace:
-    """Return the workspace that parsed JSON or GeoJSON describes.
+    """Return the workspace that the parsed JSON or GeoJSON ``data`` describes.
 
     Raises
     ------
@@ -169,7 +172,7 @@ def _named(text: str) -> Workspace:
 
 
 def _read_workspace(source: Path) -> Workspace:
-    """Return the workspace in a file, which may also be a problem file."""
+    """Return the workspace that a workspace file or a problem file contains."""
     suffix, where = source.suffix.lower(), str(source)
     if suffix not in SUFFIXES:
         raise InvalidInputError(f"{source}: expected a workspace file ({', '.join(SUFFIXES)}), got the suffix {source.suffix!r}")
@@ -185,7 +188,7 @@ def _read_workspace(source: Path) -> Workspace:
 
 
 def _from_svg(text: str, *, where: str) -> Workspace:
-    """Return the workspace of a whole drawing, or of a path's ``d`` attribute."""
+    """Return the workspace that an SVG drawing, or the ``d`` attribute of an SVG path, describes."""
     if not text.lstrip("\ufeff \t\r\n").startswith("<"):
         return _from_rings(rings_of_path(text, where=where), where=where)
     drawn = read_drawing(text, where=where)
@@ -220,6 +223,6 @@ def _from_geometry(geometry: Any, *, where: str) -> Workspace:
 
 
 def _from_rings(rings: list[Any], *, where: str) -> Workspace:
-    """Return a polygon made of the first closed line, or a region in which the other lines are obstacles."""
+    """Return a workspace from closed lines: the first line is the outline, and the other lines are obstacles."""
     with errors_at(where):
         return region(rings[0], rings[1:]) if len(rings) > 1 else polygon(rings[0])

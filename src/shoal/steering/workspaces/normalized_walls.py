@@ -1,4 +1,4 @@
-"""The walls of a workspace as arrays for kernels, scaled to size 1 and centred."""
+"""The walls of a workspace as arrays for compiled functions, scaled to the workspace size 1 and centred."""
 
 from __future__ import annotations
 
@@ -17,27 +17,28 @@ _FAR = 1e-3  # relative to the size: at this distance a wall does not interfere 
 
 @dataclass(frozen=True, eq=False)
 class NormalizedWalls:
-    """The flat walls and the circle of a workspace, scaled to size 1.
+    """The flat walls and the round wall of a workspace, scaled to the workspace size 1.
 
     Parameters
     ----------
     frames : ndarray of float64, shape (walls, d, d)
         For each flat wall, its midpoint and d - 1 unit vectors along the wall.
     reaches : ndarray of float64, shape (walls,)
-        Half of each flat wall's largest extent along its unit vectors in ``frames``.
+        For each flat wall, half of its largest extent along its unit vectors in ``frames``.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
-        Which flat walls may interfere with a contact on a flat wall (one row for each) or on the circle (last row).
+        Which flat walls (columns) may interfere with a contact on each flat wall (rows), or with a contact on the round wall (last
+        row).
     circle : ndarray of float64, shape (3,)
-        Centre (x, y) and radius of the round wall, or zeros without a round wall.
+        Centre (x, y) and radius of the round wall; the radius is 0 if the workspace has no round wall.
     height : float
-        Height of a prism or cylinder.
+        Height of the prism or cylinder, in normalized units.
     scale : float
-        Length of one normalized unit.
+        Length of one normalized unit, in the workspace's unit of length.
     origin : ndarray of float64, shape (d,)
-        The origin of normalized coordinates in the workspace.
+        The point of the workspace that is the origin of the normalized coordinates.
     base : NormalizedWalls or None
-        The walls of the base in the plane, for a prism or a cylinder.
+        For a prism or a cylinder, the walls of its base in the plane.
     """
 
     frames: NDArray[np.float64]
@@ -53,43 +54,46 @@ class NormalizedWalls:
 
     @property
     def dimensions(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the workspace, 2 or 3."""
         return len(self.origin)
 
     @property
     def sides(self) -> int:
-        """Number of flat side walls."""
+        """Number of flat side walls, without floor and ceiling."""
         return len(self.normals) - (2 if self.dimensions == 3 and len(self.normals) and self.normals[-1, 2] < 0 else 0)
 
     @property
     def corners(self) -> Points:
-        """Start points of the side walls; float64, shape (sides, 2)."""
+        """Start points of the flat side walls in the plane; float64, shape (sides, 2)."""
         frames, d = self.frames[: self.sides], self.dimensions
         lengths = self.reaches[: self.sides] if d == 2 else self.base.reaches  # type: ignore[union-attr]  # there is one in space
         return np.asarray(frames[:, 0, :2] - lengths[:, None] * frames[:, 1, :2])
 
     @property
     def round(self) -> bool:
-        """Whether the workspace has a circle. The circle's wall index follows the index of the last flat wall."""
+        """Whether the workspace has a round wall.
+
+        The index of the round wall is the number of flat walls.
+        """
         return bool(self.circle[2] > 0)
 
     @property
     def shape(self) -> Shape:
-        """The walls, in the form that the kernels for chains use."""
+        """The walls as arrays for the compiled functions that optimize chains of contacts."""
         return Shape(self.frames, self.normals, self.offsets, self.circle, self.near)
 
     def normalized(self, points: Points) -> Points:
-        """Convert points of the workspace to normalized units."""
+        """Convert points from workspace coordinates to normalized coordinates."""
         return np.ascontiguousarray((points - self.origin) / self.scale)
 
     def restored(self, points: Points) -> Points:
-        """Convert points from normalized units to the workspace."""
+        """Convert points from normalized coordinates to workspace coordinates."""
         return points * self.scale + self.origin
 
 
 @lru_cache(maxsize=256)
 def normalize_walls(workspace: ConvexWorkspace) -> NormalizedWalls:
-    """Return the normalized walls of a workspace."""
+    """Return the walls of a workspace, scaled to the workspace size 1 and centred."""
     scale, origin = workspace.size, np.zeros(workspace.dimensions)
     origin[:2] = workspace.center
     offsets = (workspace.offsets - workspace.normals @ origin) / scale
@@ -103,7 +107,7 @@ def _with_frames(
     corners: Points, normals: Points, offsets: NDArray[np.float64], circle: NDArray[np.float64], height: float, scale: float,
     origin: Points, base: NormalizedWalls | None,
 ) -> NormalizedWalls:  # fmt: skip
-    """Return walls with frames: sides from each corner to the next, followed by the end caps."""
+    """Return the normalized walls: the sides from each corner to the next corner, followed by the end caps."""
     d, sides = len(origin), len(corners)
     frames, reaches = np.zeros((len(normals), d, d)), np.zeros(len(normals))
     near = ~np.eye(len(normals) + 1, len(normals), dtype=np.bool_)
@@ -128,10 +132,10 @@ def _with_frames(
 
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
-    """Return the walls with only ``count`` of the sides, or None if these sides enclose no area.
+    """Return the walls of a polygon with only ``count`` of its sides, or None if the chosen sides enclose no area.
 
-    The boundary is divided into ``count`` equal parts. The size of a part is the mean of its fraction of the length and its
-    fraction of the turning angle. The longest side of each part is kept.
+    The function divides the boundary of the polygon into ``count`` parts of equal size, and keeps the longest side of each part.
+    The size of a part is the mean of its fraction of the boundary's length and its fraction of the boundary's turning angle.
     """
     flat = walls.normals[: walls.sides, :2]
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)

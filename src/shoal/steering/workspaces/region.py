@@ -1,4 +1,4 @@
-"""Regions of any shape with obstacles, for planning by sampling."""
+"""Regions: workspaces of any shape with obstacles, for the planner sampling."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 @dataclass(frozen=True, eq=False)
 class Region(SteeringWorkspace):
-    """A workspace with obstacles: the points inside an outline and outside the obstacles. Use `region` to create it.
+    """A workspace with obstacles: the points inside an outline and outside the obstacles. The function `region` creates a Region.
 
     Parameters
     ----------
     outline : ndarray of float64, shape (n, 2)
         Corners of the outline, counter-clockwise.
     obstacles : tuple of ndarray of float64, each of shape (n, 2)
-        Corners of each obstacle, clockwise, so that the free side of every edge is on its left.
+        Corners of each obstacle, clockwise, so that the free space lies on the left of every edge.
     """
 
     outline: Points
@@ -40,7 +40,7 @@ class Region(SteeringWorkspace):
         return self.outline, *self.obstacles
 
     def depth(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return the distance of each point to the nearest edge, negative for points outside; float64, shape (...)."""
+        """Return the distance of each point from the nearest edge, negative for points outside the region; float64, shape (...)."""
         import shapely
 
         array = np.asarray(points, dtype=np.float64)
@@ -53,7 +53,7 @@ class Region(SteeringWorkspace):
 
 
 def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
-    """Return a region. The ``obstacles`` must lie inside the ``outline`` and must not touch each other.
+    """Return a workspace with obstacles, which must lie inside ``outline`` and must not touch each other.
 
     Raises
     ------

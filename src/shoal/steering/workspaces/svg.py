@@ -1,4 +1,4 @@
-"""Workspace outlines from SVG drawings and paths, in the drawing's units, with the y axis upwards."""
+"""Functions that read workspace outlines from SVG drawings and paths, in the drawing's units, with the y axis upwards."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # attr
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
-    """Return the closed lines of a path's ``d`` attribute, in which short sides approximate curves; each float64, shape (n, 2).
+    """Return the closed lines of an SVG path's ``d`` attribute, with curves as many short sides; each float64, shape (n, 2).
 
     Raises
     ------
@@ -38,11 +38,11 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
-    """Return the content of a drawing: a disk if it is a single circle, otherwise its closed lines, sorted by decreasing size.
+    """Return the content of an SVG drawing: a disk for a single circle, or else the closed lines, largest first.
 
-    The reader supports paths with arcs, polygons, polylines, rectangles, circles and ellipses. It also supports groups,
-    transforms and repeated elements (``use``). The reader skips elements that are not displayed. The units are those of the
-    drawing. The y axis points upwards.
+    The function reads paths (also with arcs), polygons, polylines, rectangles, circles and ellipses. The function also reads
+    groups, transforms and repeated elements (``use``). The function skips elements that are not displayed. The returned lines have
+    the units of the drawing and a y axis that points upwards.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def _check_size(text: str, where: str) -> None:
 
 
 def _check_elements(root: Tree.Element, where: str) -> None:
-    """Refuse a drawing that is nested too deeply, or too large after expanding all used elements."""
+    """Raise an error if a drawing is nested too deeply, or too large after the expansion of all repeated elements."""
     level, depth = [root], 0
     names: dict[str, Tree.Element] = {}
     while level:
@@ -109,7 +109,7 @@ def _refused(error: Exception, what: str, where: str) -> InvalidInputError:
 
 
 def _rings(shape: Any) -> list[Points]:
-    """Return the closed lines of a shape. Lines with fewer than three points are left out."""
+    """Return the closed lines of an SVG shape that have three or more points."""
     from svgelements import Close, Line, Move, Path
 
     rings: list[list[Points]] = []

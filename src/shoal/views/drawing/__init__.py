@@ -1,1 +1,1 @@
-"""Common drawing tools of all parts: a canvas for frames, the style of charts, curves with bands, and film encoding."""
+"""Drawing tools for all parts: a canvas for film frames, the style of charts, curves with confidence bands, and film encoding."""

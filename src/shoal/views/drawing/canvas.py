@@ -1,4 +1,4 @@
-"""A fast antialiased canvas for frames, based on matplotlib's renderer alone, without its figures and artists."""
+"""A fast antialiased canvas for film frames, which uses the renderer of matplotlib but not its figures and artists."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _CIRCLE = Path.unit_circle()
 
 
 class Canvas:
-    """A pixel canvas. x points to the right and y down, both in pixels."""
+    """A canvas of pixels, on which x points to the right and y points down, both in pixels."""
 
     def __init__(self, width: int, height: int, *, background: Colour = "#ffffff") -> None:
         self.width, self.height = width, height
@@ -37,15 +37,15 @@ class Canvas:
         self._kept[...] = self._pixels
 
     def clear(self) -> None:
-        """Restore the background."""
+        """Replace the drawing by the stored background."""
         self._pixels[...] = self._kept
 
     def frame(self) -> NDArray[np.uint8]:
-        """Return a copy of the drawing; uint8, shape (height, width, 3)."""
+        """Return a copy of the drawing as RGB pixels; uint8, shape (height, width, 3)."""
         return np.asarray(Image.fromarray(self._pixels).convert("RGB"))  # several times as fast as a slice
 
     def paint(self, pixels: NDArray[np.uint8]) -> None:
-        """Replace the drawing by a picture; uint8, shape (height, width, 3)."""
+        """Replace the drawing by the RGB picture ``pixels``; uint8, shape (height, width, 3)."""
         self._pixels[..., :3] = pixels
 
     def line(
@@ -58,13 +58,14 @@ class Canvas:
         closed: bool = False,
         dashes: tuple[float, ...] | None = None,
     ) -> None:
-        """Draw a line through points, shape (n, 2)."""
+        """Draw a line through ``points``, an array of shape (n, 2), in pixels."""
         self._draw(_path([np.asarray(points)], closed=closed), None, colour, width, alpha, dashes)
 
     def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
         """Draw several lines at once.
 
-        One call for all lines is faster than a call for each line, and does not darken crossings of transparent lines.
+        One call of ``lines`` is faster than one call of ``line`` for each line. One call of ``lines`` also does not darken the
+        points where transparent lines cross.
         """
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)
@@ -72,7 +73,10 @@ class Canvas:
     def area(
         self, rings: Sequence[ArrayLike], fill: Colour, *, alpha: float = 1.0, edge: Colour | None = None, width: float = 0
     ) -> None:
-        """Fill the inside of rings. Rings whose orientation is opposite to that of the outer ring are holes."""
+        """Fill the area inside closed lines (rings).
+
+        The first ring is the outer border, and rings with the opposite orientation are holes.
+        """
         kept = [np.asarray(ring) for ring in rings if len(np.asarray(ring))]
         if kept:
             self._draw(_path(kept, closed=True), fill, edge, width, alpha, None)
@@ -87,14 +91,14 @@ class Canvas:
         width: float = 0,
         alpha: float = 1.0,
     ) -> None:
-        """Draw a disc, or only its border if no fill colour is given."""
+        """Draw a disc, or only its border if ``fill`` is None."""
         x, y = np.asarray(place)
         self._draw(_CIRCLE.transformed(Affine2D().scale(radius).translate(x, y)), fill, edge, width, alpha, None)
 
     def text(self, place: ArrayLike, words: str, colour: Colour, size: float, *, bold: bool = False, align: float = 0.0) -> float:
-        """Write a text with its baseline at ``place``. ``align`` is 0 for left-aligned, 0.5 for centred, 1 for right-aligned.
+        """Write a text with its baseline at ``place``, and return the width of the text in pixels.
 
-        Return the text's width.
+        The text is left-aligned if ``align`` is 0, centred if ``align`` is 0.5, and right-aligned if ``align`` is 1.
         """
         if not words:
             return 0.0
@@ -105,7 +109,7 @@ class Canvas:
         return width
 
     def _outline(self, words: str, size: float, bold: bool) -> tuple[Path, float]:
-        """Return the outline of a text and its width, from a cache."""
+        """Return the outline of a text as a path, and the width of the text in pixels; a cache keeps known outlines."""
         known = self._words.get((words, size, bold))
         if known is None:
             font = FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")

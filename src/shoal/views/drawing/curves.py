@@ -1,4 +1,4 @@
-"""Charts with curves: means with confidence bands, published curves behind them, and numbers of frontier cells by move."""
+"""Charts with curves: means with confidence bands in front of published curves, and numbers of frontier cells over the moves."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Published:
-    """A published curve, or published points.
+    """A curve, or single points, that a paper has published.
 
     Parameters
     ----------
     x, mean : ndarray of float64, shape (n,)
     std : ndarray of float64, shape (n,), optional
-        Standard deviations, or NaN where none is published.
+        Published standard deviations, with NaN at points where the paper gives no standard deviation.
     points : bool
-        Whether to draw circles, because only single points of the curve are published.
+        Whether to draw circles instead of a curve, because the paper gives only single points.
     """
 
     x: Numbers
@@ -42,13 +42,13 @@ class Published:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """A curve of means.
+    """A curve of means with confidence intervals.
 
     Parameters
     ----------
     label : str
     x, mean, low, high : ndarray of float64, shape (n,)
-        Positions, means, and the ends of the confidence intervals.
+        Positions on the x axis, means, and the lower and upper ends of the confidence intervals.
     published : Published, optional
     """
 
@@ -62,7 +62,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class Labels:
-    """Title and axis labels of a chart."""
+    """Title, axis labels, legend text and note of a chart."""
 
     title: str
     x: str
@@ -72,12 +72,12 @@ class Labels:
 
 
 def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
-    """Return a figure of means with confidence bands. Published curves are grey, with a band of one standard deviation.
+    """Return a figure of means with confidence bands; published curves are grey, with a band of ± one standard deviation.
 
     Raises
     ------
     InvalidInputError
-        If there is no curve.
+        If ``curves`` is empty.
     """
     if not curves:
         raise InvalidInputError("curves: expected at least one curve, got none")
@@ -88,7 +88,7 @@ def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False,
 
 
 def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> None:
-    """Draw means with their bands on given axes; see `mean_curves`."""
+    """Draw means with confidence bands on given axes, as in `mean_curves`."""
     from matplotlib.ticker import LogLocator
 
     for curve, colour in zip(curves, COLOURS * len(curves), strict=False):
@@ -106,7 +106,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve], labels: Labels, *, log_x: b
 
 
 def add_note(figure: Figure, note: str) -> None:
-    """Write a note below a figure, or above the figure if its legend is below."""
+    """Write a note below a figure, or above the figure if the legend is below the figure."""
     note = fill(note, width=int(17 * figure.get_figwidth()))
     if note and figure.legends:
         figure.suptitle(note, fontsize=8, color=MUTED, x=0.01, ha="left")
@@ -115,7 +115,7 @@ def add_note(figure: Figure, note: str) -> None:
 
 
 def _behind(axes: Axes, published: Published | None, colour: str) -> None:
-    """Draw a published curve behind Shoal's curves."""
+    """Draw a published curve behind the curves that Shoal has computed."""
     if published is None:
         return
     if published.points:
@@ -132,7 +132,7 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
 
 
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
-    """Return lower and upper errors that a logarithmic axis can show."""
+    """Return lower and upper errors, with the lower errors limited so that a logarithmic axis can show them."""
     return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
 
 
@@ -168,22 +168,22 @@ def _key(axes: Axes, curves: Sequence[Curve], labels: Labels) -> None:
 def frontier_curves(
     groups: Mapping[str, Sequence[NDArray[np.int32]]], *, title: str, note: str = "", printed: Mapping[str, float] | None = None
 ) -> Figure:
-    """Return a figure of frontier cells against moves, with a thin line per trial and a thick median per group.
+    """Return a figure of the number of frontier cells over the moves, with a thin line for each trial and a thick median line.
 
-    Source: paper M, figure 8.
+    Source: figure 8 of paper M.
 
     Parameters
     ----------
     groups : mapping from name to arrays of int32, shape (moves + 1,)
-        Number of frontier cells before the first move and after each move.
+        For each named group of trials, the number of frontier cells before the first move and after each move of each trial.
     title, note : str
     printed : mapping from name to float, optional
-        Mean numbers of moves that a paper prints and that the figure marks.
+        For some groups, the mean number of moves that a paper prints; the figure marks this number.
 
     Raises
     ------
     InvalidInputError
-        If a group has no trial.
+        If a group contains no trial.
     """
     if not groups or not all(len(curves) for curves in groups.values()):
         raise InvalidInputError("frontier curves: expected at least one trial per group, got none")
@@ -208,7 +208,7 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of curves of different lengths as float64. Short curves are extended by zeros."""
+    """Return the median of curves of different lengths as float64, after an extension of short curves by zeros."""
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve

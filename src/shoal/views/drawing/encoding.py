@@ -30,7 +30,7 @@ _APART = 9  # minimum difference of two palette colours, because Pillow rounds c
 
 
 def check_film(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a film after checking its suffix.
+    """Check the suffix of a film's path, and return the path.
 
     Raises
     ------
@@ -43,7 +43,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) of a film: whole pixels per cell if possible, and even numbers, as video requires.
+    """Return (width, height) of a film in pixels: even numbers, as video requires, and if possible whole pixels per cell.
 
     Examples
     --------
@@ -58,7 +58,7 @@ def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
 
 
 def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> Iterator[Frame]:
-    """Yield the frames of a film, and report the progress."""
+    """Yield the frames of a film, and call ``on_frame`` after each frame to report the progress."""
     for done, frame in enumerate(frames, start=1):
         yield frame
         if on_frame is not None:
@@ -67,22 +67,22 @@ def counted(frames: Iterator[Frame], total: int, on_frame: OnFrame | None) -> It
 
 @dataclass(frozen=True, eq=False)
 class Clip(Generic[At]):
-    """A film to be encoded.
+    """A film before encoding: its frames, frame rate and size.
 
     Parameters
     ----------
     frames : callable
-        Function from moments to pictures; each picture is uint8 of shape (height, width, 3).
+        Function that yields a picture for each given moment; each picture is uint8 of shape (height, width, 3).
     moments : sequence
-        The moments of the film.
+        The moments that the film shows, one for each frame.
     rate : float
-        Frames per second.
+        Number of frames per second.
     side : int or None
-        Longer side of the film in pixels. Smaller pictures are enlarged. With None, the size of the pictures is kept.
+        Length of the film's longer side in pixels, to which smaller pictures are enlarged. None keeps the size of the pictures.
     quality : int
-        Constant rate factor of H.264.
+        Constant rate factor (CRF) of H.264; smaller values give a better quality.
     palette : bytes, optional
-        Colours of a GIF as red, green and blue bytes. With None, the colours are computed from a few frames.
+        Colours of a GIF as red, green and blue bytes. If ``palette`` is None, the encoder computes the colours from a few frames.
     """
 
     frames: Callable[[Sequence[At]], Iterator[Frame]]
@@ -94,7 +94,7 @@ class Clip(Generic[At]):
 
 
 def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | None) -> None:
-    """Write a film as GIF or H.264."""
+    """Write a film as GIF, or as MP4 with H.264."""
     frames, moments = counted(clip.frames(clip.moments), len(clip.moments), on_frame), clip.moments
     if gif:
         palette = clip.palette
@@ -107,9 +107,9 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 
 
 def palette_of(frames: list[Frame]) -> bytes:
-    """Return up to 256 colours, as bytes of red, green and blue, for a GIF of the given frames.
+    """Return up to 256 colours for a GIF of the given frames, as bytes of red, green and blue.
 
-    The palette contains the most frequent colours of the frames exactly.
+    The palette contains the most frequent colours of the frames without rounding.
     """
     from PIL import Image as Pillow
 
@@ -133,7 +133,10 @@ def _unpacked(colours: NDArray[np.uint32]) -> NDArray[np.uint8]:
 
 
 def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: bytes, side: int | None) -> None:
-    """Write uint8 frames of shape (H, W, 3) as a GIF. Small frames are enlarged to about ``side`` pixels, without interpolation."""
+    """Write uint8 frames of shape (H, W, 3) as a GIF.
+
+    The function enlarges small frames to about ``side`` pixels, without interpolation.
+    """
     from PIL import Image as Pillow
 
     colours = Pillow.new("P", (1, 1))
@@ -151,9 +154,9 @@ def write_gif(path: Path, frames: Iterator[Frame], rate: float, *, palette: byte
 
 
 def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | None, quality: int) -> None:
-    """Write frames as H.264 with a separate ffmpeg process. ``quality`` is ffmpeg's constant rate factor.
+    """Write frames as H.264 with a separate ffmpeg process, with the constant rate factor ``quality``.
 
-    The messages and the exit code of ffmpeg show whether the film is complete.
+    The function raises an error if the exit code of ffmpeg shows a failure.
     """
     first = next(frames)
     width, height = film_size(first.shape[0], first.shape[1], side)
@@ -185,7 +188,7 @@ def write_mp4(path: Path, frames: Iterator[Frame], rate: float, *, side: int | N
 
 
 def _encoder() -> str:
-    """Return the path of ffmpeg."""
+    """Return the path of the program ffmpeg."""
     import shutil
 
     from imageio_ffmpeg import get_ffmpeg_exe

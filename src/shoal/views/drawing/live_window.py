@@ -1,4 +1,4 @@
-"""LiveWindow: a window for pictures of a running episode."""
+"""LiveWindow: a window that shows pictures of a running episode."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class LiveWindow:
-    """A window with one picture. Without a display, the class shows nothing and raises no error."""
+    """A window that shows one picture; on a machine without a display, it shows nothing and raises no error."""
 
     def __init__(self, title: str) -> None:
         self._figure = plt.figure()
@@ -17,7 +17,7 @@ class LiveWindow:
         self._axes = self._figure.add_axes((0, 0, 1, 1))
 
     def show(self, picture: NDArray[np.uint8], *, pause: float) -> None:
-        """Show a uint8 picture of shape (height, width, 3), and wait for ``pause`` seconds."""
+        """Show a uint8 picture of shape (height, width, 3) in the window, and wait for ``pause`` seconds."""
         self._axes.clear()
         self._axes.set_axis_off()
         self._axes.imshow(picture)

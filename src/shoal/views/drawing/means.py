@@ -1,4 +1,4 @@
-"""The figure of a sweep: means with confidence intervals against its first numeric axis, or in one row per point."""
+"""The figure of a sweep: means with confidence intervals over its first numeric axis, or one row for each point of the sweep."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PointMean:
-    """The mean at one point of a sweep.
+    """The mean of a measure at one point of a sweep, that is, for one combination of axis values.
 
     Parameters
     ----------
     values : dict
-        Values of the axes by name.
+        Value of each sweep axis at the point, by the name of the axis.
     mean : float
     low, high : float
-        Ends of the confidence interval, or NaN for a single trial.
+        Lower and upper end of the mean's confidence interval, or NaN if the point has a single trial.
     """
 
     values: Mapping[str, Any]
@@ -37,15 +37,15 @@ class PointMean:
 
 
 def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Figure:
-    """Return the figure of a sweep's means.
+    """Return a figure of the means at all points of a sweep.
 
-    If an axis of the sweep has several numbers, it is the x axis, and each combination of the other axes has a line. Without an
-    axis of several numbers, each point has a row.
+    The first sweep axis with several numbers becomes the x axis, and each combination of values of the other axes becomes a line.
+    If no axis has several numbers, each point of the sweep becomes a row.
 
     Raises
     ------
     InvalidInputError
-        If there are no means.
+        If ``means`` is empty.
     """
     if not means:
         raise InvalidInputError("means: expected at least one mean, got none")
@@ -84,7 +84,7 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
 
 
 def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return the first numeric axis with several values, or None."""
+    """Return the name of the first numeric sweep axis with several values, or None."""
     for name in points[0]:
         found = {point[name] for point in points if isinstance(point[name], int | float) and not isinstance(point[name], bool)}
         if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):

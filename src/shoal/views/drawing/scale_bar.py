@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def bar_length(most: float) -> float:
-    """Return the largest number up to ``most`` that is 1, 2 or 5 times a power of ten.
+    """Return the largest number up to ``most`` that is 1, 2 or 5 times a power of 10.
 
     Examples
     --------
@@ -27,19 +27,19 @@ def bar_length(most: float) -> float:
 def draw_scale_bar(
     figure: Figure, axes: Axes, *, unit: str = "m", size: float = 1.0, north: float | None = None, above: float | None = None
 ) -> None:
-    """Draw a scale bar below the right end of a map, and a north arrow.
+    """Draw a scale bar near the right end of a map, and optionally a north arrow.
 
     Parameters
     ----------
     figure, axes : Figure, Axes
     unit : str
-        Unit of length, such as "m" or "mm".
+        Unit of length for the label of the bar, such as "m" or "mm".
     size : float
-        Length of one unit of the x axis in ``unit``.
+        Length that one unit of the x axis represents, in the unit ``unit``.
     north : float, optional
-        Direction of north from up, in degrees clockwise. With None, no arrow is drawn.
+        Direction of north in the drawing, in degrees clockwise from up. If ``north`` is None, the function draws no north arrow.
     above : float, optional
-        Position on the x axis at which the bar ends above the map. By default, the bar is below the map.
+        Position on the x axis at which a bar above the map ends. By default, the bar lies below the map.
     """
     from matplotlib.transforms import blended_transform_factory
 

@@ -1,9 +1,10 @@
-"""The player: a self-contained HTML page that plays an episode of any part.
+"""The player: a self-contained HTML page that plays an episode of swarm, steering or search.
 
-Styles, scripts and the page template are in ``shared/``, and files for a single part in the folder of that part. The page of a
-swarm episode simulates the episode from its start and its commands. Therefore the file is small: about 70 kB, of which the
-episode's data are a few kB. A page cannot simulate noise. Therefore the page of an episode with noise contains the observable data
-of each move. The pages of steering episodes and searches contain trajectories of straight segments.
+The folder ``shared/`` contains the page template, styles and scripts for all parts; the folders ``swarm/``, ``steering/`` and
+``search/`` contain the files for one part. The player page of a swarm episode simulates the episode from the start and the commands
+of the particles. Therefore the page of a swarm episode is small: about 70 kB, of which the data of the episode take a few kB. A
+player page cannot simulate noise, so the page of an episode with noise contains the observable data of each move. The player pages
+of steering episodes and of searches contain trajectories that consist of straight segments.
 """
 
 from __future__ import annotations
@@ -22,32 +23,32 @@ _FRAME = ("shared/hands.js", "shared/desk.js", "{part}/player.js")
 
 
 def render(part: str, data: Mapping[str, Any]) -> str:
-    r"""Return the text of a page that plays an episode.
+    r"""Return the HTML text of a page that plays an episode.
 
     Parameters
     ----------
     part : str
-        "swarm", "steering" or "search".
+        Part of Shoal to which the episode belongs: "swarm", "steering" or "search".
     data : mapping
-        The episode in a form for JSON, from the part's ``page_data``: `shoal.views.swarm.page.page_data`,
-        `shoal.views.steering.page.page_data` or `shoal.views.search.page.page_data`.
+        The episode as JSON data, from the function `shoal.views.swarm.page.page_data`, `shoal.views.steering.page.page_data` or
+        `shoal.views.search.page.page_data`.
 
     Returns
     -------
     str
-        An HTML document with inline styles, scripts and data. The page loads no other files, because its content security policy
-        forbids it.
+        An HTML document with inline styles, scripts and data. The content security policy of the document forbids the loading of
+        other files.
 
     Raises
     ------
     TypeError
-        If a value cannot be represented in JSON.
+        If ``data`` contains a value that JSON cannot represent.
     ValueError
-        If a number is not finite.
+        If ``data`` contains a number that is not finite.
 
     Notes
     -----
-    The data are not checked here. A page with invalid data opens and shows an error of one sentence.
+    The function does not check ``data``. A page with invalid data opens and shows an error message of one sentence.
 
     Examples
     --------
@@ -69,20 +70,20 @@ def render(part: str, data: Mapping[str, Any]) -> str:
 
 
 def served_page(part: str, *, volume: bool = False, recorded: bool = False, more: tuple[str, ...] = (), files: str = "") -> str:
-    """Return the player's page for a server, without an episode.
+    """Return a player page without an episode, for a server.
 
-    The styles and scripts of the page are links to addresses that begin with ``files``. A script supplies the episode, even while
-    the episode runs.
+    The page links its styles and scripts at addresses that begin with ``files``. One of the scripts in ``more`` must supply the
+    episode, which may still be running.
 
     Parameters
     ----------
     part : str
     volume, recorded : bool
-        For a swarm: whether the map is 3-D, and whether there is noise.
+        Only for swarm episodes. ``volume``: whether the map is 3-D. ``recorded``: whether the episode has noise.
     more : tuple of str
-        Addresses of additional styles and scripts.
+        Addresses of additional styles and scripts for the page.
     files : str
-        Base address of this package's files, with a slash at its end.
+        Base address of the files of the package ``shoal.views.player``, with a slash at its end.
 
     Examples
     --------
@@ -102,7 +103,7 @@ def served_page(part: str, *, volume: bool = False, recorded: bool = False, more
 
 
 def files_of(part: str, *, volume: bool = False, recorded: bool = False) -> tuple[list[str], list[str]]:
-    """Return the names of the styles and scripts of a player. See `served_page` for the parameters."""
+    """Return the file names of the styles and the scripts of a player page; `served_page` explains the parameters."""
     if part != "swarm":
         scripts = [name.format(part=part) for name in (*_TRAJECTORIES, *_FRAME)]
         colours = ["search/colours.css"] if part == "search" else []
@@ -123,5 +124,5 @@ def _page(part: str, volume: bool, parts: Mapping[str, str]) -> str:
 
 
 def _read(file: str) -> str:
-    """Return the text of a file in this package."""
+    """Return the text of a file in the package ``shoal.views.player``."""
     return resources.files(__name__).joinpath(file).read_text(encoding="utf-8")

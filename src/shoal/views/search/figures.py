@@ -1,4 +1,4 @@
-"""Figures of a search: the routes of the robots on the region."""
+"""Figures of a search: the routes of the robots in the search region."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ _ARROWS = 14  # maximum number of arrows on a route
 
 
 def routes_figure(episode: SearchEpisode) -> Figure:
-    """Return the figure of a search: the region and the path of each robot in its colour.
+    """Return a figure of a search: the region, and the path of each robot in the colour of the robot.
 
-    A square with a number marks a robot's start, a cross the place where the robot failed, and a diamond a finding with its
-    confidence. A cell has the colour of the robot that searched it first. Cells that a robot searched for another robot are darker
-    and have an outline. Paths through cells that were searched for another robot are thicker. Paths to distant cells are thin and
-    dashed. Unseen areas are red.
+    A square with a number marks the start of a robot, a cross marks the place where a robot failed, and a diamond marks a finding
+    with its confidence. Each cell has the colour of the robot that searched the cell first. Cells that a robot searched in another
+    robot's part are darker and have an outline. The path of a robot is thicker in another robot's part. Paths to distant cells are
+    thin and dashed. Areas that no robot has seen are red.
     """
     history = SearchHistory(episode)
     left, right, bottom, top = history.sides
@@ -76,7 +76,7 @@ def _summary(episode: SearchEpisode) -> str:
 
 
 def _draw_ground(axes: Axes, history: SearchHistory) -> None:
-    """Draw the cells in the colours of the robots that searched them, and over the cells the region with its holes."""
+    """Draw each cell in the colour of the robot that searched it, and then the border and the holes of the region."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import to_rgb
     from matplotlib.patches import PathPatch
@@ -106,15 +106,15 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return a path that contains the points surrounded by an odd number of rings: the outer frame without the parts."""
+    """Return a path around the points that lie inside an odd number of closed lines: the outer frame without the parts."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 
 
 def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float64]:
-    """Return the colour of each cell at a given time, by tour index; white for unsearched cells; float64, shape (n, 3).
+    """Return the RGB colour of each cell at a given time, in the order of the tour; float64, shape (n, 3).
 
-    A discovered obstacle has its own colour.
+    An unsearched cell is white, and a discovered obstacle has the colour `OBSTACLE`.
     """
     from matplotlib.colors import to_rgb
 
@@ -127,7 +127,7 @@ def cell_colours(history: SearchHistory, time: float = inf) -> NDArray[np.float6
 
 
 def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> None:
-    """Draw the path of a robot. ``side`` is the side of a cell in points."""
+    """Draw the path of a robot; ``side`` is the side of a cell in points (1/72 inch)."""
     from matplotlib.collections import LineCollection
 
     episode, colour = history.episode, robot_colour(robot)
@@ -159,14 +159,14 @@ def _draw_route(axes: Axes, history: SearchHistory, robot: int, side: float) -> 
 
 
 def _draw_unfinished(axes: Axes, history: SearchHistory, robot: int) -> None:
-    """Draw the path of a robot that failed before it searched any cell."""
+    """Draw the path of a robot that failed before it had searched a cell."""
     way = history.trajectories[robot].points
     if len(way) > 1:
         axes.plot(*way.T, color=robot_colour(robot), lw=0.8, ls=(0, (3, 1.8)), zorder=3)
 
 
 def _draw_arrows(axes: Axes, pieces: NDArray[np.float64], colour: str, size: float) -> None:
-    """Draw arrowheads on parts of a path, with a distance between them."""
+    """Draw arrowheads at regular distances on a path."""
     from matplotlib.collections import PolyCollection
 
     lengths = np.hypot(*(pieces[:, 1] - pieces[:, 0]).T)
@@ -212,7 +212,7 @@ def _label(axes: Axes, words: str, place: Any, offset: tuple[float, float]) -> N
 def _draw_robots(axes: Axes, history: SearchHistory) -> None:
     """Draw the starts of the robots, and the places where robots failed.
 
-    The numbers of starts that are close together are moved apart, and lines connect them with the starts.
+    If several starts are close together, the function moves their numbers apart and connects each number with its start by a line.
     """
     places = history.on_picture(history.episode.plan.places)
     points_a_pixel = 72 / axes.figure.dpi
@@ -240,7 +240,7 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
 
 
 def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
-    """Return points moved apart until any two of them are at least about ``least`` apart; float64, shape (n, 2).
+    """Move points apart until all distances between two points are about ``least`` or more; float64, shape (n, 2).
 
     Examples
     --------
@@ -261,7 +261,7 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
 
 
 def _not_seen(history: SearchHistory) -> Any:
-    """Return the areas, in drawing coordinates and without obstacles, that were not seen in at least one layer."""
+    """Return the areas that no robot has seen in at least one layer, without obstacles, in drawing coordinates."""
     import shapely
 
     panels, episode = history.panels, history.episode

@@ -1,4 +1,4 @@
-"""Frames of search films: moving robots, searched cells, failed robots and takeovers."""
+"""Frames for films of searches: moving robots, searched cells, failed robots and takeovers."""
 
 from __future__ import annotations
 
@@ -28,20 +28,20 @@ _FLASH = 40  # duration of a takeover's growing rings as a fraction of the film:
 
 
 def clip_of(episode: SearchEpisode, suffix: str) -> Clip[float]:
-    """Return the film of a search, for a GIF or H.264."""
+    """Return the film of a search, ready for encoding as GIF or H.264."""
     film = SearchFilm(episode, height=HEIGHT[suffix])
     times = film.times(RATE[suffix], LONGEST[suffix])
     return Clip(film.frames, times, RATE[suffix], max(film.width, film.height), quality=22)
 
 
 class SearchFilm:
-    """The frames of a film.
+    """The frames for a film of a search.
 
     Parameters
     ----------
     episode : SearchEpisode
     height : int
-        Height of the film in pixels.
+        Height of each frame in pixels.
     """
 
     def __init__(self, episode: SearchEpisode, *, height: int = 720) -> None:
@@ -63,9 +63,9 @@ class SearchFilm:
         self._outlines = [list(self._at(self.history.outline(robot))) for robot in range(self.history.n_robots)]
 
     def times(self, rate: float, longest: int) -> list[float]:
-        """Return the times of the frames in units of the time that a robot of speed 1 needs for one cell.
+        """Return the times of the frames, in cell times (the time that a robot of speed 1 needs for one cell).
 
-        The final time is repeated.
+        The last frames repeat the final time, so that the film pauses at its end.
         """
         seconds = float(np.clip(self.history.end / 8, _SHORTEST, SECONDS))
         rest = round(_REST * rate)
@@ -73,7 +73,7 @@ class SearchFilm:
         return [*np.linspace(0, self.history.end, count).tolist(), *[self.history.end] * rest]
 
     def frames(self, times: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the picture at each time; uint8, shape (height, width, 3)."""
+        """Yield the picture of the search at each time; uint8, shape (height, width, 3)."""
         self._draw_background()
         drawn = -1.0
         for time in times:
@@ -89,7 +89,10 @@ class SearchFilm:
         return np.asarray((points - (left, top)) * (self._scale, -self._scale) + self._corner)
 
     def _pixels(self) -> NDArray[np.int64]:
-        """Return the cell number of each pixel, or the number of cells outside; int64, shape (height, width)."""
+        """Return the number of the cell at each pixel; int64, shape (height, width).
+
+        For a pixel outside all cells, the value is the total number of cells.
+        """
         panels, (left, _, _, top) = self.history.panels, self.history.extent
         corner = self._at(np.array([left, top]))
         rows, cols = (
@@ -112,7 +115,7 @@ class SearchFilm:
         self._draw_cells(-1.0)
 
     def _draw_cells(self, time: float) -> None:
-        """Draw the cells, mask their parts outside the region, and store the result as the background of the next frames."""
+        """Draw the cells without their parts outside the region, and store the drawing as the background of the next frames."""
         colours = np.rint(255 * np.vstack([cell_colours(self.history, time), (1.0, 1.0, 1.0)])).astype(np.uint8)
         canvas = self._canvas
         canvas.paint(np.where((self._label < self.history.n_cells)[..., None], colours[self._label], self._plain))
@@ -177,7 +180,7 @@ class SearchFilm:
         canvas.text(place + np.array((0, 0.37 * size)), str(robot + 1), colour if idle else "#ffffff", size, bold=True, align=0.5)
 
     def _draw_foot(self, time: float, now: list[Activity]) -> None:
-        """Draw the clock, the searched fraction, and the activities of the robots."""
+        """Draw the foot of a frame: the clock, the searched fraction, and the number of robots in each activity."""
         canvas, unit, history = self._canvas, self._unit, self.history
         level, left, right = self.height - 26 * unit, 32 * unit, self.width - 32 * unit
         done = history.searched(time)
@@ -200,6 +203,6 @@ class SearchFilm:
 
 
 def _current(activities: tuple[Activity, ...], time: float) -> Activity:
-    """Return the activity of a robot at a time."""
+    """Return the activity of a robot at the time ``time``."""
     found = [activity for activity in activities if activity.begin <= time]
     return found[-1] if found else Activity(0.0, inf, "listening")

@@ -1,4 +1,4 @@
-"""The history of a search episode for drawing: positions over time, the robot of each cell, and activities of robots."""
+"""The history of a search episode for drawing: the positions and activities of each robot over time, and the robot of each cell."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ ROBOTS = (
 
 
 def robot_colour(robot: int) -> str:
-    """Return the colour of the robot with a given index, from 0.
+    """Return the colour of the robot with the index ``robot``, counted from 0.
 
-    The twelve colours repeat. Robots of the same colour differ by their numbers.
+    More than twelve robots share the twelve colours; drawings tell robots of the same colour apart by their numbers.
     """
     return ROBOTS[robot % len(ROBOTS)]
 
@@ -41,12 +41,12 @@ class Activity:
     Parameters
     ----------
     begin, end : float
-        Times in units of the time that a robot of speed 1 needs for one cell.
+        Start and end of the period, in cell times (the time that a robot of speed 1 needs for one cell).
     kind : str
         "listening", "own" (searching its own part), "taken" (searching the part of another robot), "waiting", "paused", "dead" or
         "complete".
     other : int
-        Number of the robot to which the part belongs, or 0 if it belongs to no other robot.
+        Number of the other robot whose part the robot searches, or 0 in all other activities.
     """
 
     begin: float
@@ -56,9 +56,10 @@ class Activity:
 
 
 class SearchHistory:
-    """An episode with derived data for drawing.
+    """A search episode with additional data for drawing.
 
-    The parts of the tour are computed as if all robots knew one another. A robot that was dead from the beginning has no part.
+    The class computes the robots' parts of the tour as if all robots knew about each other. A robot that is dead from the beginning
+    has no part.
     """
 
     def __init__(self, episode: SearchEpisode) -> None:
@@ -69,17 +70,18 @@ class SearchHistory:
 
     @cached_property
     def end(self) -> float:
-        """Time of the last event in units of the time that a robot of speed 1 needs for one cell; above 0."""
+        """Time of the last event of the search, in cell times (the time that a robot of speed 1 needs for one cell); above 0."""
         moments = [state[0] for log in self.episode.trace.robots for state in log.states]
         moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
 
     @cached_property
     def owners(self) -> tuple[Numbers, dict[int, int]]:
-        """The number of the robot to whose part each cell belongs (0: none), by tour index, and the rank of each robot.
+        """The owner of each cell in the order of the tour, and the rank of each robot.
 
-        A robot's rank is its position, from 0, in the order of the robots along the tour. The keys of the ranks are the robots'
-        numbers.
+        The owner of a cell is the number of the robot whose part contains the cell, or 0 if no part contains the cell. The rank of
+        a robot is its position in the order of the robots along the tour, counted from 0. The dictionary of the ranks has the
+        numbers of the robots as keys.
         """
         episode, tour_cost, scenario = self.episode, self.episode.plan.tour_cost, self.episode.scenario
         owner = np.zeros(self.n_cells, dtype=np.int64)
@@ -99,15 +101,15 @@ class SearchHistory:
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
     def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the planned arcs of the robot with a given index, from 0."""
+        """Return the planned arcs of the tour for the robot with the index ``robot``, counted from 0."""
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """For each stop of a robot, return the robot to whose part the cell belongs, or 0 for own work; int64, shape (k,).
+        """Return, for each stop of a robot, the number of the other robot whose part it searches, or 0; int64, shape (k,).
 
-        Work is own if the cell belongs to the robot's own part. With a footprint wider than one cell, a stop counts as own work if
-        the robot sees any new cell of its own part there. If the robot sees no new cell of its own part, the part with the most
-        newly seen cells counts.
+        The value is 0 if the cell of the stop belongs to the robot's own part. For a footprint wider than one cell, the value is 0
+        if the robot sees at least one new cell of its own part at the stop. If a wide footprint shows no new cell of the own part,
+        the value refers to the part with the most newly seen cells.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -128,9 +130,9 @@ class SearchHistory:
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """For each cell, the time of its first search (or inf), and the number of the robot that made this search (or 0).
+        """For each cell, the time of its first search (infinity for none), and the number of the searching robot (0 for none).
 
-        Searches by robots with the fault `Liar` do not count.
+        A search by a robot with the fault `Liar` does not count.
         """
         times, by = np.full(self.n_cells, inf), np.zeros(self.n_cells, dtype=np.int64)
         for number, log in enumerate(self.episode.trace.robots, start=1):
@@ -141,13 +143,13 @@ class SearchHistory:
         return times, by
 
     def seen_at(self, robot: int) -> Floats:
-        """Return the increasing times at which a robot first saw the cells that it searched; float64, shape (k,)."""
+        """Return, in increasing order, the time at which a robot first saw each cell that it searched; float64, shape (k,)."""
         log = self.episode.trace.robots[robot]
         return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """Whether the robot that searched a cell first had taken it over from another robot; bool, by tour index."""
+        """For each cell, in tour order, whether the robot that searched it first had taken it over from another robot; bool."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]
@@ -156,16 +158,16 @@ class SearchHistory:
         return found
 
     def searched(self, time: float) -> int:
-        """Return the number of cells that were searched up to a given time."""
+        """Return the number of cells that robots have searched up to a given time."""
         return int(np.count_nonzero(self.first[0] <= time))
 
     def death(self, robot: int) -> float:
-        """Return the time at which a robot failed, or infinity."""
+        """Return the time at which a robot failed, or infinity if it never failed."""
         return death_of(self.episode.trace.robots[robot])
 
     @cached_property
     def activities(self) -> tuple[tuple[Activity, ...], ...]:
-        """The activities of each robot."""
+        """The activities of each robot in the order of time."""
         return tuple(tuple(self._activities(robot)) for robot in range(self.n_robots))
 
     def _activities(self, robot: int) -> list[Activity]:
@@ -183,59 +185,61 @@ class SearchHistory:
 
     @cached_property
     def trajectories(self) -> tuple[RobotTrajectory, ...]:
-        """The trajectory of each robot in the coordinates of `on_picture`."""
+        """The trajectory of each robot in drawing coordinates (see `on_picture`)."""
         found = (self.ways.trajectory(robot) for robot in range(self.n_robots))
         return tuple(RobotTrajectory(one.times, self.on_picture(one.points)) for one in found)
 
     def on_picture(self, points: Floats) -> Floats:
-        """Return points of the region in drawing coordinates in metres, in which rows of cells are horizontal.
+        """Convert points of the region to drawing coordinates in metres, in which the rows of cells are horizontal.
 
-        A third column of the points contains the layer. Points without a third column are in the lowest layer.
+        A third column of ``points`` contains the layer of each point. If ``points`` has two columns, all points are in the lowest
+        layer.
         """
         return self.panels.place(points[:, :2], points[:, 2] if points.shape[1] == 3 else np.zeros(len(points)))
 
     @cached_property
     def panels(self) -> LayerPanels:
-        """The panels of the drawing, one for each layer."""
+        """The panels of the drawing, one for each layer of cells."""
         return LayerPanels(self.episode.plan)
 
     @cached_property
     def ways(self) -> RobotWays:
-        """The paths of the robots."""
+        """The paths of all robots."""
         return RobotWays(self.episode)
 
     @property
     def circle(self) -> float:
-        """Radius in metres of the circles in which a fixed wing waits, or 0 for other vehicles."""
+        """Radius, in metres, of the circles in which a fixed-wing aircraft waits; 0 for other vehicles."""
         return self.episode.plan.vehicle.ground_radius
 
     @property
     def north(self) -> float | None:
-        """Direction of north in the drawing, in degrees clockwise from up, or None for a region without a position on Earth."""
+        """Direction of north in the drawing, in degrees clockwise from up; None for a region without a position on Earth."""
         return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle
 
     def place_of(self, finding: Finding) -> Floats:
-        """Return the drawing position of a finding; float64, shape (2,)."""
+        """Return the position of a finding in drawing coordinates, in metres; float64, shape (2,)."""
         plan = self.episode.plan
         place = plan.positions([finding.cell])[:, :2]
         return np.asarray(self.panels.place(place, plan.tour.cells[[finding.cell], 0])[0])
 
     def raster(self, values: Any, empty: Any) -> Any:
-        """Return the value of each square of the panels.
+        """Return the value of each square in the drawing.
 
-        ``values`` has one value per cell, in tour order. Squares without a cell get the value ``empty``.
+        The array ``values`` contains one value for each cell, in the order of the tour. A square without a cell gets the value
+        ``empty``.
         """
         values = np.asarray(values)
         return np.concatenate([values, np.full((1, *values.shape[1:]), empty, dtype=values.dtype)])[self.panels.numbers]
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of the cells in the drawing, in metres."""
+        """The left, right, bottom and top edges of all cells in the drawing, in metres."""
         return self.panels.extent
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside the region."""
+        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside."""
         left, right, bottom, top = self.extent
         x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
         seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))
@@ -243,7 +247,7 @@ class SearchHistory:
         return seen[0] - beyond, seen[1] + beyond, seen[2] - beyond, seen[3] + beyond
 
     def outline(self, robot: int) -> Floats:
-        """Return the border of the cells that a robot searched for others, as segments in metres; shape (k, 2, 2)."""
+        """Return the border of all cells that a robot searched in other robots' parts, as segments in metres; shape (k, 2, 2)."""
         mask = self.raster((self.first[1] == robot + 1) & self.taken, False)
         left, _, _, top = self.extent
         size = self.panels.step
@@ -262,7 +266,7 @@ def _earliest(seen: tuple[Numbers, ...], log: RobotLog) -> tuple[Numbers, Floats
 
 
 def _add_searching(found: list[Activity], begin: float, end: float, times: Floats, others: Numbers) -> None:
-    """Add the searching activities of a robot between two times, one activity per part."""
+    """Add to ``found`` the searching activities of a robot between two times, one activity for each searched part."""
     bounds = np.flatnonzero(np.diff(others)) if len(others) else np.zeros(0, dtype=np.int64)
     owners = [int(others[k]) for k in (*bounds, -1)] if len(others) else [0]
     ends = [*(float(times[k]) for k in bounds), end]

@@ -1,4 +1,4 @@
-"""A folder of missions: mission files, their map, and the check report."""
+"""A folder of missions: the mission files, a map of the missions, and a check report."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ MAP = "map.png"
 
 
 class MissionFolder:
-    """A folder for the missions of a plan. The missions assume that no fault occurs.
+    """A folder for the missions of a search plan; the missions assume that no robot has a fault.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an option is invalid, or a rover would have to leave the region. The error is raised before any planning.
+        If an option is invalid, or if a rover would have to leave the region. The constructor raises the error before any planning.
     """
 
     def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:
@@ -45,7 +45,7 @@ class MissionFolder:
         self.terrain = None if options.terrain is None else open_terrain(Path(options.terrain))
 
     def plan(self, plan: SearchPlan) -> None:
-        """Create the missions of a plan."""
+        """Create the missions of a search plan."""
         given, region = self.given, plan.grid.region
         self.missions = plan_missions(
             plan,
@@ -60,7 +60,7 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
-        """Run the search with the delays of the missions, which keep the vehicles apart."""
+        """Run the search with the start delays of the missions, which keep the vehicles apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
@@ -71,7 +71,10 @@ class MissionFolder:
         return run(problem, seed=seed, plan=plan)
 
     def write(self, plan: SearchPlan) -> list[Path]:
-        """Create the missions of a plan if necessary, and write them with their map. Return the files."""
+        """Write the missions of a search plan and their map; return the paths of the written files.
+
+        The method first creates the missions if necessary.
+        """
         if not self.missions:
             self.plan(plan)
         written = write_missions(self.missions, self.folder, formats=self.given.format or None)
@@ -79,7 +82,7 @@ class MissionFolder:
         return [*written, self.folder / MAP]
 
     def report(self, plan: SearchPlan) -> dict[str, Any]:
-        """Return the summary of the missions for JSON."""
+        """Return a summary of the missions as JSON data."""
         kept, near = self.given.kept_apart, self.approach
         return {
             "sorties": len(self.missions),
@@ -102,7 +105,10 @@ class MissionFolder:
 
 
 def write_check(result: MissionCheck, folder: Path, *, drawn: bool = True) -> list[Path]:
-    """Write a check report, the uncovered area if coverage was measured, and the map if requested. Return the files."""
+    """Write the report of a mission check, and return the paths of the written files.
+
+    The function also writes the uncovered area if the check has measured the coverage, and a map if ``drawn`` is true.
+    """
     written = [folder / "check.json"]
     write_json(written[0], result.report())
     if result.coverage is not None:

@@ -1,4 +1,4 @@
-"""The map of missions: all paths by altitude, launch and rally points, zones, fence and nearest approach."""
+"""The map of missions: all paths coloured by altitude, launch and rally points, no-go zones, fence and nearest approach."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ _LONG = 0.02  # relative to all paths: level stretches whose altitude has its ow
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return the map of missions, with one colour for each altitude, and a different lightness for each robot.
+    """Return a figure with the map of missions, with one colour for each altitude and one lightness for each robot.
 
-    A triangle marks a launch point, a square a landing point, and a cross in a ring a rally point. Hatched red areas are no-go
-    zones, and the dotted line is the fence. A black ring marks the nearest approach.
+    A triangle marks a launch point, a square marks a landing point, and a cross in a ring marks a rally point. Hatched red areas
+    are no-go zones, and the dotted line is the fence. A black ring marks the nearest approach of two vehicles.
 
     Parameters
     ----------
     missions : sequence of Mission
-        The missions, in degrees if the region is in degrees.
+        The missions to draw, with coordinates in degrees if the region is in degrees.
     region : SearchRegion
     approach : MissionApproach, optional
     """
@@ -93,7 +93,7 @@ def _draw_region(axes: Axes, region: SearchRegion) -> None:
 
 
 def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
-    """Return the altitudes of all waypoints. An altitude of a short stretch, as of a climb, counts as the nearest of a long one."""
+    """Return the altitude of each waypoint, but replace altitudes of short stretches by the nearest altitude of a long stretch."""
     levels = [np.round(mission.levels, 1) for mission in missions]
     legs = [np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T) for way, ups in zip(ways, levels, strict=True)]
     flat = [np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)]
@@ -105,7 +105,7 @@ def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
 
 
 def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], circles: Sequence[Any], levels: Sequence[Any]) -> None:
-    """Draw the paths: solid between the first and the last waypoint, dashed from home and to the end, and circles at the end."""
+    """Draw the mission paths: solid between waypoints, dashed from home and to the landing point, with circles for loitering."""
     heights = sorted({*np.concatenate(levels).tolist()})
     flying = {height: sorted({one.robot for one, ups in zip(missions, levels, strict=True) if height in ups}) for height in heights}
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
@@ -133,7 +133,7 @@ def _shade(colour: str, share: float) -> tuple[float, ...]:
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
-    """Draw each launch, landing and rally point once, with the numbers of the robots that start there."""
+    """Draw each launch, landing and rally point once, and beside each launch point the numbers of its robots."""
     placed = np.array if region.frame is None else region.frame.to_metres
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:
@@ -154,7 +154,7 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
 
 
 def _numbers(robots: list[int]) -> str:
-    """Return numbers as text: 1-4, 6."""
+    """Return the numbers of robots as a short text, such as 1-4, 6."""
     runs: list[list[int]] = []
     for robot in robots:
         if runs and robot == runs[-1][-1] + 1:

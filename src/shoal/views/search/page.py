@@ -1,4 +1,4 @@
-"""The player's data of a search."""
+"""The data of a search for the player page."""
 
 from __future__ import annotations
 
@@ -28,38 +28,43 @@ def player_page(episode: SearchEpisode) -> str:
     Raises
     ------
     InvalidInputError
-        If the search is too large for a browser.
+        If the data of the search are too large for a browser.
     """
     return render("search", page_data(episode))
 
 
 def page_data(episode: SearchEpisode) -> dict[str, object]:
-    """Return the data of the page for JSON. Arrays in the data are base64 texts of little-endian numbers.
+    """Return the data of a search for the player page, as JSON data with arrays as base64 texts of little-endian numbers.
 
     Returns
     -------
     dict
-        - ``title``, ``tour``, ``allocation``, ``version`` : str; ``seed``, ``takeovers``, ``cells`` : int; ``cellTime`` : float,
-          seconds.
-        - ``end``, ``covered`` : times in cell times of the last event, and of the complete search (None if it never was complete).
-        - ``box`` : left, bottom, right and top of all squares. ``shape`` : rows and columns of squares. ``size`` : side of a
-          square, usually a cell's; ``cellSize`` is the side of a cell. ``labels`` : [text, x, y] above each of several layers.
-        - ``parts`` : polygons, each a list of rings.
-        - ``first`` : time of the first search of each searched square, float32, increasing. ``searched`` : the same for cells, if
-          cells are not squares. ``by``, ``where``, ``taken`` : the searching robot (uint16), row * columns + column (uint32), and
-          whether the square was in another robot's part (uint8).
-        - ``robots`` : for each robot, ``times`` (float32) and ``places`` between which it moves straight (uint16, x and y in turn,
-          in 65,535ths of the box from its lower left corner), ``visits`` (float32), ``activities`` [begin, end, kind, other],
-          ``outline`` (border segments of its takeovers, uint16: column, row, column, row), ``liar``.
-        - ``obstacles`` : list of row * columns + column, and the time of discovery.
-        - ``findings`` : list of x, y, time of the first discovery, and confidence.
-        - ``north`` : direction of north from up, in degrees clockwise, or null. ``circle`` : radius in metres of the circles in
-          which a fixed wing waits, otherwise 0.
+        - ``title``, ``tour``, ``allocation`` and ``version`` are texts; ``seed``, ``takeovers`` and ``cells`` are integers;
+          ``cellTime`` is a number of seconds.
+        - ``end`` is the time of the last event, and ``covered`` is the time at which the search became complete (None if it never
+          did), both in cell times.
+        - ``box`` holds the left, bottom, right and top edge of all squares, ``shape`` the numbers of rows and columns of squares,
+          and ``size`` the side of a square in metres. ``cellSize`` is a text with the sides of the cells. ``labels`` holds [text,
+          x, y] for the label above each layer, if the drawing has several layers.
+        - ``parts`` is a list of polygons, each polygon a list of closed lines.
+        - ``first`` holds the time of the first search of each searched square (float32, increasing). ``searched`` holds the times
+          of the first searches of all cells, if the squares of the drawing are smaller than cells. For each searched square, ``by``
+          holds the searching robot (uint16), ``where`` the number row * columns + column (uint32), and ``taken`` whether the square
+          lies in another robot's part (uint8).
+        - ``robots`` holds the data of each robot. ``times`` (float32) and ``places`` (uint16) are the times and the corners of the
+          robot's path; places are x and y in turn, in 65,535ths of the drawing's width and height from the lower left corner.
+          ``visits`` (float32) holds the time at which the robot first saw each cell that it searched. ``activities`` is a list of
+          [begin, end, kind, other]. ``outline`` (uint16) holds the border of the cells that the robot took over, as segments
+          column, row, column, row. ``liar`` states whether the robot has the fault liar.
+        - ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles that the robots found.
+        - ``findings`` is a list of [x, y, time of the first discovery, confidence].
+        - ``north`` is the direction of north in degrees clockwise from up, or null. ``circle`` is the radius, in metres, of the
+          circles in which a fixed-wing aircraft waits, or 0 for other vehicles.
 
     Raises
     ------
     InvalidInputError
-        If the search is too large for a browser.
+        If the data of the search are too large for a browser.
     """
     history, plan = SearchHistory(episode), episode.plan
     visits = sum(len(history.seen_at(robot)) for robot in range(history.n_robots))
@@ -115,9 +120,9 @@ def _box(sides: tuple[float, float, float, float]) -> list[float]:
 
 
 def _found_at(history: SearchHistory, finding: Finding) -> float:
-    """Return the time at which a robot first found something in a cell.
+    """Return the time at which a robot first found something in the cell of ``finding``.
 
-    Other robots may have searched the cell before without success.
+    Robots that found nothing may have searched the cell before this time.
     """
     logs, seen = history.episode.trace.robots, history.episode.seen
     moments = [
@@ -146,7 +151,7 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
 
 
 def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
-    """Return a trajectory without the points that linear interpolation reproduces within ``tolerance`` metres."""
+    """Return a trajectory without each point that linear interpolation reproduces within ``tolerance`` metres."""
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
         return trajectory

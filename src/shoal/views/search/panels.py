@@ -1,4 +1,4 @@
-"""The panels of a search drawing: one layer, or all layers beside each other with their altitudes."""
+"""The panels of a search drawing, one for each layer of cells, labelled with the altitude of the layer."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ _FINE = 2  # squares per side of the smallest cell, if layers have different cel
 
 
 class LayerPanels:
-    """The positions of the cells of all layers in a drawing. Cells are squares in rows.
+    """The positions of the cells of all layers in a drawing, which consists of squares in rows.
 
-    If the layers differ in cell size or orientation, the drawing consists of squares that are smaller than cells.
+    Usually each square of the drawing is a cell. If the layers differ in cell size or orientation, the squares of the drawing are
+    smaller than cells.
 
-    Rows of cells of the lowest layer are horizontal. The panels begin with the lowest layer. The panels are ordered from left to
-    right, and then downwards.
+    The drawing is rotated so that the rows of cells in the lowest layer are horizontal. The panels of the layers follow each other
+    from left to right and then downwards, beginning with the lowest layer.
     """
 
     def __init__(self, plan: SearchPlan) -> None:
@@ -46,7 +47,7 @@ class LayerPanels:
         self._apart = self._panel + gap
 
     def _box(self, layer: CellGrid) -> tuple[Floats, Floats]:
-        """Return the lowest and the highest corner of a layer's cells in the panels' frame in metres."""
+        """Return the lower left and upper right corner of a box around a layer's cells, in drawing coordinates in metres."""
         (left, top), (rows, columns) = layer.corner, layer.shape
         across, down = columns * layer.size, rows * layer.size
         corners = np.array([(left, top), (left + across, top), (left, top - down), (left + across, top - down)])
@@ -57,30 +58,30 @@ class LayerPanels:
         return np.asarray(self.layers[0].lattice.from_region(points))
 
     def _offsets(self, layers: Numbers) -> Floats:
-        """Return the displacement of some layers' panels in metres; float64, shape (n, 2)."""
+        """Return the displacement of the panel of each given layer from the first panel, in metres; float64, shape (n, 2)."""
         return np.stack([layers % self.columns * self._apart[1], -(layers // self.columns) * self._apart[0]], axis=1) * self.step
 
     def place(self, points: Floats, layers: Floats | Numbers) -> Floats:
-        """Convert points of the region in given layers to positions in the drawing, in metres; float64, shape (n, 2)."""
+        """Convert points of the region in given layers to drawing coordinates in metres; float64, shape (n, 2)."""
         turned = self._turned(points)
         return turned if len(self.layers) == 1 else turned + self._offsets(layers.astype(np.int64))
 
     @cached_property
     def shape(self) -> tuple[int, int]:
-        """Numbers of rows and columns of squares in the whole drawing."""
+        """Number of rows and number of columns of squares in the whole drawing."""
         down = ceil(len(self.layers) / self.columns)
         rows, columns = (self._apart * (down - 1, self.columns - 1) + self._panel).tolist()
         return rows, columns
 
     @property
     def extent(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of all squares in metres."""
+        """The left, right, bottom and top edges of all squares of the drawing, in metres."""
         left, top = float(self._low_left[0]), float(self._low_left[1] + self.step * self._panel[0])
         return left, left + self.shape[1] * self.step, top - self.shape[0] * self.step, top
 
     @cached_property
     def numbers(self) -> Numbers:
-        """For each square, the tour index of the cell that contains it, or -1; int64, of shape `shape`."""
+        """For each square of the drawing, the tour index of the cell that contains the square, or -1; int64, of shape `shape`."""
         found = np.full(self.shape, -1, dtype=np.int64)
         position = self.plan.tour.position
         rows, columns = self._panel.tolist()
@@ -102,19 +103,19 @@ class LayerPanels:
 
     @cached_property
     def parts(self) -> list[list[Floats]]:
-        """The rings of each part of the region in each layer, in drawing coordinates. The outer ring is the first."""
+        """The closed border lines of each part of the region in each layer, the outer line first, in drawing coordinates."""
         shapes = [(self.shape_of(layer.region.area, number)) for number, layer in enumerate(self.layers)]
         return [rings for shape in shapes for rings in rings_of(shape)]
 
     def shape_of(self, shape: Any, layer: int) -> Any:
-        """Convert a Shapely geometry of the region to the drawing coordinates of a layer."""
+        """Convert a Shapely geometry from region coordinates to the drawing coordinates of a layer."""
         from shapely.affinity import translate
 
         return translate(rotated_shape(shape, -self.angle), *self._offsets(np.array([layer]))[0].tolist())
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
-        """Label, x and y of the upper left corner of each panel in metres. A single layer has no label."""
+        """For each panel, its label and the x and y of its upper left corner in metres; an empty list for a single layer."""
         if len(self.layers) == 1:
             return []
         ups, (left, _, _, top) = self.plan.altitudes, self.extent
@@ -127,13 +128,13 @@ class LayerPanels:
 
 
 def sizes_text(plan: SearchPlan) -> str:
-    """Return the sides of cells as text, such as "8.8 to 14.7 m"."""
+    """Return the side of the cells, or the range of sides, as a text such as "8.8 to 14.7 m"."""
     low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
     return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
 
 
 def count_text(count: int, word: str) -> str:
-    """Return a number with a word for the counted things. The word gets an "s" unless the number is 1.
+    """Return a number and the word for the counted things as a text; the word gets an "s" unless the number is 1.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""The timeline of a search: the activities of each robot over time."""
+"""The timeline of a search: a chart of each robot's activities over time."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ WAITING, LISTENING = "#d5dae0", "#eceff2"
 
 
 def draw_heading(figure: Figure, words: str) -> None:
-    """Write a heading above a whole figure."""
+    """Write the heading ``words`` above a whole figure."""
     figure.suptitle(words, fontsize=11, color=INK, x=0.012, ha="left", fontweight="bold", parse_math=False)
 
 
 def timeline_figure(episode: SearchEpisode) -> Figure:
-    """Return the timeline of a search, with one row per robot.
+    """Return a figure with the timeline of a search, with one row for each robot.
 
-    The time unit is the time that a robot of speed 1 needs for one cell.
+    The unit of the time axis is the cell time: the time that a robot of speed 1 needs for one cell.
 
     A full colour means that the robot searched its own part. A hatched colour means that the robot searched the part of another
-    robot, whose number is shown. Grey: it waited. Pale: it listened. Dotted: it was paused. Cross: it died. A dot means that the
-    robot declared the search complete.
+    robot; a number names the other robot. A grey bar means that the robot waited, a pale bar means that it listened, and a dotted
+    bar means that it was paused. A cross means that the robot died. A dot means that the robot declared the search complete.
     """
     history = SearchHistory(episode)
     rows = history.n_robots
@@ -85,7 +85,7 @@ def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch
 
 
 def _draw_moments(axes: Axes, history: SearchHistory) -> None:
-    """Mark the time at which all cells were searched, and the time at which the last robot knew this."""
+    """Mark the time at which all cells were searched, and the time at which the last robot knew about the completion."""
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
     if episode.trace.covered_at < inf:

@@ -1,4 +1,4 @@
-"""Figures of tours: the path coloured from its start to its end, with a dashed closing edge."""
+"""Figures of tours: the path through all cells, coloured from its start to its end, with a dashed closing edge."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ _GROUND, _OUTSIDE = "#ffffff", "#e3e6ea"
 
 
 def tour_figure(tour: Tour) -> Figure:
-    """Return the figure of a tour, from dark (first cell) to bright (last cell). Positions without a cell are grey.
+    """Return a figure of a tour, coloured from dark at the first cell to bright at the last cell.
 
-    A ring marks the first cell and a square marks the last cell. The closing edge is dashed, and steps across gaps are thin lines.
-    A tour of more than 40,000 cells is drawn as a picture in which the colour of a cell shows the time of its visit. A 3-D tour is
-    seen from above.
+    A ring marks the first cell of the tour, and a square marks the last cell. Grid positions without a cell are grey. The closing
+    edge of the tour is dashed, and steps across gaps are thin lines. For a tour of more than 40,000 cells, the figure is a picture
+    in which the colour of a cell shows its position in the tour. A 3-D tour appears in perspective, seen from above.
     """
     metrics = tour.metrics()
     sides = " × ".join(str(side) for side in reversed(tour.shape))
@@ -62,7 +62,7 @@ def _course() -> Colormap:
 
 
 def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
-    """Draw the path as lines. ``points`` is the side of a cell in points."""
+    """Draw the path of a tour as lines; ``points`` is the side of a cell in points (1/72 inch)."""
     from matplotlib.collections import LineCollection
     from matplotlib.colors import ListedColormap
 
@@ -94,7 +94,7 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
 
 
 def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the steps without the closing edge, float64 of shape (N - 1, 2, dimensions), and a mask of those across a gap."""
+    """Return the steps of a tour without the closing edge, shape (N - 1, 2, dimensions), and a mask of steps across gaps."""
     return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
 
 

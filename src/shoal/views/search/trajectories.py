@@ -1,4 +1,4 @@
-"""Trajectories of robots: their routes over time, with the layers."""
+"""Trajectories of robots: the position and the layer of each robot over time."""
 
 from __future__ import annotations
 
@@ -17,52 +17,53 @@ Numbers = NDArray[np.int64]
 
 
 def death_of(log: RobotLog) -> float:
-    """Return the time at which a robot failed, or infinity."""
+    """Return the time at which a robot failed, or infinity if it never failed."""
     return next((moment for moment, state in log.states if state == "dead"), inf)
 
 
 @dataclass(frozen=True, eq=False)
 class RobotTrajectory:
-    """The position of a robot over time.
+    """The position of a robot as a function of time.
 
     Parameters
     ----------
     times : ndarray of float64, shape (k,)
-        Increasing times in units of the time that a robot of speed 1 needs for one cell.
+        Increasing times, in cell times (the time that a robot of speed 1 needs for one cell).
     points : ndarray of float64, shape (k, 2)
-        Positions in metres. The motion between two positions is uniform. Before the first and after the last position, the robot
-        stands still.
+        Positions of the robot at ``times``, in metres. The robot moves uniformly from one position to the next. Before the first
+        and after the last time, the robot stands still.
     """
 
     times: Floats
     points: Floats
 
     def at(self, time: float) -> Floats:
-        """Return the position at a given time; float64, shape (2,)."""
+        """Return the position of the robot at a given time, in metres; float64, shape (2,)."""
         return np.array([np.interp(time, self.times, column) for column in self.points.T])
 
     def until(self, time: float) -> Floats:
-        """Return the path up to a given time; float64, shape (n, 2)."""
+        """Return the path of the robot up to a given time, as positions in metres; float64, shape (n, 2)."""
         return np.concatenate([self.points[: np.searchsorted(self.times, time, side="right")], self.at(time)[None]])
 
 
 class RobotWays:
-    """The paths of an episode's robots."""
+    """The paths of all robots in a search episode."""
 
     def __init__(self, episode: SearchEpisode) -> None:
         self.episode = episode
 
     def stop_ends(self, robot: int) -> Numbers:
-        """Return the route indices of a robot's start, and of the end of its search in each cell; int64, shape (k + 1,)."""
+        """Return the route index of a robot's start, and of each point at which it has searched a cell; int64, shape (k + 1,)."""
         log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
         ends = cell_spans(self.episode.plan, route, log)[:, 1] if len(log.cells) else np.zeros(0, dtype=np.int64)
         return np.concatenate([[0], ends])
 
     def of(self, robot: int) -> Floats:
-        """Return a robot's route in metres, with a third column if there are several layers; float64, shape (k, 2) or (k, 3).
+        """Return the route of a robot, (x, y) in metres and possibly the layer; float64, shape (k, 2) or (k, 3).
 
-        Between two cells, a point is in the layer whose altitude is nearer. If both altitudes are equally near, the point is in the
-        layer of the second cell.
+        The third column holds the layer, and exists only if the grid has several layers. A point between two cells belongs to the
+        layer with the nearer altitude. If the altitudes of both cells are equally near, a point between them belongs to the layer
+        of the second cell.
         """
         plan, route, log = self.episode.plan, self.episode.routes[robot], self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):
@@ -74,7 +75,7 @@ class RobotWays:
         return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return the path between two points in the form of `of`, and the distances in metres of its points along the path."""
+        """Return the path between two points in the form of `of`, and the distance of each path point from the start in metres."""
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
@@ -92,7 +93,7 @@ class RobotWays:
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
-        """Return the speed of a robot before each time."""
+        """Return the relative speed of a robot just before each time."""
         rates = np.full(len(times), self.episode.scenario.rates[robot])
         for fault in self.episode.scenario.faults:
             if isinstance(fault, Slow) and fault.robot == robot + 1:
@@ -100,10 +101,10 @@ class RobotWays:
         return rates
 
     def trajectory(self, robot: int) -> RobotTrajectory:
-        """Return the route of a robot over time.
+        """Return the trajectory of a robot, that is, its route as a function of time.
 
-        In the drawing, a robot arrives in each cell at the time at which it has searched the cell. The robot departs as late as
-        possible.
+        In a drawing, a robot arrives in each cell at the time at which it has searched the cell. In a drawing, a robot departs for
+        the next cell as late as possible.
         """
         log = self.episode.trace.robots[robot]
         if not len(log.cells):
@@ -129,7 +130,7 @@ class RobotWays:
         return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
     def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Insert the paths to the start and back where a robot recharged, according to the time between two cells."""
+        """Insert a path to the start and back where the time between two cells shows that a robot recharged."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's paths home are part of the route
             return trajectory
@@ -152,7 +153,7 @@ class RobotWays:
         return RobotTrajectory(times, points)
 
     def _first_leg(self, robot: int) -> RobotTrajectory:
-        """Return the trajectory of a robot that searched no cell: its path towards its part."""
+        """Return the trajectory of a robot that failed before it searched a cell: its path towards its part of the tour."""
         plan, died = self.episode.plan, death_of(self.episode.trace.robots[robot])
         home, cells = self._home(robot), plan.numbers(plan.allocation.arcs[robot])
         began = next((moment for moment, state in self.episode.trace.robots[robot].states if state == "searching"), inf)
@@ -166,6 +167,6 @@ class RobotWays:
         return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def _home(self, robot: int) -> Floats:
-        """Return the launch point of a robot in the form of `of`."""
+        """Return the launch point of a robot, in the form of `of`."""
         home = self.episode.plan.places[robot]
         return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)

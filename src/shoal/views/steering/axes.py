@@ -1,4 +1,4 @@
-"""Drawing of workspaces and trajectories on the axes of a chart."""
+"""Functions that draw workspaces and particle paths on the axes of a chart."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ _BENT = 160  # maximum number of moves with numbers
 
 
 def colour_of(particle: int) -> str:
-    """Return the colour of the particle with a given index, from 0. Five colours repeat."""
+    """Return the colour of the particle with a given index, counted from 0; after five particles, the colours repeat."""
     return PARTICLES[particle % len(PARTICLES)]
 
 
 def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
-    """Draw the walls of a plane workspace."""
+    """Draw the walls and the free area of a plane workspace."""
     for k, ring in enumerate(outlines_of(workspace)):
         hole = k > 0
         axes.fill(*ring.T, facecolor="#d6d9de" if hole else "#f7f8fa", edgecolor=INK, lw=1.6, zorder=0.5 if hole else 0)
@@ -34,7 +34,7 @@ def draw_workspace(axes: Axes, workspace: ConvexWorkspace | Region) -> None:
 
 
 def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]]:
-    """Return the outlines of a plane workspace and of its obstacles; each an array of float64, shape (n, 2)."""
+    """Return the outline of a plane workspace and the outlines of its obstacles; each float64, shape (n, 2)."""
     if isinstance(workspace, Region):
         return list(workspace.rings)
     if workspace.round:
@@ -44,9 +44,9 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 
 
 def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray) -> None:
-    """Draw each particle's path, start (a square) and goal (a circle).
+    """Draw the path of each particle, with a square at its start and a circle at its goal.
 
-    The function ``at`` converts points to the coordinates of the axes.
+    The function ``at`` converts points of the workspace to the coordinates of the axes.
     """
     size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
@@ -63,18 +63,18 @@ def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayL
 def arrow_between(
     axes: Axes, here: NDArray[np.float64], there: NDArray[np.float64], colour: str, *, width: float = 1.6, order: float = 3
 ) -> None:
-    """Draw an arrow between two points of shape (2,)."""
+    """Draw an arrow from the point ``here`` to the point ``there``, each of shape (2,)."""
     style = {"arrowstyle": "-|>", "color": colour, "lw": width, "shrinkA": 0, "shrinkB": 0}
     axes.annotate("", xy=tuple(there), xytext=tuple(here), zorder=order, arrowprops=style)
 
 
 def legend_below(axes: Axes, *, off: float = 0.06) -> None:
-    """Place the legend below the axes."""
+    """Place the legend of the chart below the axes."""
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -off), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
 
 
 def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
-    """Write the numbers of the moves at their end points. Moves that do not displace the particle get no number."""
+    """Write the number of each move at its end point, except for moves that do not displace the particle."""
     if len(way) - 1 > _BENT:
         return
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []

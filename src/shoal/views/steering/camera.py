@@ -1,4 +1,4 @@
-"""A camera for drawings of three-dimensional workspaces."""
+"""A virtual camera for drawings of three-dimensional workspaces."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ ABOVE = 0.42  # elevation of the camera in radians
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A central projection, seen from a camera that points at ``center``.
+    """A virtual camera with a central projection, which points at ``center``.
 
     Parameters
     ----------
     center : ndarray of float64, shape (3,)
     reach : float
-        Radius of the scene.
+        Radius of the scene around ``center``, in the workspace's unit of length.
     azimuth, elevation : float
-        Direction of the camera, seen from the centre, in radians.
+        Direction from ``center`` to the camera, in radians.
 
     Examples
     --------
@@ -42,16 +42,19 @@ class Camera:
 
     @property
     def toward(self) -> NDArray[np.float64]:
-        """The unit vector that points from the centre to the camera."""
+        """The unit vector that points from the centre of the scene to the camera."""
         return np.array([cos(self.elevation) * cos(self.azimuth), cos(self.elevation) * sin(self.azimuth), sin(self.elevation)])
 
     @property
     def eye(self) -> NDArray[np.float64]:
-        """Position of the camera."""
+        """Position of the camera, in coordinates of the workspace."""
         return np.asarray(self.center + FAR * self.reach * self.toward)
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return x (right), y (up) and the magnification relative to the centre, as an array of shape (..., 3)."""
+        """Return the picture coordinates x (right) and y (up) of each point, and its magnification; shape (..., 3).
+
+        The magnification is 1 at the centre of the scene, and larger for points nearer to the camera.
+        """
         away = np.asarray(points, dtype=np.float64) - self.center
         right = np.array([-sin(self.azimuth), cos(self.azimuth), 0.0])
         toward = self.toward
@@ -62,14 +65,14 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Frame3D:
-    """A prism or cylinder as polygons in 3-D, for drawing.
+    """A prism or cylinder, described by its floor and its ceiling as polygons in 3-D, for drawing.
 
     Parameters
     ----------
     floor, ceiling : ndarray of float64, shape (n, 3)
-        Corners of the floor and of the ceiling.
+        Corners of the floor, and corners of the ceiling.
     round : bool
-        Whether the corners approximate a circle, so that edges between sides are not drawn.
+        Whether the corners approximate a circle. For a circle, drawings omit the vertical edges between the sides.
     open_ends : bool
     """
 
@@ -80,7 +83,7 @@ class Frame3D:
 
     @classmethod
     def of(cls, workspace: ConvexWorkspace) -> Frame3D:
-        """Return the frame of a three-dimensional workspace."""
+        """Return the floor and the ceiling of a three-dimensional workspace as a Frame3D."""
         if workspace.round:
             angles = 2 * np.pi * np.arange(CORNERS) / CORNERS
             base = workspace.center + workspace.radius * np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -90,13 +93,13 @@ class Frame3D:
         return cls(low, high, workspace.round, workspace.open_ends)
 
     def facing(self, eye: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which sides of the workspace show their outside to the camera; bool, shape (n,)."""
+        """Return which sides of the workspace show their outer face to a camera at ``eye``; bool, shape (n,)."""
         along = np.roll(self.floor, -1, axis=0) - self.floor
         outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
         return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
 
     def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-        """Return the edges behind and the edges in front of the contents of the workspace; each float64, shape (2, 3)."""
+        """Return the edges behind the particles and the edges in front of them, seen from ``eye``; each float64, shape (2, 3)."""
         facing = self.facing(eye)
         above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
         behind: list[NDArray[np.float64]] = []
@@ -115,7 +118,7 @@ class Frame3D:
 
 
 def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Camera:
-    """Return a camera that sees the whole workspace and its particles in all states of an episode."""
+    """Return a camera that sees the whole workspace and all particles at all positions in ``states``."""
     low, high = min(0.0, float(states[..., 2].min())), max(workspace.height, float(states[..., 2].max()))
     reach_flat = workspace.radius if workspace.round else float(np.hypot(*(workspace.vertices - workspace.center).T).max())
     center = np.array([*workspace.center, (low + high) / 2])
@@ -123,7 +126,7 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
 
 
 def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
-    """Return how far a workspace extends in the picture to the right, upwards and downwards, over all directions of view."""
+    """Return the largest extent of a workspace in a picture to the right, upwards and downwards, over all directions of view."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)
@@ -133,5 +136,5 @@ def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, floa
 
 
 def flattened(points: ArrayLike) -> NDArray[np.float64]:
-    """Return points projected vertically onto the floor; shape (..., 3)."""
+    """Return ``points`` after a vertical projection onto the floor z = 0; shape (..., 3)."""
     return np.asarray(np.asarray(points) * np.array([1.0, 1.0, 0.0]))

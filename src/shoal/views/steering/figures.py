@@ -1,4 +1,4 @@
-"""Figures of steering: the workspace and the Δ configuration space side by side, with the moves in both."""
+"""Figures of steering: the workspace and the Δ configuration space (all position differences) side by side, both with the moves."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ REACH_COLOURS = ("#08306b", "#2171b5", "#4292c6", "#6baed6", "#9ecae1", "#c6dbef
 
 
 def plan_figure(episode: SteeringEpisode) -> Figure:
-    """Return the figure of a plan: the workspace with the particles' paths, and the path of the difference Δ.
+    """Return a figure of a plan: the workspace with the particles' paths, and the path of the position difference Δ.
 
-    Each move has its number at its end point. In the ideal world, a shaded area of the Δ configuration space shows the differences
-    that two moves reach from the start. A 3-D plan is drawn in perspective with its shadow on the floor. Beside the 3-D plan, a
-    chart shows the heights after each move.
+    The number of each move stands at the end point of the move. With infinite friction, a shaded area shows the position
+    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with its shadow on the floor.
+    Beside a 3-D plan, a chart shows the heights of the particles after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2
@@ -48,7 +48,7 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw the Δ configuration space, the set reached by two moves, and the path of Δ."""
+    """Draw the Δ configuration space, the set of differences Δ that two moves can reach, and the path of the difference Δ."""
     workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)
@@ -83,16 +83,16 @@ def _draw_heights(axes: Axes, episode: SteeringEpisode) -> None:
 
 
 def reach_figure(sets: Sequence[DiskReach | PolygonReach], *, points: Any = None) -> Figure:
-    """Return a figure of the sets that 2, 4, ... moves reach in the Δ configuration space.
+    """Return a figure of the sets of position differences that 2, 4, ... moves can reach.
 
-    If ``points`` is given, the workspace with the start points is on the left.
+    If ``points`` is given, the left side of the figure shows the workspace with the start points.
 
     Parameters
     ----------
     sets : sequence of DiskReach or PolygonReach
-        The sets that `disk_reach` and `polygon_reach` return; at least one set.
+        One or more sets of position differences, from `disk_reach` or `polygon_reach`.
     points : array_like of float, shape (2, 2), optional
-        Start points of the particles.
+        Start points of the two particles.
     """
     if not sets:
         raise InvalidInputError("reach figure: expected at least one set, got none")

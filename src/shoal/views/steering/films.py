@@ -1,4 +1,4 @@
-"""Frames of films of steering episodes."""
+"""Frames for films of steering episodes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _LINE, _BAR = "#dfe3e8", "#0072b2"
 
 
 def clip_of(episode: SteeringEpisode, suffix: str) -> Clip[FilmMoment]:
-    """Return the film of an episode, for a GIF or H.264."""
+    """Return the film of a steering episode, ready for encoding as GIF or H.264."""
     trajectories = trajectories_of(episode)
     moments, rate = FilmSchedule(trajectories, size=episode.problem.place.size).moments(RATE[suffix], LONGEST[suffix])
     film = SteeringFilm(episode, trajectories, height=HEIGHT[suffix])
@@ -31,15 +31,15 @@ def clip_of(episode: SteeringEpisode, suffix: str) -> Clip[FilmMoment]:
 
 
 class SteeringFilm:
-    """The frames of a film.
+    """The frames for a film of a steering episode.
 
     Parameters
     ----------
     episode : SteeringEpisode
     trajectories : list of MoveTrajectory
-        The trajectories from `trajectories_of`.
+        The motion within each move, from `trajectories_of`.
     height : int
-        Height of the film in pixels.
+        Height of each frame in pixels.
     """
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], *, height: int = 720) -> None:
@@ -65,7 +65,7 @@ class SteeringFilm:
         self._canvas.keep()
 
     def frames(self, moments: Sequence[FilmMoment]) -> Iterator[NDArray[np.uint8]]:
-        """Yield the picture of each moment; uint8, shape (height, width, 3)."""
+        """Yield the picture of the episode at each moment; uint8, shape (height, width, 3)."""
         for number, moment in enumerate(moments):
             self._canvas.clear()
             turn = -pi / 3 + _TURN * sin(2 * pi * number / max(1, len(moments) - 1))
@@ -87,7 +87,7 @@ class SteeringFilm:
             canvas.text((middle, 66 * unit), name, MUTED, 14 * unit, align=0.5)
 
     def _draw_foot(self, moment: FilmMoment, turn: float) -> None:
-        """Draw the command as an arrow, the status text, and the progress of the plan."""
+        """Draw the foot of a frame: the present move as an arrow, the status text, and the progress of the plan."""
         canvas, unit, trajectories = self._canvas, self._unit, self._trajectories
         middle = np.array([76 * unit, self.height - 66 * unit])
         self._draw_command(middle, 38 * unit, moment, turn)
@@ -118,9 +118,9 @@ class SteeringFilm:
                 canvas.line([(first, level), (first + share * (final - first), level)], _BAR, 5 * unit)
 
     def _draw_command(self, middle: NDArray[np.float64], radius: float, moment: FilmMoment, turn: float) -> None:
-        """Draw the dial with the current command.
+        """Draw a dial whose arrow shows the present move.
 
-        The length of its arrow is relative to the longest command. In 3-D, the dial is drawn in perspective.
+        The length of the arrow is relative to the longest move of the episode. For a 3-D episode, the dial appears in perspective.
         """
         canvas, unit = self._canvas, self._unit
         canvas.disc(middle, radius, "#ffffff", edge="#cfd5dc", width=1.6 * unit)
@@ -151,7 +151,7 @@ def _short(length: float) -> str:
 
 
 def draw_arrow(canvas: Canvas, tail: NDArray[np.float64], tip: NDArray[np.float64], width: float, *, centred: bool) -> None:
-    """Draw an arrow. If the arrow is centred, ``tail`` is its midpoint."""
+    """Draw an arrow from ``tail`` to ``tip``, or with its midpoint at ``tail`` if ``centred`` is true."""
     if centred:
         half = (tip - tail) * 0.9
         tail, tip = tail - half, tail + half

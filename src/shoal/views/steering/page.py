@@ -1,4 +1,4 @@
-"""The player's data of a steering episode."""
+"""The data of a steering episode for the player page."""
 
 from __future__ import annotations
 
@@ -22,30 +22,33 @@ def player_page(episode: SteeringEpisode) -> str:
     Raises
     ------
     InvalidInputError
-        If the episode is too large for a browser.
+        If the data of the episode are too large for a browser.
     """
     return render("steering", page_data(episode))
 
 
 def page_data(episode: SteeringEpisode) -> dict[str, object]:
-    """Return the data of the page for JSON.
+    """Return the data of a steering episode for the player page, as JSON data.
 
     Returns
     -------
     dict
-        - ``title``, ``planner``, ``kind``, ``status``, ``reason``, ``version`` : str; ``seed`` : int.
-        - ``size``, ``radius``, ``tolerance``, ``length`` : float; ``bound`` : float or None.
-        - ``walls`` : the result of `_walls` for the workspace.
-        - ``start``, ``goal`` : lists of points.
-        - ``trajectories`` : list of ``{"sent", "length", "shares", "points", "held"}``;
-          see `shoal.views.steering.trajectories.MoveTrajectory`.
-        - ``starts``, ``lasting``, ``seconds`` : start and duration of each move, and duration of the film.
-        - ``delta`` : None, or ``{"walls", "sets", "which"}``: the sets of Δ that two moves reach, and the index of each move's set.
+        - ``title``, ``planner``, ``kind``, ``status``, ``reason`` and ``version`` are texts, and ``seed`` is an integer.
+        - ``size`` (of the workspace), ``radius`` (of a particle), ``tolerance`` (of the goals) and ``length`` (of the plan) are
+          numbers; ``bound`` is the lower bound on the length, or None.
+        - ``walls`` is the result of `_walls` for the workspace.
+        - ``start`` and ``goal`` are lists of points, one for each particle.
+        - ``trajectories`` is a list with the data ``{"sent", "length", "shares", "points", "held"}`` of each move; see the class
+          `shoal.views.steering.trajectories.MoveTrajectory`.
+        - ``starts`` and ``lasting`` are the start and the duration of each move in the film, and ``seconds`` is the duration of the
+          film, all in seconds.
+        - ``delta`` is None, or the data ``{"walls", "sets", "which"}`` of the Δ configuration space: its outline, the sets of
+          position differences that two moves can reach, and the index of the set for each move.
 
     Raises
     ------
     InvalidInputError
-        If the episode is too large for a browser.
+        If the data of the episode are too large for a browser.
     """
     problem, trajectories = episode.problem, trajectories_of(episode)
     points = sum(trajectory.points.shape[0] * trajectory.points.shape[1] for trajectory in trajectories)
@@ -90,7 +93,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
 
 
 def _walls(workspace: ConvexWorkspace | Region) -> dict[str, Any]:
-    """Return outlines (``rings``; a circle as its corners), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
+    """Return the walls of a workspace as data: ``rings`` (outlines), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
     circle = [*workspace.center.tolist(), workspace.radius] if isinstance(workspace, ConvexWorkspace) and workspace.round else None
     return {
         "rings": [] if circle else [ring.tolist() for ring in outlines_of(workspace)],

@@ -1,4 +1,4 @@
-"""Panels of a steering picture at one moment: the workspace in 2-D or 3-D, and the Δ configuration space."""
+"""Panels of a film frame of steering: the workspace in 2-D or 3-D, and the Δ configuration space (all position differences)."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _SQUARE = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
 
 @dataclass(frozen=True)
 class Box:
-    """A rectangle on the canvas, in pixels."""
+    """A rectangle on the canvas of a frame, in pixels."""
 
     left: float
     top: float
@@ -33,7 +33,7 @@ class Box:
 
 
 class PlaneView:
-    """The mapping of points in the plane to a canvas. The drawing is centred in a box and as large as possible."""
+    """The mapping of points in the plane to pixels: the outline is centred in a box and as large as possible."""
 
     def __init__(self, outline: NDArray[np.float64], box: Box) -> None:
         low, high = outline.min(axis=0), outline.max(axis=0)
@@ -42,12 +42,12 @@ class PlaneView:
         self._center = np.array([box.left + box.width / 2, box.top + box.height / 2])
 
     def at(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Return pixel coordinates of shape (..., 2), in which x points to the right and y down."""
+        """Return the pixel coordinates of points, with x to the right and y downwards; shape (..., 2)."""
         return np.asarray(self._center + (np.asarray(points)[..., :2] - self._middle) * self.scale * np.array([1, -1]))
 
 
 def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shape that marks a wall which holds a particle: a line in 2-D, a face in 3-D, or a part of a round wall."""
+    """Return the shape that marks a holding wall: a line in 2-D, a face in 3-D, or a part of a round wall."""
     if isinstance(workspace, Region):
         return np.asarray(workspace.edges[wall].reshape(2, 2))
     sides = len(workspace.vertices)
@@ -67,7 +67,7 @@ def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[
 
 
 class Panel(ABC):
-    """Base class of the panels. Line widths and text sizes are multiples of ``unit`` pixels."""
+    """Base class of the panels of a frame; line widths and text sizes are multiples of ``unit`` pixels."""
 
     def __init__(self, episode: SteeringEpisode, trajectories: list[MoveTrajectory], canvas: Canvas, box: Box, unit: float) -> None:
         self._episode, self._trajectories, self._canvas, self._unit = episode, trajectories, canvas, unit
@@ -75,19 +75,19 @@ class Panel(ABC):
 
     @abstractmethod
     def _prepare(self, box: Box) -> None:
-        """Compute what all frames need."""
+        """Compute the data that all frames of the film share, for a panel inside ``box``."""
 
     @abstractmethod
     def draw_background(self) -> None:
-        """Draw the parts that are the same in all frames."""
+        """Draw the parts of the panel that are the same in all frames."""
 
     @abstractmethod
     def draw(self, moment: FilmMoment, turn: float) -> None:
-        """Draw the parts that move at a moment of the film, with a camera whose azimuth is ``turn`` radians."""
+        """Draw the moving parts of the panel at a moment of the film, seen by a camera with the azimuth ``turn`` in radians."""
 
 
 class PlanePanel(Panel):
-    """The plane workspace seen from above."""
+    """The panel with the plane workspace, seen from above."""
 
     def _prepare(self, box: Box) -> None:
         outlines = outlines_of(self._episode.problem.place)
@@ -96,7 +96,7 @@ class PlanePanel(Panel):
         self._outlines = [self._view.at(outline) for outline in outlines]
 
     def draw_background(self) -> None:
-        """Draw the parts that are the same in all frames: walls, starts and goals."""
+        """Draw the parts of the panel that are the same in all frames: walls, starts and goals."""
         canvas, unit = self._canvas, self._unit
         for k, ring in enumerate(self._outlines):
             canvas.area([ring], OBSTACLE if k else FLOOR, edge=INK, width=2 * unit)
@@ -108,7 +108,7 @@ class PlanePanel(Panel):
             canvas.disc(self._view.at(goal), 1.32 * self._radius, "#ffffff", edge=colour, width=2.6 * unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:
-        """Draw the moving parts."""
+        """Draw the moving parts of the panel at a moment of the film."""
         canvas, unit = self._canvas, self._unit
         workspace = self._episode.problem.place
         here = points_at(self._episode, self._trajectories, moment)
@@ -122,7 +122,7 @@ class PlanePanel(Panel):
 
 
 class SpacePanel(Panel):
-    """The 3-D workspace, seen by a camera that turns around it."""
+    """The panel with the 3-D workspace, seen by a camera that turns around the workspace."""
 
     def _prepare(self, box: Box) -> None:
         workspace = self._episode.problem.place
@@ -133,10 +133,10 @@ class SpacePanel(Panel):
         self._center = np.array([box.left + box.width / 2, box.top + (box.height + (up - down) * self._scale) / 2])
 
     def draw_background(self) -> None:
-        """Draw nothing, because all parts turn with the camera."""
+        """Draw nothing, because all parts of the panel turn with the camera."""
 
     def draw(self, moment: FilmMoment, turn: float) -> None:
-        """Draw all parts of the panel from back to front. The azimuth of the camera is ``turn``."""
+        """Draw all parts of the panel from back to front, seen by a camera with the azimuth ``turn`` in radians."""
         self._camera = camera_for(self._workspace, self._episode.states, azimuth=turn)
         canvas, unit = self._canvas, self._unit
         here = points_at(self._episode, self._trajectories, moment)
@@ -161,7 +161,7 @@ class SpacePanel(Panel):
         return np.asarray(self._center + self._scale * seen[..., :2] * np.array([1, -1]))
 
     def _draw_shadows(self, here: NDArray[np.float64], moment: FilmMoment) -> None:
-        """Draw the vertical projections of paths and particles on the floor, and a line down from each particle."""
+        """Draw the vertical projections of paths and particles on the floor, and a line from each particle down to the floor."""
         unit = self._unit
         draw_trails(self._canvas, self._trajectories, moment, lambda points: self._at(flattened(points)), unit, shadow=True)
         for particle, point in enumerate(here):
@@ -171,12 +171,12 @@ class SpacePanel(Panel):
             )
 
     def _floor_ring(self, point: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
-        """Return the picture of a circle on the floor below a point. ``radius`` is in pixels."""
+        """Return the pixel coordinates of a circle on the floor below ``point``, with the radius ``radius`` in pixels."""
         angles = 2 * np.pi * np.arange(24) / 24
         return self._at(flattened(point) + radius / self._scale * np.stack([np.cos(angles), np.sin(angles), 0 * angles], axis=1))
 
     def _draw_ends(self) -> None:
-        """Draw starts and goals, each with a line down to a cross or a ring on the floor."""
+        """Draw the starts and the goals, and for each goal a vertical line to a ring on the floor."""
         canvas, unit = self._canvas, self._unit
         for particle, (start, goal) in enumerate(zip(self._episode.states[0], self._episode.goal, strict=True)):
             colour = colour_of(particle)
@@ -190,7 +190,7 @@ class SpacePanel(Panel):
 
 
 class DeltaPanel(Panel):
-    """The Δ configuration space: the difference Δ with its path and its goal, and the set that two moves can reach."""
+    """The panel with the Δ configuration space: the path and the goal of the difference Δ, and the set that two moves can reach."""
 
     def _prepare(self, box: Box) -> None:
         outline = outlines_of(delta_outline(self._episode))[0]
@@ -199,11 +199,11 @@ class DeltaPanel(Panel):
         self._rings = [[self._view.at(ring) for ring in rings] for rings in two_move_rings(self._episode)]
 
     def draw_background(self) -> None:
-        """Draw the area and the outline of the Δ configuration space."""
+        """Draw the area and the outline of the Δ configuration space (all position differences)."""
         self._canvas.area([self._outline], FLOOR, edge=INK, width=2 * self._unit)
 
     def draw(self, moment: FilmMoment, _turn: float) -> None:
-        """Draw the moving parts."""
+        """Draw the moving parts of the panel at a moment of the film."""
         canvas, unit, view = self._canvas, self._unit, self._view
         canvas.area(self._rings[moment.move] if self._rings else [], REACHED)
         canvas.line(self._outline, INK, 2 * unit, closed=True)
@@ -221,14 +221,14 @@ class DeltaPanel(Panel):
 
 
 def points_at(episode: SteeringEpisode, trajectories: list[MoveTrajectory], moment: FilmMoment) -> NDArray[np.float64]:
-    """Return the positions of the particles at a moment of the film."""
+    """Return the positions of all particles at a moment of the film."""
     return trajectories[moment.move].at(moment.share) if trajectories else np.asarray(episode.states[0])
 
 
 def draw_trails(
     canvas: Canvas, trajectories: list[MoveTrajectory], moment: FilmMoment, at: Any, unit: float, *, shadow: bool = False
 ) -> None:
-    """Draw the paths of the particles. Earlier moves are paler, and shadows are grey."""
+    """Draw the paths of all particles, with paler colours for earlier moves and grey for shadows."""
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
         ways = trajectory.points if old else trajectory.until(moment.share)
@@ -242,7 +242,7 @@ def draw_trails(
 
 
 def draw_particle(canvas: Canvas, place: NDArray[np.float64], radius: float, particle: int, unit: float) -> None:
-    """Draw a particle with its number."""
+    """Draw a particle as a disc with its number."""
     canvas.disc(place, radius, colour_of(particle), edge="#ffffff", width=1.6 * unit)
     size = min(max(12 * unit, 0.9 * radius), 24 * unit)
     canvas.text(place + np.array([0, 0.37 * size]), str(particle + 1), "#ffffff", size, bold=True, align=0.5)

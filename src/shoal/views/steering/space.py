@@ -1,4 +1,4 @@
-"""The figure of a 3-D plan: a prism or a cylinder in perspective, with shadows on the floor."""
+"""The figure of a 3-D plan: a prism or a cylinder in perspective, with the shadows of the paths on the floor."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _SHADOW, _FLOOR, _FAINT = "#8a919c", "#f4f6f8", "#b9c0c9"
 
 
 def draw_space(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw a 3-D plan: paths and end points as in 2-D, their shadows, and a vertical line below each start and goal."""
+    """Draw a 3-D plan: paths with starts and goals, their shadows on the floor, and a vertical line below each start and goal."""
     workspace, states = episode.problem.place, episode.states
     assert isinstance(workspace, ConvexWorkspace)
     camera = camera_for(workspace, states, azimuth=AZIMUTH)

@@ -1,4 +1,4 @@
-"""The motion within each move of a steering episode, and the schedule of a film."""
+"""The motion of the particles within each move of a steering episode, and the schedule of a film."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
 @dataclass(frozen=True, eq=False)
 class MoveTrajectory:
-    """One move: the path of each particle in straight segments, and its wall contacts.
+    """The motion during one move: the path of each particle in straight segments, and its wall contacts.
 
     Parameters
     ----------
     sent : ndarray of float64, shape (d,)
-        The move that was sent.
+        The move (displacement) that was sent to all particles.
     shares : ndarray of float64, shape (keys,)
-        Fractions of the move, from 0 to 1.
+        Increasing fractions of the move, from 0 to 1, at which the segments begin and end.
     points : ndarray of float64, shape (keys, n, d)
         Positions of the particles at the fractions in ``shares``.
     held : tuple of tuple of (int, int)
-        For each segment, the pairs (particle, wall) in which the wall holds the particle or lets it slide. Walls are numbered as in
-        the workspace.
+        For each segment, all pairs (particle, wall) in which the wall holds the particle or the particle slides along the wall.
+        Walls have the same indices as in the workspace.
     """
 
     sent: Points
@@ -51,22 +51,22 @@ class MoveTrajectory:
 
     @property
     def length(self) -> float:
-        """Length of the move that was sent."""
+        """Length of the move, in the workspace's unit of length."""
         return float(np.linalg.norm(self.sent))
 
     def at(self, share: float) -> Points:
-        """Return the positions of the particles after a given fraction of the move; float64, shape (n, d)."""
+        """Return the positions of all particles after a given fraction of the move; float64, shape (n, d)."""
         piece = self._piece(share)
         first, last = self.shares[piece], self.shares[piece + 1]
         part = min(max((share - first) / (last - first), 0.0), 1.0)
         return np.asarray(self.points[piece] + part * (self.points[piece + 1] - self.points[piece]))
 
     def until(self, share: float) -> Points:
-        """Return the end points of the path's segments up to a given fraction of the move; float64, shape (keys, n, d)."""
+        """Return the end points of all segments of the paths up to a given fraction of the move; float64, shape (keys, n, d)."""
         return np.concatenate([self.points[: self._piece(share) + 1], self.at(share)[None]])
 
     def holders(self, share: float) -> tuple[tuple[int, int], ...]:
-        """Return the pairs (particle, wall) that are in contact after a given fraction of the move."""
+        """Return all pairs (particle, wall) that are in contact after a given fraction of the move."""
         return self.held[self._piece(share)]
 
     def _piece(self, share: float) -> int:
@@ -74,7 +74,7 @@ class MoveTrajectory:
 
 
 def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
-    """Return the motion within each move, computed with the world of the episode and the noise of its seed.
+    """Return the motion within each move of an episode, simulated with the noise of the episode's seed.
 
     Examples
     --------
@@ -102,9 +102,9 @@ def trajectories_of(episode: SteeringEpisode) -> list[MoveTrajectory]:
 
 
 def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tuple[NDArray[np.float64], Points]:
-    """Return fractions of a move and the positions there.
+    """Return increasing fractions of a move, and the positions of the particles at these fractions.
 
-    Straight segments between these positions stay within ``fine`` of the path.
+    The fractions are so close together that straight segments between the positions deviate from the true path by at most ``fine``.
     """
     known = {0.0: start} | {share: at(share) for share in np.linspace(0, 1, 9)[1:].tolist()}
     open_ = list(pairwise(sorted(known)))
@@ -128,7 +128,7 @@ def _in_pieces(at: Callable[[float], Points], start: Points, fine: float) -> tup
 
 
 def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points, radius: float) -> set[tuple[int, int]]:
-    """Return the pairs (particle, wall) for which a particle is on a wall and the move does not lead away from it."""
+    """Return all pairs (particle, wall) in which the particle touches the wall and the move does not lead away from the wall."""
     reach, least = radius + _TOUCH * workspace.size, _PUSHED * float(np.linalg.norm(move))
     if isinstance(workspace, Region):
         ends = workspace.edges.reshape(-1, 2, 2)
@@ -148,22 +148,23 @@ def _touching(workspace: ConvexWorkspace | Region, points: Points, move: Points,
 
 @dataclass(frozen=True)
 class FilmMoment:
-    """A moment of a film: the index of the current move, counted from 0, and the completed fraction of this move."""
+    """A moment of a film: the index of the present move, counted from 0, and its completed fraction."""
 
     move: int
     share: float
 
 
 class FilmSchedule:
-    """The schedule of a film. The duration of a move is proportional to its length, but short moves have a minimum duration.
+    """The schedule of a film of a steering episode: the start and the duration of each move.
 
-    A pause follows each move, and a longer pause follows the last move.
+    The duration of a move is proportional to its length, but short moves have a minimum duration. A pause follows each move, and a
+    longer pause follows the last move.
 
     Parameters
     ----------
     trajectories : list of MoveTrajectory
     size : float
-        Size of the workspace.
+        Size of the workspace (its largest extent), in its unit of length.
 
     Examples
     --------
@@ -184,7 +185,7 @@ class FilmSchedule:
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
-        """Return the moment of the film at a given time. Moves begin and end smoothly."""
+        """Return the moment of the film at a time in seconds; moves begin and end smoothly."""
         if not self.lasting:
             return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
@@ -192,36 +193,36 @@ class FilmSchedule:
         return FilmMoment(move, part * part * (3 - 2 * part))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
-        """Return the moments of a film's frames, and the frame rate, which is lower than ``rate`` for long films."""
+        """Return the moments of a film's frames and the frame rate, which is lower than ``rate`` for long films."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 
 
 def room_of(episode: SteeringEpisode) -> Any:
-    """Return the set of possible positions of the particles' centres."""
+    """Return the set of possible positions of the particles' centres, as a workspace."""
     return episode.problem.world(seed=episode.seed).room
 
 
 def has_delta(episode: SteeringEpisode) -> bool:
-    """Return whether a Δ configuration space can be drawn.
+    """Return whether the Δ configuration space of an episode can be drawn.
 
-    A Δ configuration space exists for two particles in a convex plane workspace.
+    The drawing is possible for two particles in a convex plane workspace.
     """
     workspace = episode.problem.place
     return isinstance(workspace, ConvexWorkspace) and workspace.dimensions == 2 and episode.problem.n_particles == 2
 
 
 def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
-    """Return the Δ configuration space of an episode."""
+    """Return the Δ configuration space of an episode (all position differences of the two particles), as a workspace."""
     space: ConvexWorkspace = room_of(episode).differences
     return space
 
 
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
-    """For each move, return the set of differences that two moves reach from its start, as rings for the even-odd fill rule.
+    """Return, for each move, the set of position differences that two moves reach from its start, as a list of rings.
 
-    The set is correct only if particles never slide along walls. If the friction is finite, the list of rings of each move is
-    empty.
+    The rings are closed lines for the even-odd fill rule. If the friction is finite, particles slide along walls, and the list of
+    rings is empty for each move.
     """
     from shapely import Polygon, union_all
 

@@ -1,4 +1,4 @@
-"""Colours of cells in pictures of episodes: five colours without noise, and a scale from obstacle to free with noise."""
+"""Colours of cells in pictures of swarm episodes: five colours without noise, or a scale from obstacle to free with noise."""
 
 from __future__ import annotations
 
@@ -24,14 +24,15 @@ FRONTIER_TINT = 0.65
 
 @dataclass(frozen=True)
 class CellPalette:
-    """The colours of cell codes.
+    """The colour for each colour code of a cell.
 
     Parameters
     ----------
     rgb : ndarray of uint8, shape (n, 3)
-        The colours by code; the last is the colour of a particle.
+        Row k is the RGB colour for the code k; the last row is the colour of particles.
     solid : ndarray of bool, shape (n,)
-        Which codes are drawn in a 3-D view. Unknown cells and obstacles are not drawn, because they would hide all other cells.
+        For each code, whether a 3-D view shows cells with the code. A 3-D view omits unknown cells and obstacles, because they
+        would hide all other cells.
     """
 
     rgb: NDArray[np.uint8]
@@ -39,7 +40,7 @@ class CellPalette:
 
     @property
     def particle(self) -> int:
-        """The code of a particle."""
+        """The colour code of a cell with a particle."""
         return len(self.rgb) - 1
 
 
@@ -66,19 +67,19 @@ NOISY = _noisy()
 
 
 def palette_of_cells(episode: SwarmEpisode) -> CellPalette:
-    """Return the colours for an episode."""
+    """Return the palette for an episode: `NOISY` for an episode with noise, otherwise `PLAIN`."""
     return NOISY if episode.noisy else PLAIN
 
 
 def codes_of(state: SwarmState, belief: Belief) -> NDArray[np.uint8]:
-    """Return the colour code (an index of `PLAIN`) of each cell in an episode without noise; uint8, with a rim of one cell."""
+    """Return the colour code of each cell in an episode without noise; uint8, with a rim of one cell around the map."""
     codes = belief.states
     codes[state.occupied.mask] = PLAIN.particle
     return codes
 
 
 def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
-    """Yield the colour code of each cell at the start and after each move; uint8, with the rim."""
+    """Yield the colour codes of all cells at the start and after each move; uint8, with a rim of one cell around the map."""
     if episode.noisy:
         for moment in episode.moments():
             yield np.where(moment.particles, np.uint8(NOISY.particle), moment.looks)
@@ -88,7 +89,7 @@ def codes_by_move(episode: SwarmEpisode) -> Iterator[NDArray[np.uint8]]:
 
 
 def codes_after(episode: SwarmEpisode, moves: int) -> NDArray[np.uint8]:
-    """Return the colour code of each cell after ``moves`` moves; uint8, with the rim."""
+    """Return the colour codes of all cells after ``moves`` moves; uint8, with a rim of one cell around the map."""
     if moves == episode.moves and palette_of_cells(episode) is PLAIN:
         return codes_of(*episode.final())  # the whole replay in compiled code
     return next(codes for i, codes in enumerate(codes_by_move(episode)) if i == moves)

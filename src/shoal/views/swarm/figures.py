@@ -1,4 +1,4 @@
-"""Figures of swarm episodes: the map, and the frontier by move."""
+"""Figures of swarm episodes: the map, and the number of frontier cells over the moves."""
 
 from __future__ import annotations
 
@@ -29,21 +29,21 @@ _LEGEND = {"particle": "particle", "frontier": "frontier", "free": "free", "obst
 
 
 def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
-    """Return the figure of a map: its particles, frontier cells, free cells, obstacles and unknown cells.
+    """Return a figure of an episode's map: particles, frontier cells, free cells, obstacles and unknown cells.
 
-    Very wide maps are cut into strips that are stacked like lines of text. A 3-D map is shown from a corner, with slices on the
-    right.
+    The figure cuts a very wide map into strips and stacks the strips like lines of text. The figure shows a 3-D map from a corner,
+    with three slices of the map on the right.
 
     Parameters
     ----------
     episode : SwarmEpisode
     moves : int, optional
-        Number of moves before the picture, or None for the end.
+        Number of moves after which the figure shows the map, or None for the end of the episode.
 
     Raises
     ------
     InvalidInputError
-        If the episode has fewer moves.
+        If the episode has fewer than ``moves`` moves.
     """
     moves = episode.moves if moves is None else check_integer(moves, what="moves", least=0, most=episode.moves)
     workspace, palette, codes = episode.workspace, palette_of_cells(episode), codes_after(episode, moves)
@@ -71,19 +71,21 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
 
 
 def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None) -> Figure:
-    """Return a figure with plane maps side by side, as in paper M, Fig. 1. Each map shows an episode after a given number of moves.
+    """Return a figure with several plane maps side by side, as in Fig. 1 of paper M.
 
     Parameters
     ----------
     shown : sequence of (SwarmEpisode, int)
+        Episodes, each with the number of moves after which a map shows the episode.
     columns : int
+        Number of maps side by side in one row.
     chart : callable, optional
-        Function that draws a chart below the maps.
+        Function that draws a chart on given axes below the maps.
 
     Raises
     ------
     InvalidInputError
-        If there are no maps.
+        If ``shown`` is empty.
     """
     if not shown:
         raise InvalidInputError("map panels: expected at least one episode, got none")
@@ -132,12 +134,14 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 
 
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
-    """Return a figure of frontier cells by move, as in paper M, Fig. 8: a line per episode, and the median if there are several.
+    """Return a figure of the number of frontier cells over the moves, as in Fig. 8 of paper M.
+
+    Each episode has a line, and several episodes have a median line.
 
     Raises
     ------
     InvalidInputError
-        If there is no episode.
+        If ``episodes`` is empty.
     """
     episodes = episodes if isinstance(episodes, Sequence) else [episodes]
     if not episodes:

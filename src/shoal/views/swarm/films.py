@@ -1,4 +1,4 @@
-"""Frames of films of swarm episodes."""
+"""Frames for films of swarm episodes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ VOLUME_SIDE = 720  # pixels of the rotating view
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
-    """Return the film of an episode for a GIF or H.264. Films of longer episodes show every k-th move."""
+    """Return the film of a swarm episode, ready for encoding as GIF or H.264; the film of a long episode skips moves."""
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(
@@ -42,7 +42,7 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
-    """Return the numbers of moves after which a film of at most ``at_most`` frames shows the episode, including start and end.
+    """Return the numbers of moves, including start and end, after which a film of ``at_most`` frames or less shows the episode.
 
     Examples
     --------
@@ -53,9 +53,10 @@ def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
 
 
 def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDArray[np.uint8]]:
-    """Yield the picture after each number of moves in ``shown``; uint8, shape (H, W, 3).
+    """Yield the picture of an episode after each number of moves in ``shown``; uint8, shape (H, W, 3).
 
-    In 2-D, a picture has one pixel per cell. In 3-D, a picture is a rotating view of `VOLUME_SIDE` pixels with slices.
+    The picture of a 2-D map has one pixel for each cell. The picture of a 3-D map is a rotating view with a height of `VOLUME_SIDE`
+    pixels, and slices on its right.
     """
     wanted = set(shown.tolist())
     workspace = episode.workspace
@@ -80,7 +81,7 @@ def film_frames(episode: SwarmEpisode, shown: NDArray[np.int64]) -> Iterator[NDA
 def pictures_with_legend(
     episode: SwarmEpisode, moves: Iterable[int], pictures: Iterable[NDArray[np.uint8]]
 ) -> Iterator[NDArray[np.uint8]]:
-    """Yield enlarged pictures with a caption: the number of the move, the arrow of its command, and a legend of colours."""
+    """Yield enlarged pictures with a caption: the number of the move, the command as an arrow, and a legend of the colours."""
     blank: Image.Image | None = None
     for move, picture in zip(moves, pictures, strict=True):
         short, long = sorted(picture.shape[:2])
@@ -100,7 +101,7 @@ def pictures_with_legend(
 
 
 def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
-    """Return the common footer of all frames: the legend of the colours."""
+    """Return the picture of the colour legend, which is the footer of all frames."""
     sheet = Image.new("RGB", (width, height), _colour("free"))
     pen, font, top = ImageDraw.Draw(sheet), _font(width), height - CAPTION
     left, size = 10.0, font.size
@@ -113,7 +114,10 @@ def _legend(episode: SwarmEpisode, width: int, height: int) -> Image.Image:
 
 
 def _draw_scale_bar(sheet: Image.Image, workspace: GridWorkspace, times: int) -> None:
-    """Draw a scale bar at the right of the caption, if the size of a cell is known. In 2-D, a cell has ``times`` pixels."""
+    """Draw a scale bar at the right of the caption, if the size of a cell is known.
+
+    In a 2-D film, the side of a cell is ``times`` pixels.
+    """
     if workspace.spacing is None:
         return
     turned = workspace.ndim == 3
@@ -131,10 +135,11 @@ def _font(width: int) -> ImageFont.FreeTypeFont:
 
 
 def scan_strip(scanned: NDArray[np.bool_], move: int, width: int) -> NDArray[np.uint8]:
-    """Return a strip for the bottom of a picture. The strip has one column for each move and a black mark for each scan.
+    """Return a picture strip that shows the scans: one column of pixels for each move, and a black mark for each scan.
 
-    The current move is in the middle of the strip, with a mark below the middle. The picture above the strip shows the belief after
-    the last scan. The strip is a uint8 array of shape (rows, width, 3), in colours of the palette.
+    The present move is in the middle of the strip, and a mark below the strip points at the middle. The picture above the strip
+    shows the known state of each cell after the last scan. The strip is a uint8 array of shape (rows, width, 3), with colours of
+    the film's palette.
 
     Examples
     --------

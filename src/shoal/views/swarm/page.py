@@ -1,4 +1,4 @@
-"""The player's data of a swarm episode."""
+"""The data of a swarm episode for the player page."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ LARGEST = 2_000_000_000
 
 
 def player_page(episode: SwarmEpisode) -> str:
-    """Return the HTML page that plays an episode.
+    """Return the HTML page that plays a swarm episode.
 
     Raises
     ------
     InvalidInputError
-        If map and episode together are too large for a browser.
+        If the data of the map and the episode together are too large for a browser.
     """
     work = episode.workspace.free.size * max(1, episode.moves)
     if work > LARGEST or episode.workspace.free.size > LARGEST // 100:
@@ -36,27 +36,32 @@ def player_page(episode: SwarmEpisode) -> str:
 
 
 def page_data(episode: SwarmEpisode) -> dict[str, object]:
-    """Return the data of the page for JSON.
+    """Return the data of a swarm episode for the player page, as JSON data.
 
     Returns
     -------
     dict
-        - ``title``, ``map``, ``policy``, ``version`` : str, shown literally; ``seed`` : int or None.
-        - ``task`` : ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
-        - ``rule`` : ``"block"``, ``"merge"`` or ``"tilt"``.
-        - ``shape`` : ``[H, W]`` or ``[D, H, W]``; ``spacing`` : the size of a cell along each axis, or None or missing.
-        - ``free`` : base64 of ``numpy.packbits(free.ravel())``; a set bit is a free cell.
-        - ``start`` : base64 of the particles as little-endian uint32 indices ``r * W + c``, in 3-D ``(l * H + r) * W + c``.
-        - ``targets`` : None, or the cells to cover in the form of ``free``. In the task ``"coverage"``, None means all free cells.
-        - ``commands`` : str of the letters ``lurd``, in 3-D ``lurdio``.
-        - ``scanned`` : None or missing if a scan followed every command; otherwise base64 of ``numpy.packbits`` of one flag per
-          command.
-        - ``status`` : ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` : number of free cells that no particle can
-          reach.
-        - ``playing`` : whether the page starts to play at once. For users who prefer reduced motion, it shows the end instead.
-        - With noise, instead of ``start`` and ``targets``: ``moments`` : base64 of `shoal.views.swarm.recording.packed_moments`;
-          ``looks`` : meaning of their numbers; ``noise`` : probabilities by name; ``goal`` : number of cells to classify; ``truth``
-          : whether classification errors are known; ``seen`` : whether the positions of particles are observed instead of true.
+        - ``title``, ``map``, ``policy`` and ``version`` are texts, which the page shows literally; ``seed`` is an integer or None.
+        - ``task`` is ``"mapping"``, ``"coverage"`` or ``"subset-coverage"``.
+        - ``rule``, the move rule, is ``"block"``, ``"merge"`` or ``"tilt"``.
+        - ``shape`` is ``[H, W]`` or ``[D, H, W]``, in cells; ``spacing`` is the size of a cell along each axis in millimetres, or
+          None, or missing.
+        - ``free`` is the base64 text of ``numpy.packbits(free.ravel())``, in which a set bit is a free cell.
+        - ``start`` is the base64 text of the particles' start cells as little-endian uint32 indices ``r * W + c`` (row, column), in
+          3-D ``(l * H + r) * W + c`` (layer, row, column).
+        - ``targets`` is None, or the cells to cover in the form of ``free``. In the task ``"coverage"``, None means all free cells.
+        - ``commands`` is a text of the letters ``lurd``, in 3-D of the letters ``lurdio``.
+        - ``scanned`` is the base64 text of ``numpy.packbits`` of one flag for each command: whether a scan followed the command. If
+          a scan followed every command, ``scanned`` is None or missing.
+        - ``status`` is ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` is the number of free cells that no particle
+          can reach.
+        - ``playing`` states whether the page starts to play at once. If a user prefers reduced motion, the page shows the end of
+          the episode instead.
+        - An episode with noise has other fields instead of ``start`` and ``targets``. ``moments`` is the base64 text of
+          `shoal.views.swarm.recording.packed_moments`, and ``looks`` explains the colour codes of the cells. ``noise`` holds the
+          probabilities of the noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether
+          classification errors are known, and ``seen`` states whether the positions of the particles are observed positions instead
+          of true positions.
     """
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",
@@ -78,7 +83,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _simulated(episode: SwarmEpisode) -> dict[str, object]:
-    """Return the data that a page needs to simulate an episode."""
+    """Return the data that a player page needs to simulate an episode without noise."""
     flat = np.ravel_multi_index(tuple(episode.start.T), episode.workspace.shape)
     return {
         "start": base64.b64encode(flat.astype("<u4").tobytes()).decode(),
@@ -87,7 +92,7 @@ def _simulated(episode: SwarmEpisode) -> dict[str, object]:
 
 
 def _recorded(episode: SwarmEpisode) -> dict[str, object]:
-    """Return the recorded data of an episode with noise, which a page cannot simulate."""
+    """Return the recorded data of an episode with noise, which a player page cannot simulate."""
     errors = episode.errors
     if errors is None:
         seen, truth, goal = True, episode.truth is not None, len(episode.final()[1].known)

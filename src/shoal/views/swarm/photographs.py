@@ -1,4 +1,4 @@
-"""Pictures of a photograph's vessels: the mask of the vessels, and its outline on the photograph."""
+"""Pictures of the vessels in a photograph: the mask of the vessels, and the outline of the mask on the photograph."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ OUTLINE = (64, 255, 96)  # a colour that does not occur in an eye
 
 
 def mask_picture(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a mask as a picture with white vessels; uint8, shape (H, W)."""
+    """Return a vessel mask as a picture with white vessels on black; uint8, shape (H, W)."""
     return np.asarray(mask, dtype=np.uint8) * np.uint8(255)
 
 
 def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return the photograph with the mask's outline, which does not cover the vessels; uint8, shape (H, W, 3)."""
+    """Return the photograph with the outline of the mask drawn just outside the vessels; uint8, shape (H, W, 3)."""
     drawn = np.array(photograph if photograph.ndim == 3 else np.dstack([photograph] * 3))
     wide = max(1, round(max(mask.shape) / 1000))
     drawn[ndimage.binary_dilation(mask, np.ones((3, 3)), iterations=wide) & ~mask] = OUTLINE
@@ -30,14 +30,16 @@ def overlay_picture(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> N
 
 
 def beside(photograph: NDArray[np.uint8], mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
-    """Return a picture with the photograph on the left and its vessels in white on the right; uint8, shape (H, 2 W + gap, 3)."""
+    """Return a picture: the photograph on the left, its vessels in white on the right; uint8, shape (H, 2 W + gap, 3)."""
     gap = np.full((mask.shape[0], max(1, mask.shape[1] // 50), 3), 255, dtype=np.uint8)
     colours = photograph if photograph.ndim == 3 else np.dstack([photograph] * 3)
     return np.hstack([colours, gap, np.dstack([mask_picture(mask)] * 3)])
 
 
 def save_picture(picture: NDArray[Any], path: Path) -> Path:
-    """Write a uint8 picture of shape (H, W) or (H, W, 3) in the format of the path's suffix. Return the path.
+    """Write a uint8 picture of shape (H, W) or (H, W, 3) to a file, and return the path of the file.
+
+    The suffix of ``path`` determines the format.
 
     Raises
     ------

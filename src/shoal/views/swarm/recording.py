@@ -1,4 +1,4 @@
-"""Encoding of the moments of an episode with noise for the player: its particles, and the cells that changed."""
+"""Encoding of an episode with noise for the player page: after each move, the particles and the changed cells."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ HEAVIEST = 40_000_000
 
 
 def packed_moments(frames: Iterable[Moment]) -> bytes:
-    """Return moments as bytes.
+    """Return the moments of an episode as bytes.
 
-    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose colour code changed, each with its
-    new code. Each list begins with its length. Cells are indices into the grid with its rim, encoded as differences from the
-    previous index. Lengths and differences are base-128 numbers, with the lowest bits first. The high bit of a byte is set if more
-    bytes follow. Initially all cells look unknown.
+    For each moment, the bytes contain a list of the particles' cells, and a list of the cells whose colour code changed, each with
+    its new code. Each list of cells begins with its length. A cell is an index into the grid with its rim, encoded as the
+    difference from the previous index of the list. Lengths and index differences are base-128 numbers, with the lowest bits first.
+    The high bit of a byte is set if another byte of the same number follows. Before the first moment, all cells have the colour
+    code of unknown cells.
 
     Raises
     ------
     InvalidInputError
-        If the moments are too large for a browser.
+        If the encoded moments are too large for a browser.
 
     Examples
     --------

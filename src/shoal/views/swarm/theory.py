@@ -1,4 +1,4 @@
-"""Figures of the one-dimensional theory: costs of placements and of schedules."""
+"""Figures of the one-dimensional theory: the costs of random placements of particles, and the costs of scan schedules."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _POINTS = 400  # maximum number of scans at each of which a chart has a point
 
 
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
-    """Return a figure of the distributions of first gap, last gap, largest gap and spread, as in paper M, figure 5.
+    """Return a figure of the distributions of first gap, last gap, largest gap and spread, as in figure 5 of paper M.
 
-    Lines are exact values. Bars show the Monte Carlo sample, if one is given.
+    Lines show the exact distributions. Bars show the Monte Carlo sample, if a sample is given.
     """
     figure = new_figure(7.6, 5.2)
     first = line.first_distribution
@@ -52,7 +52,7 @@ def _heading(line: Line, sample: LineSample | None) -> str:
 
 
 def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) -> None:
-    """Draw an exact distribution as a line with its mean, over the bars of a sample."""
+    """Draw an exact distribution as a line and its mean as a vertical line, in front of the bars of a sample."""
     probabilities = exact.probabilities
     shown = np.flatnonzero(probabilities > probabilities.max() / 1000)
     low, high = int(exact.values[shown[0]]), int(exact.values[shown[-1]])
@@ -69,7 +69,7 @@ def _density(axes: Axes, exact: Distribution, values: NDArray[np.int32] | None) 
 
 
 def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: str, label: str) -> None:
-    """Draw a histogram with bars that are a whole number of cells wide."""
+    """Draw a histogram whose bars are a whole number of cells wide."""
     width = max(1, (high - low + 1) // _BARS)
     edges = np.arange(low, high + width + 1, width)
     heights = np.histogram(values, bins=edges)[0] / (len(values) * width)
@@ -77,14 +77,14 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return a figure with the distributions of the moves to find both ends, and of the moves to cover all cells (paper M, Fig. 6).
+    """Return a figure of two distributions, as in Fig. 6 of paper M: the moves to find both ends, and to cover all cells.
 
     Parameters
     ----------
     line : Line
     sample : LineSample
     printed : sequence of float
-        Means printed in a paper, to be marked.
+        Means that a paper prints and that the figure marks, in moves.
     """
     figure = new_figure(6.8, 3.6)
     axes = figure.add_subplot()
@@ -108,15 +108,15 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return the figure for theorem 1 of paper M: the larger of move ratio and scan ratio against the largest distance, 10^k.
+    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio over the largest distance 10^k.
 
     Parameters
     ----------
     decades : sequence of int
-        Exponents k of the distances 10^k.
+        Exponents k of the largest distances 10^k.
     ours, best, growth : array_like of float, shape (k,)
-        The larger of move ratio and scan ratio in the worst case: of the schedule i^i, and the smallest of any schedule. ``growth``
-        is log D / log log D for the largest distance D.
+        ``ours`` and ``best`` are the larger of move ratio and scan ratio in the worst case: ``ours`` for the schedule i^i, ``best``
+        for the best possible schedule. ``growth`` is log D / log log D for the largest distance D.
     """
     figure = new_figure(7.6, 3.8)
     left, right = figure.subplots(1, 2)
@@ -135,7 +135,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the move ratios and scan ratios of schedules against the distance of the wall."""
+    """Return a figure of the move ratios and scan ratios of scan schedules over the distance of the wall."""
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
@@ -160,16 +160,16 @@ def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> 
 
 
 def _float(ratio: Fraction) -> float:
-    """Return a ratio as a float, limited to 1e100."""
+    """Return a ratio as a float, at most 1e100."""
     return float(min(ratio, Fraction(10**100)))
 
 
 def telling_distances(schedule: ScanSchedule, max_distance: int) -> list[int]:
-    """Return the distances at which a chart shows a schedule's ratios.
+    """Return the distances, in cells, at which a chart shows the ratios of a scan schedule.
 
-    The result contains the distances just before and just after each scan. If there are more than 40 scans, the result contains
-    only one distance per scan. The line of the chart then connects the peaks of the ratios. If there are more than 400 scans, the
-    result contains ten distances per decade.
+    For a schedule of up to 40 scans, the result contains the distances just before and just after each scan. For 41 to 400 scans,
+    the result contains one distance for each scan, so that the line of the chart connects the peaks of the ratios. For more than
+    400 scans, the result contains ten distances in each decade.
     """
     scans = [*islice(takewhile(lambda position: position <= max_distance, schedule.positions()), _POINTS + 1)]
     if len(scans) <= _TEETH:

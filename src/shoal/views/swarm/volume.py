@@ -1,4 +1,4 @@
-"""Pictures of 3-D workspaces: a rotated view, and slices along the three axes."""
+"""Pictures of 3-D maps of cells: a rotated view, and one slice along each of the three axes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEAST_LINE = 13  # pixels per line of text
 
 @dataclass(frozen=True)
 class Slices:
-    """The slices of a volume: the layer, the row and the column with the most free cells."""
+    """The three slices of a 3-D map that pictures show: the layer, the row and the column with the most free cells."""
 
     layer: int
     row: int
@@ -36,23 +36,23 @@ class Slices:
 
     @classmethod
     def of(cls, workspace: GridWorkspace) -> Slices:
-        """Return the slices of a workspace."""
+        """Return the three slices of a workspace with the most free cells."""
         counts = [np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)]
         return cls(*(int(np.argmax(count)) for count in counts))
 
 
 @dataclass(frozen=True)
 class Fit:
-    """The visible part of a volume in a rotated view: the smallest part that contains the drawn cells for every direction of view.
+    """The visible part of a 3-D map in a rotated view, which contains the drawn cells for every direction of view.
 
     Parameters
     ----------
     centre : tuple of float
-        Centre of rotation: layer, row and column in units of the cells' sizes, from the corner of the rim.
+        Centre of rotation (layer, row, column), measured from the corner of the rim in units of the smallest side of a cell.
     wide, tall : float
-        Required width and height in the units of ``centre``.
+        Required width and height of the view, in units of the smallest side of a cell.
     middle : float
-        Distance of the picture's centre below the centre of rotation.
+        Distance of the picture's centre below the centre of rotation, in units of the smallest side of a cell.
     """
 
     centre: tuple[float, float, float]
@@ -62,7 +62,7 @@ class Fit:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
-        """Return the visible part for the free cells of a workspace and the walls around them."""
+        """Return the visible part for the free cells of a workspace and the walls around the free cells."""
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
         places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
@@ -73,12 +73,12 @@ class Fit:
         return cls((z, y, x), 2 * (float(away.max()) + margin), bottom - top + 2 * margin, (top + bottom) / 2)
 
     def pixels_a_cell(self, side: int) -> float:
-        """Return the length in pixels of a cell's shortest side in a rotated view of the given size."""
+        """Return the length of a cell's shortest side, in pixels, in a rotated view with a side of ``side`` pixels."""
         return 0.96 * side / max(self.wide, self.tall)
 
 
 def _sizes(spacing: tuple[float, ...] | None) -> NDArray[np.float64]:
-    """Return the size of a cell along each axis, with the smallest size scaled to 1."""
+    """Return the size of a cell along each axis, scaled so that the smallest size is 1."""
     return np.array(spacing or (1.0, 1.0, 1.0)) / min(spacing or (1.0,))
 
 
@@ -92,24 +92,24 @@ def turned_view(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return known free cells, frontier and particles in a rotated view; uint8, shape (side, side, 3).
+    """Return a rotated view of the known free cells, the frontier cells and the particles; uint8, shape (side, side, 3).
 
     Parameters
     ----------
     codes : ndarray of uint8, shape (D + 2, H + 2, W + 2)
-        Codes as in `shoal.views.swarm.cell_colours.codes_by_move`.
+        Colour codes of all cells, as from `shoal.views.swarm.cell_colours.codes_by_move`.
     azimuth : float
-        Azimuth in radians. 0 looks at layer 0, with row 0 on top.
+        Azimuth of the view in radians. The azimuth 0 looks at layer 0, with row 0 on top.
     side : int
-        Side of the picture in pixels.
+        Width and height of the picture in pixels.
     spacing : tuple of float, optional
-        Size of a cell along each axis. Only the ratios matter.
+        Size of a cell along each axis, in any unit, because only the ratios matter.
     elevation : float
-        Elevation of the view in radians.
+        Elevation of the camera in radians.
     palette : CellPalette
-        The colours of the codes.
+        The colour of each colour code.
     fit : Fit
-        The visible part of the volume.
+        The visible part of the 3-D map.
     """
     sizes = _sizes(spacing)
     background, cells = BACKGROUND, _surface(codes, palette)
@@ -146,7 +146,7 @@ def turned_view(
 
 
 def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64]:
-    """Return the drawn cells that have a neighbour that is not drawn, or lie in the rim; int64, shape (n, 3)."""
+    """Return the drawn cells on the surface: beside a cell that is not drawn, or in the rim; int64, shape (n, 3)."""
     shown = np.pad(palette.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
@@ -164,7 +164,7 @@ def _splat(
     colours: NDArray[np.uint8],
     size: int,
 ) -> None:
-    """Draw squares from far to near, so that nearer squares cover farther ones."""
+    """Draw squares in the order from far to near, so that near squares cover far squares."""
     side = len(picture)
     near = np.full((side, side), np.inf)
     for dx in range(size):
@@ -177,7 +177,10 @@ def _splat(
 
 
 def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalette = PLAIN) -> list[NDArray[np.uint8]]:
-    """Return the three slices with one pixel per cell, including the rim: from the front, from above, and from the right."""
+    """Return pictures of the three slices, seen from the front, from above and from the right.
+
+    Each picture has one pixel for each cell, including the rim.
+    """
     front = codes[slices.layer + 1]
     above = codes[::-1, slices.row + 1]  # the front is at the bottom
     right = codes[:, :, slices.column + 1].T
@@ -185,12 +188,12 @@ def slice_pictures(codes: NDArray[np.uint8], slices: Slices, palette: CellPalett
 
 
 def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None = None) -> int:
-    """Return the width of a sheet (see `sheet`) for an array of colour codes of the given shape."""
+    """Return the width, in pixels, of the picture that `sheet` makes from colour codes of the given shape."""
     return side + GAP + _room(shape, side, spacing)[1]
 
 
 def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
-    """Return the maximum height and width of a sheet's slices, and the height of their names, in pixels."""
+    """Return the maximum height of a slice, the maximum width of a slice, and the height of its name, all in pixels."""
     line = max(LEAST_LINE, side // 30)
     high = (side - 2 * GAP) // 3 - line
     deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))
@@ -208,7 +211,7 @@ def sheet(
     palette: CellPalette = PLAIN,
     fit: Fit,
 ) -> NDArray[np.uint8]:
-    """Return a picture of the rotated view, with named slices in a column on its right; uint8, shape (side, about 1.4 side, 3)."""
+    """Return a picture: the rotated view on the left, the named slices on the right; uint8, shape (side, about 1.4 side, 3)."""
     sizes = spacing or (1.0, 1.0, 1.0)
     lengths = [(sizes[1], sizes[2]), (sizes[0], sizes[2]), (sizes[1], sizes[0])]
     names = f"layer {slices.layer}, from the front", f"row {slices.row}, from above", f"column {slices.column}, from the right"
@@ -229,7 +232,7 @@ def sheet(
 
 
 def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.uint8]:
-    """Return the sheet of a completely known 3-D workspace; uint8, shape (side, about 1.4 side, 3)."""
+    """Return the picture of `sheet` for a completely known 3-D workspace; uint8, shape (side, about 1.4 side, 3)."""
     codes = np.pad(np.where(workspace.free, raster.FREE, raster.OBSTACLE).astype(np.uint8), 1, constant_values=raster.OBSTACLE)
     fit = Fit.of(workspace)
     return sheet(codes, Slices.of(workspace), azimuth=CORNER, side=side, spacing=workspace.spacing, fit=fit)
@@ -237,7 +240,7 @@ def workspace_sheet(workspace: GridWorkspace, *, side: int = 640) -> NDArray[np.
 
 @lru_cache(maxsize=16)
 def _written(words: str, width: int, height: int) -> NDArray[np.uint8]:
-    """Return a line of text, dark on white; uint8, shape (height, width, 3)."""
+    """Return a picture with one line of dark text on white; uint8, shape (height, width, 3)."""
     canvas, size = Canvas(width, height), 0.74 * height
     wide = canvas.text((0, 0.72 * height), words, PALETTE["obstacle"], size)
     if wide > width:

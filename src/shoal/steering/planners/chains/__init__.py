@@ -1,1 +1,1 @@
-"""Chains of contacts, with which most planners work: queries, shortest chains, and long chains from roadmaps."""
+"""Chains of wall contacts, from which most planners make plans: queries, shortest chains, and long chains from roadmaps."""

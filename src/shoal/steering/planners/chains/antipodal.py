@@ -1,4 +1,4 @@
-"""Chains to almost antipodal goals on a disk, planned backwards from the goal."""
+"""Chains of wall contacts to almost antipodal (opposite) goals on a disk, planned backwards from the goals."""
 
 from __future__ import annotations
 
@@ -14,19 +14,22 @@ TURN = 0.9  # fraction of the largest turn that a cycle allows
 
 
 def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
-    """Return a chain on a disk to a difference that is nearly as long as the diameter.
+    """Return a chain of wall contacts on a disk to a position difference that is nearly as long as the diameter.
 
-    The result is None if the goals' difference is much shorter than the diameter, or if more than ``cycles`` cycles are necessary.
+    The result is None if the position difference of the goals is much shorter than the diameter, or if the chain would need more
+    than ``cycles`` cycles.
 
-    On a disk of radius r, one cycle can at most halve the logarithm of 2 r / |Δ|. The new difference Δ' then has the length
-    sqrt(2 r |Δ|), and the cycle turns Δ by the angle t = acos(|Δ'| / (2 r)) to either side. The algorithm plans backwards: before a
-    cycle that ends with Δ', the difference has the length |Δ'| cos t. The algorithm repeats this backward step until the difference
-    is short enough for a chain of a few cycles. ``sides`` contains the signs of the first two backward turns, counter-clockwise
-    positive. Later turns alternate between these two signs.
+    On a disk of radius r, one cycle increases the distance D of the particles to sqrt(2 r D) at most. A cycle with the largest
+    increase from D to sqrt(2 r D) turns the position difference by the angle acos(sqrt(D / (2 r))) to the left or to the right. The
+    algorithm plans backwards: a cycle that ends at the distance D and turns by the angle t starts at the distance D cos t. The
+    algorithm repeats the backward step until a chain of a few cycles can reach the position difference from the start. ``sides``
+    contains the signs of the first two backward turns, positive for counter-clockwise turns. The backward turns use the two signs
+    in ``sides`` alternately.
 
     Notes
     -----
-    Source: paper W, section VI, Fig. 15: antipodal goals can only be approached. The backward plan is an addition by Shoal.
+    Source: Fig. 15 in section VI of paper W shows that particles can approach antipodal goals but not reach them. Planning
+    backwards is an addition by Shoal.
     """
     if query.walls.dimensions != 2:
         return None

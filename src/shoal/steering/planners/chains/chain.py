@@ -1,4 +1,4 @@
-"""Chains of contacts, and chain queries."""
+"""Chains of wall contacts, and queries for chains."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ _DEEPEST = 12  # cycles of a chain that is refined without search
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A sequence of cycles (a contact and an adjustment), in the units of `NormalizedWalls`.
+    """A sequence of cycles (a wall contact, then an adjustment by the other particle), in the units of `NormalizedWalls`.
 
     Parameters
     ----------
     touchers : ndarray of int64, shape (cycles,)
-        Index of the particle that each cycle holds, 0 or 1.
+        Index, 0 or 1, of the particle that a wall holds in each cycle (the toucher).
     walls : ndarray of int64, shape (cycles,)
         Index of the wall that holds the toucher of each cycle.
     unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
-        Positions of the contacts along their walls, and the differences between cycles.
+        Positions of the contacts along their walls, followed by the position differences of the particles between the cycles.
     length : float
     last : ndarray of float64, shape (d,), optional
-        The difference Δ at the end, if it differs from the goals' difference.
+        The position difference after the last cycle, if it is not the position difference of the goals.
     """
 
     touchers: NDArray[np.int64]
@@ -50,11 +50,11 @@ class Chain:
 
     @property
     def cycles(self) -> int:
-        """Number of contacts."""
+        """Number of cycles, each with one wall contact."""
         return len(self.walls)
 
     def contacts(self, walls: NormalizedWalls) -> Points:
-        """Return the positions of the contacts; float64, shape (cycles, d)."""
+        """Return the positions of the wall contacts; float64, shape (cycles, d)."""
         d, flat = walls.dimensions, self.walls < len(walls.frames)
         along, contacts = self.unknowns[: self.cycles * (d - 1)].reshape(-1, d - 1), np.empty((self.cycles, d))
         frames = walls.frames[self.walls[flat]]
@@ -66,14 +66,14 @@ class Chain:
         return contacts
 
     def differences(self, before: Points, after: Points) -> Points:
-        """Return Δ at the start and after each cycle; float64, shape (cycles + 1, d)."""
+        """Return the position difference of the particles at the start and after each cycle; float64, shape (cycles + 1, d)."""
         d = len(before)
         between = self.unknowns[self.cycles * (d - 1) :].reshape(-1, d)
         return np.concatenate([before[None], between, (after if self.last is None else self.last)[None]])
 
 
 class StartAndGoal:
-    """Base class of a query: start and goal of two particles, and the time at which a search for a plan must stop."""
+    """Base class of a query: start and goal of two particles, and the time at which the search for a plan must stop."""
 
     start: Points
     goal: Points
@@ -81,39 +81,39 @@ class StartAndGoal:
 
     @property
     def late(self) -> bool:
-        """Whether the deadline has passed."""
+        """Whether the deadline of the search has passed."""
         return time.monotonic() > self.deadline
 
     @property
     def before(self) -> Points:
-        """The difference Δ at the start."""
+        """The position difference Δ of the particles at the start."""
         return np.asarray(self.start[1] - self.start[0])
 
     @property
     def after(self) -> Points:
-        """The difference Δ at the goal."""
+        """The position difference Δ of the goals."""
         return np.asarray(self.goal[1] - self.goal[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ChainQuery(StartAndGoal):
-    """A request for a chain: start, goal, walls and friction, in the units of `NormalizedWalls`.
+    """A request for a chain of wall contacts: start, goal, walls and friction, in the units of `NormalizedWalls`.
 
     Parameters
     ----------
     walls : NormalizedWalls
     start, goal : ndarray of float64, shape (2, d)
     friction : float
-        Coefficient of friction. With an infinite coefficient, a particle pushed into a wall never slides.
+        Coefficient of friction of the walls. With infinite friction, a particle that is pushed into a wall never slides.
     margin : float
         Minimum distance between the walls and the particle that touches no wall.
     push : float
-        Component into the wall of each adjustment, relative to the length of the adjustment.
+        Minimum component of each adjustment into the wall that holds the toucher, in the units of `NormalizedWalls`.
     rounds : ndarray of float64
-        Sharpness of the barrier function (which keeps chains inside their limits) in each round of the optimization. Few rounds
-        with low values keep the chain far from all limits.
+        Sharpness of the barrier function in each round of the optimization. The barrier function keeps a chain inside its limits. A
+        few rounds with low sharpness give a chain far from all limits.
     deadline : float
-        Time of `time.monotonic` at which the search stops.
+        Time at which the search stops, in seconds on the clock `time.monotonic`.
     """
 
     walls: NormalizedWalls
@@ -126,7 +126,7 @@ class ChainQuery(StartAndGoal):
     deadline: float = inf
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return the parameters of the kernels for cycles, with ``margin`` and ``push`` multiplied by ``inside``."""
+        """Return the parameters of the compiled functions for cycles, with ``margin`` and ``push`` multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -134,7 +134,7 @@ class ChainQuery(StartAndGoal):
         )  # fmt: skip
 
     def flat(self) -> ChainQuery:
-        """Return the query without the vertical coordinates, in the plane."""
+        """Return the query in the plane, without vertical coordinates."""
         assert self.walls.base is not None
         return replace(self, walls=self.walls.base, start=self.start[:, :2].copy(), goal=self.goal[:, :2].copy())
 
@@ -150,7 +150,7 @@ class ChainQuery(StartAndGoal):
     ) -> float:
         """Change the unknowns of a chain in ``guess`` in place, so that the chain becomes feasible and short.
 
-        Return the length of the resulting chain, or infinity if the guess cannot be made feasible.
+        The method returns the length of the resulting chain, or infinity if the optimization finds no feasible chain.
         """
         kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
         work = new_work(len(on), self.walls.dimensions)
@@ -161,25 +161,27 @@ class ChainQuery(StartAndGoal):
         return lengths_over_walls(self.start, self.goal, self.walls)
 
     def bounds_of(self, touchers: NDArray[np.int64], on: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return lower bounds on the lengths of all chains of given kinds; float64, shape (kinds,).
+        """Return, for each kind of chain, a lower bound on the length of all chains of this kind; float64, shape (kinds,).
 
-        Each row of ``touchers`` and ``on``, shape (kinds, cycles), is one kind of chain.
+        Row k of ``touchers`` and row k of ``on`` hold the touchers and the walls of kind k; both arrays have the shape (kinds,
+        cycles).
         """
         return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
     def guess(self, cycles: int) -> NDArray[np.float64]:
-        """Return initial unknowns: contacts at the midpoints of the walls, and a difference after each cycle but the last.
+        """Return initial unknowns: contacts at the midpoints of walls, and a position difference after each cycle except the last.
 
-        The differences are equally spaced on the straight line from Δ at the start to Δ at the goal, and divided by 2.
+        The guessed position differences are equally spaced on the straight line from the start's difference to the goals'
+        difference, and then divided by 2.
         """
         between = (self.before + (self.after - self.before) * np.arange(1, cycles)[:, None] / cycles) / 2
         return np.concatenate((np.zeros(cycles * (self.walls.dimensions - 1)), between.ravel()))
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return the shortest chain with the touchers and walls of ``chain``.
+    """Return the shortest chain that has the same touchers and walls as ``chain``.
 
-    If ``chain`` has very many cycles or the search fails, the result is ``chain`` itself.
+    If ``chain`` has more than 12 cycles, or if the optimization fails, the result is ``chain`` itself.
     """
     if chain.cycles > _DEEPEST:
         return chain

@@ -1,4 +1,4 @@
-"""Single cycles: one contact and one adjustment that bring the difference of two particles as near as possible to a target."""
+"""Single cycles: one wall contact and one adjustment, which bring the position difference as near as possible to a target."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from shoal.steering.workspaces.normalized_walls import NormalizedWalls
 
 
 class Cycle(NamedTuple):
-    """One contact and one adjustment, in the units of `NormalizedWalls`.
+    """One wall contact and one adjustment by the other particle, in the units of `NormalizedWalls`.
 
     Attributes
     ----------
     distance : float
-        Distance between the resulting difference and the target.
+        Distance from the position difference after the cycle to the target difference.
     toucher : int
-        Index of the particle that the wall holds, 0 or 1.
+        Index, 0 or 1, of the particle that the wall holds.
     wall : int
     low, high : float
-        Interval of possible contacts along the wall.
+        Ends of the interval of possible contacts, as positions along the wall.
     after : ndarray of float64, shape (2,)
-        The difference after the cycle.
+        The position difference of the particles after the cycle.
     """
 
     distance: float
@@ -41,7 +41,7 @@ class Cycle(NamedTuple):
         return one_line(self)
 
     def contact(self, walls: NormalizedWalls, point: Points) -> tuple[float, Points]:
-        """Return the possible contact that is nearest to a point, as its position along the wall and as a point."""
+        """Return the possible contact nearest to ``point``: its position along the wall, and its coordinates."""
         if self.wall == len(walls.normals):
             angle = self.low / walls.circle[2]
             return self.low, walls.circle[2] * np.array([np.cos(angle), np.sin(angle)])
@@ -51,12 +51,12 @@ class Cycle(NamedTuple):
 
 
 def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cycle]:
-    """Return, for each wall and toucher, the cycle in the plane whose result is nearest to the target difference.
+    """Return, for each wall and toucher, the cycle in the plane that ends nearest to the position difference ``target``.
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected, with friction. On a disk, each result of a contact of particle 1 can also be
-    achieved by particle 2 on the opposite side.
+    Source: algorithms 2 and 3 of paper W, corrected and extended to friction. On a disk, a contact of particle 2 on the opposite
+    side can replace each contact of particle 1.
     """
     if query.walls.round:
         radius = query.walls.circle[2]

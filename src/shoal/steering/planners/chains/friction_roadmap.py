@@ -1,6 +1,7 @@
-"""Roadmap nodes for a disk with friction.
+"""Nodes of a roadmap of position differences, for a disk with friction.
 
-The nodes are differences from which cycles reach distant goals, and differences on a path on which Δ turns and |Δ| shrinks.
+Some nodes are position differences from which a few cycles reach distant goals. The other nodes lie on a path on which the position
+difference turns while its length shrinks.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ BETWEEN = 300  # number of differences on a path around the centre
 
 
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
-    """Return the smallest differences from which one, two, three, ... cycles reach ``after``; float64, shape (nodes, 2).
+    """Return the shortest position differences from which 1, 2, 3, ... cycles reach ``after``; float64, shape (nodes, 2).
 
-    Each cycle can turn Δ by the same angle to either side. The nodes belong to chains that always turn Δ to the same side, and to
-    chains that alternate between the two sides.
+    Each cycle can turn the position difference to the left or to the right by the same angle. Some nodes belong to chains that
+    always turn to the same side, and the other nodes to chains that turn left and right alternately.
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()
@@ -43,7 +44,7 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
 
 
 def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
-    """Return length and angle of the shortest difference from which one cycle reaches length ``size`` at angle 0."""
+    """Return length and angle of the shortest position difference from which one cycle reaches length ``size`` at angle 0."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
@@ -59,7 +60,10 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return differences on the way from ``before`` to ``after`` if |Δ| can only shrink on this way, otherwise no differences."""
+    """Return position differences on a path of turns with decreasing length from ``before`` to ``after``.
+
+    The result is empty if no such path exists, or if the position difference could turn without becoming shorter.
+    """
     large, small = float(np.hypot(*before)), float(np.hypot(*after))
     most = float(np.arctan(friction))
     begin = float(np.arctan2(before[1], before[0]))

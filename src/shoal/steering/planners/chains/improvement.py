@@ -1,8 +1,8 @@
-"""Improvement of chains: insert a cycle, remove a cycle or exchange the toucher of a cycle, and shorten the chain again.
+"""Improvement of chains of wall contacts: insert a cycle, remove a cycle or exchange a toucher, and shorten the chain again.
 
-Chains of more than three cycles have so many kinds that a search cannot try all of them. Therefore long chains are found by
-inserting cycles into shorter chains. Some optimal long chains alternate between the two walls of a corner, or move along a wall in
-small steps.
+The kinds of chains with more than three cycles are too many for a search through all of them. Therefore the planner finds long
+chains by inserting cycles into shorter chains. Some of the shortest plans are long chains that alternate between the two walls of a
+corner, or that follow a wall in small steps.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _ROUGH_ROUND = REFINING[:4]
 
 @dataclass
 class ChainPool:
-    """The shortest chains found so far."""
+    """The shortest chains of wall contacts that a search has found so far."""
 
     query: ChainQuery
     chains: list[Chain] = field(default_factory=list)
@@ -52,20 +52,24 @@ class ChainPool:
 
     @property
     def best(self) -> Chain | None:
-        """The shortest chain, or among almost equally short ones the chain with fewest cycles, or None if the pool is empty."""
+        """The shortest chain of the pool, or None if the pool is empty.
+
+        Among chains of almost the same length, `best` is the chain with the fewest cycles.
+        """
         return self.chains[0] if self.chains else None
 
     @property
     def bound(self) -> float:
-        """The length above which the pool accepts no chain."""
+        """The chain length above which the pool accepts no chain."""
         if not self.chains:
             return inf
         return min(self.chains[-1].length if len(self.chains) >= WIDTH else inf, SLACK * self.chains[0].length)
 
     def add(self, chain: Chain) -> bool:
-        """Add a chain, and return whether it was added.
+        """Add a chain to the pool, and return whether the pool accepted the chain.
 
-        The pool refuses a chain that is too long, and a chain that is about as long as a chain with at most as many cycles.
+        The pool refuses a chain that is longer than `bound`. The pool also refuses a new chain that is about as long as a chain of
+        the pool and has at least as many cycles.
         """
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
@@ -76,15 +80,15 @@ class ChainPool:
         return True
 
     def begin(self, chain: Chain) -> None:
-        """Make a chain feasible and short, and add the result to the pool."""
+        """Make ``chain`` feasible and short, and add the resulting chain to the pool."""
         along = chain.unknowns[: chain.cycles * (self.query.walls.dimensions - 1)].reshape(chain.cycles, -1)
         deltas = list(chain.differences(self.query.before, self.query.after))
         self.tried(_Candidate(0.0, chain.touchers.tolist(), chain.walls.tolist(), list(along), deltas))
 
     def tried(self, one: _Candidate) -> int:
-        """Make a candidate feasible and short, and add the result to the pool.
+        """Make a candidate chain feasible and short, and add the resulting chain to the pool.
 
-        Return 1, or 0 if an equal candidate was tried before.
+        The method returns 0 if it has tried an equal candidate before, and 1 for a new candidate.
         """
         query, guess, round_ = self.query, one.guess, self.query.walls.round
         kind = (*one.touchers, *one.walls, np.round(guess, 2).tobytes() if round_ else b"")
@@ -99,7 +103,7 @@ class ChainPool:
         return 1
 
     def improve(self, tries: int) -> None:
-        """Try changes of the pool's chains, beginning with the shortest chain, until ``tries`` candidates have been tried."""
+        """Try ``tries`` changes of the pool's chains, beginning with the shortest chain."""
         while tries > 0 and not self.query.late:
             parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
             if parent is None:
@@ -116,17 +120,18 @@ class ChainPool:
 
 
 class _Candidate(NamedTuple):
-    """A candidate: a known chain with one cycle more, one cycle less, or another toucher in one cycle.
+    """A candidate chain, made from a known chain by adding a cycle, removing a cycle or exchanging a toucher.
 
     Attributes
     ----------
     way : float
-        Shortest path of a particle to its new wall. Candidates with small values are tried first.
+        Length of the shortest path of a particle to the wall of its new contact. The search tries candidates with short paths
+        first.
     touchers, walls : list of int
     along : list of ndarray of float64, shape (d - 1,)
         Initial positions of the contacts along their walls.
     deltas : list of ndarray of float64, shape (d,)
-        Differences at the start, between cycles and at the end.
+        Position differences of the particles at the start, between the cycles, and at the end.
     """
 
     way: float
@@ -137,12 +142,12 @@ class _Candidate(NamedTuple):
 
     @property
     def guess(self) -> NDArray[np.float64]:
-        """The initial unknowns of the optimization."""
+        """The unknowns with which the optimization starts."""
         return np.concatenate([*self.along, *self.deltas[1:-1]])
 
 
 def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candidate, float]]:
-    """Return candidate chains, each with a lower bound on its length."""
+    """Return the candidate chains ``found``, each with a lower bound on its length."""
     bounds = np.empty(len(found))
     for cycles in {len(one.walls) for one in found}:
         some = [k for k, one in enumerate(found) if len(one.walls) == cycles]
@@ -151,7 +156,7 @@ def with_bounds(query: ChainQuery, found: list[_Candidate]) -> list[tuple[_Candi
 
 
 def candidates(query: ChainQuery, chain: Chain) -> list[_Candidate]:
-    """Return chains that may be shorter than ``chain``, sorted by the distance from a particle to the wall of a new contact."""
+    """Return chains that may be shorter than ``chain``, sorted by the distance of a particle from the wall of its new contact."""
     d, circle, half = query.walls.dimensions, len(query.walls.normals), pi * query.walls.circle[2]
     along = list(chain.unknowns[: chain.cycles * (d - 1)].reshape(-1, d - 1))
     deltas = list(chain.differences(query.before, query.after))
@@ -190,7 +195,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return, for each cycle at a round wall, the toucher with the shorter path for the same differences."""
+    """Return, for each cycle at a round wall, the toucher that gives the shorter path with the same position differences."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
@@ -209,7 +214,7 @@ def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[i
 
 
 def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
-    """Return the positions of the particles before each contact and at the end of the last cycle; shape (cycles + 1, 2, d)."""
+    """Return the positions of both particles before each contact and after the last cycle; shape (cycles + 1, 2, d)."""
     states = np.empty((chain.cycles + 1, 2, query.walls.dimensions))
     states[0] = query.start
     for m, (toucher, contact) in enumerate(zip(chain.touchers, chain.contacts(query.walls), strict=True)):
@@ -221,7 +226,10 @@ def states_of(query: ChainQuery, chain: Chain, deltas: Points) -> Points:
 def _new_contacts(
     query: ChainQuery, chain: Chain, along: list[Points], place: int, toucher: int, point: Points
 ) -> Iterator[tuple[int, Points, float, float]]:
-    """Yield new cycles of a particle at ``point``: wall, contact, the fraction of the change after it, and path length."""
+    """Yield the wall, contact, fraction and path length of each possible new cycle of a particle at ``point``.
+
+    The fraction states which part of the chain's next change of the position difference the new cycle makes.
+    """
     walls = query.walls
     flat = len(walls.normals)
     ways = walls.normals @ point - walls.offsets
@@ -244,13 +252,13 @@ def _new_contacts(
 
 
 def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chain]:
-    """Return the shortest chains found with any number of cycles, the shortest first. The list may be empty.
+    """Return the shortest chains that the search finds, with any number of cycles, sorted by length; the list may be empty.
 
     Parameters
     ----------
     query : ChainQuery
     seeds : iterable of Chain
-        Initial chains in addition to those that the search finds.
+        Chains with which the search starts, in addition to the chains that it finds itself.
     """
     pool = ChainPool(query)
     for chain in seeds:

@@ -1,9 +1,10 @@
-"""Kinds of chains (sequences of touchers and walls) and lower bounds on their lengths.
+"""Kinds of chains (sequences of touching particles and walls), and lower bounds on the lengths of chains of each kind.
 
-The path of a particle that touches walls is at least as long as the distance between its start and the mirror image of its goal in
-these walls. Only moves during which a particle is held change the difference. If only one particle touches walls, the chain is
-therefore at least as long as the path of this particle plus |Dg - Ds|, where Dg and Ds are the differences at goal and start. If
-both particles touch walls, the chain is at least half as long as both paths and |Dg - Ds| together.
+The path of a particle that touches walls is at least as long as the distance from its start to the mirror image of its goal in the
+touched walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the
+distance from the position difference at the start to the position difference at the goals. If only one particle touches walls, the
+chain is therefore at least as long as the path of the touching particle plus the change c of the position difference. If both
+particles touch walls, the length of the chain is at least half the sum of both paths and the change c of the position difference.
 """
 
 from __future__ import annotations
@@ -20,12 +21,13 @@ _AROUND = np.exp(2j * np.pi * np.arange(48) / 48)
 
 
 def way_over_circle(one: Points, other: Points, radius: float) -> float:
-    """Return the length of the shortest path between two points that touches a circle around the origin.
+    """Return the length of the shortest path from one point via a circle around the origin to the other point.
 
     Notes
     -----
-    The contact is a root z, |z| = 1, of A z^4 - B z^3 + conj(B) z - conj(A), with A = conj(S G) and B = r conj(S + G) (Alhazen's
-    problem). Near the wall, roots lie close together. There, the nearest points on the wall are equally good.
+    The contact point is a root z with |z| = 1 of the polynomial A z^4 - B z^3 + conj(B) z - conj(A), as in Alhazen's problem. The
+    coefficients of the polynomial are A = conj(S G) and B = r conj(S + G), for the radius r and the points S and G as complex
+    numbers. For points near the circle, several roots lie close together, and the nearest points on the circle serve equally well.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
@@ -38,9 +40,9 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
 
 def lengths_over_walls(start: Points, goal: Points, walls: NormalizedWalls) -> NDArray[np.float64]:
-    """Return, for each particle and wall, the length of the shortest path to the goal that touches the wall.
+    """Return, for each particle and wall, the length of the particle's shortest path to its goal via the wall.
 
-    The result is float64, shape (2, walls + 1). The last column belongs to the circle.
+    The result is a float64 array of the shape (2, walls + 1), whose last column belongs to the round wall.
     """
     high = np.maximum(start @ walls.normals.T - walls.offsets, 0)
     low = np.maximum(goal @ walls.normals.T - walls.offsets, 0)
@@ -53,7 +55,7 @@ def bounds_of(
     touchers: NDArray[np.int64], on: NDArray[np.int64], start: Points, goal: Points, walls: NormalizedWalls,
     lengths: NDArray[np.float64],
 ) -> NDArray[np.float64]:  # fmt: skip
-    """Return lower bounds on the lengths of all chains of the given kinds; float64, shape (kinds,).
+    """Return, for each kind of chain, a lower bound on the length of all chains of this kind; float64, shape (kinds,).
 
     Parameters
     ----------
@@ -85,7 +87,9 @@ def bounds_of(
 def kinds_of(
     start: Points, goal: Points, walls: NormalizedWalls, *, cycles: int, push: float, bound: float = inf
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return the kinds of chains with ``cycles`` contacts on flat walls that may be shorter than a bound, sorted by lower bound.
+    """Return the kinds of chains with ``cycles`` contacts on flat walls that may be shorter than ``bound``, the best kind first.
+
+    The function sorts the kinds of chains by their lower bounds on the length.
 
     Returns
     -------
@@ -105,12 +109,12 @@ def kinds_of(
 
 
 def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
-    """Return the pairs of wall and toucher, as 2 wall + toucher, that may be feasible.
+    """Return the pairs of a wall and a toucher that may be feasible, each as the number 2 · wall + toucher.
 
-    The test is fast and never excludes a feasible pair.
+    The fast test of a pair never excludes a feasible pair.
 
-    The other particle's distance to each wall is linear in the contact. Its largest value over the bounding box of the wall's frame
-    must not be negative.
+    The distance of the other particle from each wall is a linear function of the contact's position. A pair passes the test if, for
+    each wall, the largest distance over the bounding box of possible contacts is not negative.
     """
     heights = walls.normals @ delta
     middle = walls.frames[:, 0] @ walls.normals.T - walls.offsets  # wall, other wall

@@ -1,4 +1,4 @@
-"""Chains of many cycles: paths with the fewest cycles on a roadmap of extreme differences."""
+"""Chains of many cycles: paths with the fewest cycles on a roadmap of extreme position differences."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides
 from shoal.steering.workspaces.convex_geometry import Points
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
-"""Settings of the roadmaps that are tried in turn: the number of extreme differences, the number of directions, the minimum gain,
-and the number of random nodes.
+"""Settings of the roadmaps, which `roadmap_chain` tries in turn: the number of extreme position differences, the number of
+directions, the minimum relative growth of a difference, and the number of random position differences.
 """
 
 _INSIDE = 1 + 1e-2  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
@@ -25,14 +25,15 @@ _DIRECTIONS = 48  # on a disk
 
 
 def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends exactly with the goal's difference, or None if the roadmaps contain no such chain.
+    """Return a chain in the plane that ends exactly with the position difference of the goals, or None if no roadmap contains one.
 
     Notes
     -----
-    This method of Shoal is a probabilistic roadmap in the Δ configuration space. A link between two differences means that two
-    moves lead from one to the other. The nodes are extreme differences: in each direction, the largest differences that can be
-    reached from the start, and the smallest differences from which the goal can be reached. With friction, only paths along these
-    nodes may exist. For polygons with many corners, the roadmap uses only a few of their sides.
+    The method is a probabilistic roadmap in the space of the position differences, and an addition by Shoal. A link of the roadmap
+    from one position difference to another means that two moves change the first into the second. In each direction, some nodes are
+    the largest position differences that cycles can reach from the start. In each direction, other nodes are the smallest position
+    differences from which cycles can reach the goals. With friction, every path to the goals may have to follow such extreme nodes.
+    In a polygon with many corners, the roadmap uses only a few sides of the polygon.
     """
     few = between_few_sides(query)
     if few is not query:
@@ -59,7 +60,7 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 
 
 def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
-    """Return the outermost differences reachable from the start, and the innermost differences that lead to the goal."""
+    """Return the longest position differences that the start can reach, and the shortest ones from which cycles reach the goals."""
     walls = query.walls
     if walls.round and query.friction < inf:
         radius, friction = float(walls.circle[2]), model.friction
@@ -79,7 +80,7 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
-    """Return the directions in which cycles change Δ: along the wall normals, and along the edges of friction cones."""
+    """Return the directions in which cycles change the position difference: the walls' normals, and the edges of friction cones."""
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
@@ -90,7 +91,7 @@ def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
 
 
 def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
-    """Return random differences with lengths of all orders of magnitude."""
+    """Return random position differences with lengths of several orders of magnitude."""
     angles = 2 * np.pi * rng.random(count)
     sizes = np.where(rng.random(count) < 0.6, rng.random(count), 10 ** (-3 * rng.random(count)))
     far = 2 * float(query.walls.circle[2]) if query.walls.round else 2.0
@@ -98,7 +99,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
 
 
 def _over(nodes: Points, model: CycleModel) -> Chain | None:
-    """Return the chain with the fewest cycles from node 0 to node 1."""
+    """Return the chain with the fewest cycles from node 0 (the start) to node 1 (the goals), or None without a chain."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
     if not fewest_cycles(nodes, model, parents, order):
         return None

@@ -1,4 +1,4 @@
-"""The shortest chains of up to three cycles: by branch and bound over all kinds or, for a round wall, from many initial guesses."""
+"""The shortest chains of up to three cycles, by branch and bound (flat walls) or from many initial guesses (round wall)."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ _POLISHED = 8  # number of rough chains over a circle that are refined
 
 
 def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), first_found: bool = False) -> Chain | None:
-    """Return the shortest chain with one of the given numbers of cycles, or None if no chain exists.
+    """Return the shortest chain of wall contacts with one of the given numbers of cycles, or None if the search finds none.
 
     Parameters
     ----------
     query : ChainQuery
     cycles : tuple of int
-        Numbers of cycles in the order of the search.
+        Numbers of cycles to try, in the order of the search.
     first_found : bool
-        Whether to stop at the first number of cycles for which a chain exists.
+        Whether the search stops at the first number of cycles for which it finds a chain.
 
     Notes
     -----
-    On flat walls, branch and bound searches all kinds of chains; each kind leads to a convex problem. On a round wall, the best of
-    many initial guesses are refined.
+    On flat walls, the search is a branch and bound over all kinds of chains, and each kind gives a convex optimization problem. On
+    a round wall, the search refines the best of many initial guesses.
     """
     best: Chain | None = None
     for number in cycles:
@@ -43,7 +43,7 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
 
 
 def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield chains with a given number of cycles. Each chain is shorter than the bound and than the chain before it."""
+    """Yield increasingly short chains with ``cycles`` cycles, all shorter than ``bound``."""
     if not query.walls.round:
         few = between_few_sides(query)
         yield from _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)
@@ -56,7 +56,7 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with contacts on flat walls, close to chains on a few of these walls."""
+    """Yield increasingly short chains on the flat walls of a polygon, found near chains on a few of its walls."""
     for rough in _flat(few, cycles, 1.1 * bound):
         guess = on_all_sides(query, few, rough)
         length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])
@@ -81,7 +81,7 @@ def _flat(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with a round wall."""
+    """Yield increasingly short chains with contacts on a round wall."""
     firsts = list(_guesses(query, cycles))
     rough: list[tuple[float, int, NDArray[np.int64], NDArray[np.float64]]] = []
     met: set[tuple[float, ...]] = set()
@@ -115,7 +115,7 @@ def _round(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains in a cylinder that use at least one end cap."""
+    """Yield increasingly short chains in a cylinder, each with a contact on at least one end cap."""
     caps = len(query.walls.normals)
     radius, d = query.walls.circle[2], query.walls.dimensions
     for on in product(range(caps + 1), repeat=cycles):
@@ -137,7 +137,7 @@ def _capped(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _guesses(query: ChainQuery, cycles: int) -> Iterator[NDArray[np.float64]]:
-    """Yield feasible chains of contacts of particle 1 with a round wall, for contact angles all around the circle."""
+    """Yield the unknowns of feasible chains in which only particle 1 touches a round wall, with contacts all around the circle."""
     walls, d = query.walls, query.walls.dimensions
     radius = walls.circle[2]
     ends = {1: 9, 2: 7, 3: 3}.get(cycles, 2)

@@ -1,4 +1,4 @@
-"""Chains in polygons with many corners: a search with a few sides, then a search with all sides near the contacts found."""
+"""Chains in polygons with many corners: a search with a few sides, then a search with all sides near the found contacts."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 
 
 def between_few_sides(query: ChainQuery) -> ChainQuery:
-    """Return the query with only `FEW` sides of its polygon.
+    """Return a copy of the query in which the polygon has only `FEW` of its sides.
 
-    If the polygon has few sides, or if the chosen sides enclose no area, the function returns the query as it was given.
+    If the polygon already has few sides, or if the chosen sides enclose no area, the function returns ``query`` unchanged.
     """
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found)
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Move a chain's contacts from the few walls of the first search to the nearest walls of the polygon.
+    """Return a chain whose contacts have moved from the few walls of the first search to the nearest walls of the polygon.
 
-    The attribute ``length`` of the result is copied from ``chain``, so it is not the exact length after the contacts have moved.
+    The attribute ``length`` of the result is a copy of the length of ``chain``, not the exact length after the contacts have moved.
     """
     walls, d = query.walls, query.walls.dimensions
     sides, on = walls.sides, chain.walls.copy()
@@ -45,15 +45,15 @@ def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
 
 
 def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
-    """Return the position along a side of its point nearest to ``point``, measured from the midpoint of the side."""
+    """Return the point of a side that is nearest to ``point``, as its signed distance from the midpoint of the side."""
     frame, end = walls.frames[side], np.linalg.norm(walls.frames[side, 0, :2] - walls.corners[side])
     return float(np.clip(frame[1] @ (point - frame[0]), -0.9 * end, 0.9 * end))
 
 
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
-    """Yield chains in which a contact at the end of its side moves ``step`` sides further.
+    """Yield chains in which one contact at the end of a polygon's side has moved ``step`` sides further.
 
-    The stored lengths of these chains are those of the old chain.
+    The attribute ``length`` of each yielded chain is still the length of ``chain``.
     """
     walls, d = query.walls, query.walls.dimensions
     contacts = chain.contacts(walls)
@@ -71,7 +71,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved to neighbouring sides as long as each move shortened the chain."""
+    """Return a chain whose contacts have moved to neighbouring sides, as long as this makes the chain shorter."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

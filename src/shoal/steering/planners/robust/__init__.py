@@ -1,4 +1,4 @@
-"""Planner robust: a closed loop of moves and observations, for worlds with noise."""
+"""Planner robust: a closed loop of moves and observations, for simulated worlds with noise."""
 
 from __future__ import annotations
 
@@ -25,28 +25,29 @@ STOOD, STOOD_RUNS = (0.25, 0.0625), 3  # relative to the tolerance: noise levels
 
 @PLANNERS.register("robust")
 class Robust:
-    """A planner for noise that works in a closed loop: make one move, observe, and plan again.
+    """A planner for worlds with noise, which works in a closed loop: make one move, observe the particles, and plan again.
 
-    In the plane, the planner compares plans by simulations with noise (`Replanning`). In three dimensions, in an uneven field, or
-    in slight noise, the planner makes one cycle at a time (`Cycles`).
+    In the plane, the planner compares plans by simulations with noise (class `Replanning`). In three dimensions, and in a convex
+    workspace with a nonuniform gain or slight noise, the planner makes one cycle at a time (class `Cycles`).
 
     Notes
     -----
-    A method of Shoal. The apparatus of paper W, section VII.A, had a nonuniform field.
+    The planner is an addition by Shoal. The apparatus in section VII.A of paper W had a nonuniform field.
     """
 
     name = "robust"
     obstacles = True
 
     def plan(self, task: SteeringTask) -> Points | None:
-        """Return a short plan for a world without noise, where no closed loop is necessary."""
+        """Return a short plan for a world without noise, in which no closed loop is necessary."""
         return (Sampling() if isinstance(task.world.room, Region) else Shortest()).plan(task)
 
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
-        """Return the moves that were sent and the resulting states.
+        """Run the closed loop, and return the moves that were sent and the resulting positions of the particles.
 
-        In a world without noise, the method sends the shortest plan. If the shortest plan fails, the loop runs with a small assumed
-        noise. Afterwards, the method stores a remark in the apparatus about the noise that the loop tolerates.
+        In a world without noise, the method sends a short plan. If the short plan fails, the method restarts and runs the closed
+        loop with a small assumed noise. In a world without noise, the method also stores a remark about the noise that the closed
+        loop tolerates in ``apparatus``.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
@@ -63,19 +64,22 @@ class Robust:
 
 
 def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
-    """Return the loop that suits a workspace and its noise. Noise below a part of the tolerance counts as slight."""
+    """Return the closed loop that suits a workspace and its noise.
+
+    Noise counts as slight if its standard deviation is at most ``slight`` times the tolerance of the goals.
+    """
     convex = not isinstance(task.world.room, Region)
     known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance
     return (Cycles if convex and (known or task.world.room.dimensions == 3) else Replanning)(task, apparatus, noise)
 
 
 def _moves_or_none(moves: Points | None, task: SteeringTask) -> Points:
-    """Return a plan, or an empty array if there is none."""
+    """Return the plan ``moves``, or an empty array if ``moves`` is None or has too many moves."""
     return np.zeros((0, task.start.shape[1])) if moves is None or len(moves) > task.max_moves else moves
 
 
 def _noise_stood(task: SteeringTask, apparatus: Any) -> str:
-    """Return a sentence about the execution noise that the loop tolerates: the largest tested level at which all runs succeed."""
+    """Return a sentence about the largest tested execution noise with which all runs of the closed loop succeed."""
     for share in STOOD:
         noise = share * task.tolerance
         for seed in range(STOOD_RUNS):

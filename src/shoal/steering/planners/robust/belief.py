@@ -1,4 +1,4 @@
-"""The belief of a closed loop about the positions of the particles."""
+"""The position estimate of a closed loop: a particle filter over the positions of both particles."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ SURE, SATISFIED = 0.95, 0.5  # share of the states that have arrived: of a run t
 
 
 class PositionBelief:
-    """A particle filter: many possible states of the particles, all equally likely.
+    """A particle filter: many possible positions of both particles, all equally likely.
 
     Attributes
     ----------
     states : ndarray of float64, shape (states, 2, 2)
     state : ndarray of float64, shape (2, 2)
-        The state that is nearest to the mean of all states.
+        The possible state that is nearest to the mean of all possible states.
     """
 
     def __init__(self, room: Any, world: Any, noise: Any, seen: Points, rng: np.random.Generator) -> None:
@@ -30,12 +30,15 @@ class PositionBelief:
         self._settle(self._anew(seen))
 
     def update(self, move: Points, seen: Points) -> None:
-        """Update the belief after a move and the observation that follows the move."""
+        """Update the particle filter with the move ``move`` and the positions ``seen`` that the camera observed after the move."""
         states = self._followed(move, seen) if self.noise.measurement else None
         self._settle(self._anew(seen) if states is None else states)
 
     def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
-        """Return states after a move, drawn by their agreement with the observation, or None if hardly any state agrees."""
+        """Return states after a move, drawn at random by their agreement with the observed positions ``seen``.
+
+        The result is None if hardly any state agrees with the observation.
+        """
         moves = move + self.rng.normal(scale=self.noise.execution, size=(STATES, 2))
         states = self.states.copy()
         kernels.step_all(states, moves, self.world)
@@ -45,15 +48,15 @@ class PositionBelief:
         return None if 1 / np.sum(weights**2) < LIKELY else states[self.rng.choice(STATES, STATES, p=weights)]
 
     def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
-        """Return whether the particles are at their goals with enough certainty.
+        """Return whether enough possible states are within the tolerance of the goals.
 
-        The required certainty decreases with the number of used moves.
+        The required fraction of states decreases as ``share``, the used fraction of the maximum number of moves, grows.
         """
         near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
         return bool(near >= SURE - (SURE - SATISFIED) * share)
 
     def _anew(self, seen: Points) -> NDArray[np.float64]:
-        """Return new states that agree with the observation."""
+        """Return new possible states, drawn around the observed positions ``seen``."""
         if not self.noise.measurement:
             return np.repeat(seen[None], STATES, axis=0)
         states = seen + self.rng.normal(scale=self.noise.measurement, size=(STATES, 2, 2))
@@ -67,7 +70,7 @@ class PositionBelief:
 
 
 def _nearest(room: Any, points: Points) -> Points:
-    """Return the points of a plane workspace that are nearest to given points; float64, shape (n, 2)."""
+    """Return, for each point outside a plane workspace, the nearest point of the workspace; float64, shape (n, 2)."""
     import shapely
 
     if room.round:

@@ -1,4 +1,4 @@
-"""The closed loop in convex workspaces: make a contact, observe, adjust, and plan again."""
+"""The closed loop in convex workspaces: make a wall contact, observe, adjust the other particle, and plan again."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limi
 
 
 class Cycles:
-    """One run in a convex workspace, one cycle at a time.
+    """One run of the closed loop in a convex workspace, which makes one cycle (contact and adjustment) at a time.
 
-    The move to a contact overshoots the wall by the possible error due to noise and unknown gain. Therefore the wall certainly
-    holds the toucher. The adjustment is computed from the camera's observation. The adjustment produces the difference from which
-    the remaining moves lead to the goals' difference. The adjustment always pushes the toucher into the wall. The loop estimates
-    the gain of the field from the observed motion of the particles.
+    The move to a wall contact aims behind the wall by the possible error due to noise and unknown gain, so that the toucher
+    certainly reaches the wall. The loop computes each adjustment from the positions that the camera observes. Each adjustment aims
+    at the position difference that the planned chain has after its first cycle. Each adjustment also pushes the toucher into the
+    wall. The loop estimates the gain (displacement of a particle divided by the input) from the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
@@ -39,11 +39,11 @@ class Cycles:
 
     @property
     def sent(self) -> int:
-        """Moves so far."""
+        """Number of moves sent so far."""
         return len(self.apparatus.inputs)
 
     def run(self) -> None:
-        """Continue until the particles are observed at their goals, or the maximum number of moves is reached."""
+        """Run the closed loop until the camera observes all particles at their goals, or the maximum number of moves is reached."""
         while self.sent < self.task.max_moves and not self._arrived():
             apart = float(np.linalg.norm(self._wanted(self.seen) - (self.seen[1] - self.seen[0])))
             if apart <= self._good_enough():
@@ -58,12 +58,12 @@ class Cycles:
         return self.task.error(self.seen) <= near
 
     def _good_enough(self) -> float:
-        """Return the maximum error of the difference with which a translation ends within the tolerance in spite of noise."""
+        """Return the largest error of the position difference with which a translation to the goals succeeds despite noise."""
         far: float = max(1.2 * self.task.tolerance - 2 * self.noise.measurement, 0.8 * self.task.tolerance)
         return far
 
     def _cycle(self) -> bool:
-        """Make one contact and one adjustment. Return whether a chain was found."""
+        """Plan a chain to the goals and make its first contact and adjustment; return False if no chain was found."""
         spread = SURE * float(np.hypot(self.noise.execution, self.noise.measurement))
         found: Chain | None = None
         for share in (1.0, 0.5, 0.2, 0.05, 0.0):
@@ -88,7 +88,7 @@ class Cycles:
         return True
 
     def _chain_query(self, margin: float) -> ChainQuery:
-        """Return a chain query to the goal, whose margin to the walls and whose push into the walls have the given value."""
+        """Return a query for a chain that keeps ``margin`` from the walls and pushes 1.5 times ``margin`` into the walls."""
         seen = self.seen
         wanted = self._wanted(seen)
         middle = self.task.goal.mean(axis=0)
@@ -100,10 +100,10 @@ class Cycles:
         )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
-        """Move the toucher against the wall with an overshoot. Return whether the observation shows the toucher at the wall.
+        """Move the toucher against a wall with an overshoot; return whether the camera then observes the toucher at the wall.
 
-        From far away, the uncertain gain would require a large overshoot, and the other particle might also meet the wall.
-        Therefore the first move ends before the wall.
+        If the gain is uncertain, a move from far away would need a large overshoot, which might also bring the other particle to
+        the wall. With an uncertain gain, the first move therefore ends before the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
@@ -126,7 +126,10 @@ class Cycles:
         return False
 
     def _translate(self, move: Points) -> None:
-        """Send a translation that no wall blocks at its start. A particle that may touch a wall is first moved off the wall."""
+        """Send a translation that no wall blocks at its start.
+
+        If a particle may touch a wall, the method first sends a small move off the wall.
+        """
         near = 3 * self.noise.measurement / self.room.size + 2e-9
         normals = np.vstack([touched_normals(self.room, point, within=near) for point in self.seen])
         least = SURE * self.noise.execution + 1e-8 * self.room.size
@@ -139,9 +142,9 @@ class Cycles:
         self._send(move)
 
     def _adjust(self, toucher: int, target: Points, *, last: bool, spread: float) -> None:
-        """Move the other particle towards a target difference while the wall holds the toucher.
+        """Move the other particle towards the position difference ``target`` while a wall holds the toucher.
 
-        Repeat if the result falls short.
+        The method repeats the move, at most twice, if the observed position difference is still too far from the target.
         """
         sign = 1.0 if toucher == 0 else -1.0
         other = 1 - toucher
@@ -182,12 +185,12 @@ class Cycles:
                 return
 
     def _room_along(self, point: Points, move: Points) -> float:
-        """Return how far a particle can move before it meets a wall."""
+        """Return how far a particle at ``point`` can move in the direction of ``move`` before it meets a wall."""
         share, _ = first_contact(point, np.ascontiguousarray(move), self.task.world.walls, -1)
         return float(share * np.linalg.norm(move))
 
     def _wanted(self, seen: Points) -> Points:
-        """Return the difference from which a translation to the goals, with the estimated gain, leads to the goals' difference."""
+        """Return the position difference from which a translation, with the estimated gain, leads both particles to their goals."""
         goal = self.task.goal
         before = goal.copy()
         move = (goal - seen).mean(axis=0)
@@ -199,7 +202,7 @@ class Cycles:
         return np.asarray(before[1] - before[0])
 
     def _to_goal(self, seen: Points) -> Points:
-        """Return the move that brings both particles as close to their goals as possible."""
+        """Return the translation that brings both particles as close to their goals as possible, with the estimated gain."""
         move = (self.task.goal - seen).mean(axis=0)
         for _round in range(4):
             after = np.stack([self.field.ahead(point, move) for point in seen])
@@ -207,7 +210,7 @@ class Cycles:
         return np.asarray(move)
 
     def _send(self, move: Points) -> None:
-        """Send a move unless the maximum number is reached. Observe, and update the estimates."""
+        """Send a move unless the maximum number of moves is reached, then observe the particles and update the estimated gain."""
         if self.sent >= self.task.max_moves:
             return
         before = self.seen
@@ -223,11 +226,11 @@ class Cycles:
         return float(self.room.depth(point))
 
     def _inside(self, points: Points) -> Points:
-        """Return points after projecting those outside the workspace onto the wall."""
+        """Return the given points, with points outside the workspace projected onto the wall."""
         return np.stack([self._foot(point) if self._distance(point) < 0 else point for point in points])
 
     def _foot(self, point: Points) -> Points:
-        """Return the nearest point of the nearest wall. Near a corner, the point is corrected so that it lies inside."""
+        """Return the point of the nearest wall that is nearest to ``point``, corrected near corners to lie inside the workspace."""
         room = self.room
         for _round in range(4):
             walls = room.wall_distances(point)

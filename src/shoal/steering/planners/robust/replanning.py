@@ -1,4 +1,4 @@
-"""The closed loop in the plane: make the first move of the plan that arrives soonest in simulations, and plan again."""
+"""The closed loop in the plane: make the first move of the plan that needs the fewest moves in simulations, and plan again."""
 
 from __future__ import annotations
 
@@ -30,16 +30,16 @@ CYCLE = 3  # moves that mend a wrong difference, at the least
 class Replanning:
     """One run of the closed loop in the plane.
 
-    A plan is a sequence of steps. Each step leads to its target from any positions of the particles. Therefore each step corrects
-    the effects of noise. Plans are compared by their mean number of moves in simulations with noise. If the particles do not reach
-    their goals by the end of a plan, an estimate of the remaining moves is added to the plan's number of moves.
+    A plan is a sequence of steps. Each step computes its move from the present positions of the particles, so that it corrects the
+    effects of noise. The loop compares plans by their mean number of moves in simulations with noise. If the particles do not reach
+    their goals by the end of a simulated plan, the loop adds an estimate of the remaining moves to the plan's number of moves.
 
     Parameters
     ----------
     task : SteeringTask
     apparatus : shoal.steering.simulation.apparatus.Apparatus
     noise : SteeringProblem
-        The problem with the assumed noise: its fields ``execution`` and ``measurement``.
+        A problem whose fields ``execution`` and ``measurement`` hold the standard deviations of the assumed noise.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
@@ -55,7 +55,7 @@ class Replanning:
         self.exact = Translations(task)
 
     def run(self) -> None:
-        """Run until the particles are observed at their goals, or the maximum number of moves is reached."""
+        """Run the closed loop until the particles are probably at their goals, or until the maximum number of moves is reached."""
         plan, move = None, np.zeros(2)
         while (sent := len(self.apparatus.inputs)) < self.task.max_moves:
             if self.belief.arrived(self.task.goal, self.task.tolerance, share=sent / self.task.max_moves):
@@ -66,7 +66,7 @@ class Replanning:
             self.belief.update(move, self.apparatus.look())
 
     def _plan(self, last: Plan | None) -> Plan:
-        """Return the best plan from the present belief."""
+        """Return the best plan for the estimated positions of the particles."""
         sent = len(self.apparatus.inputs)
         left, cycle = min(self.task.max_moves - sent, MOST_STEPS), min(self.cycle * IMPATIENCE**sent, 1e6)
         task = replace(self.task, start=self.belief.state, max_moves=left)
@@ -89,7 +89,7 @@ class Replanning:
         return min(found, key=lambda plan: plan.cost)
 
     def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
-        """Yield the rest of the last plan, this rest with its first step repeated, and translations, also around obstacles."""
+        """Yield translations to the goals, also around obstacles, the last plan, and the last plan without its first step."""
         offset = (task.start - task.goal).mean(axis=0)
         for moves in [-offset[None], *self.translations.around(offset)]:
             if len(moves) <= task.max_moves:
@@ -98,7 +98,7 @@ class Replanning:
             yield from (copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves)
 
     def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
-        """Yield plans for a world without noise, and the same plans with contacts that push into their walls."""
+        """Yield new plans for a world without noise, and the same plans with contacts that aim behind their walls."""
         task = shortening.task
         whole = None if isinstance(self.room, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
