@@ -25,8 +25,13 @@ COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # e
 HELP = "```{ .text .frame }"  # on a phone, the lines of a frame do not wrap
 INTRO = """# Commands
 
-Results go to stdout, messages and progress to stderr. Exit codes: 0 done, 1 a check failed (`replay`, `missions check`), 2 bad
-input or output (one sentence on stderr, nothing half-written), 130 interrupted.
+Shoal's commands print results on stdout, and messages and progress on stderr. A command ends with one of four exit codes:
+
+- 0: the command succeeded.
+- 1: a check failed or a task was not completed, as the help of the command states.
+- 2: the input is wrong, or Shoal could not write a result. The command prints an error message of one sentence on stderr, and
+  leaves no incomplete file.
+- 130: the user interrupted the command.
 """
 
 
@@ -59,9 +64,10 @@ def commands() -> str:
 
 PROBLEMS = """# Problems
 
-Everything that defines a run but its seed. Each field is declared once; commands, sweeps, problem files and Python take it under
-the same name with the same default. A command's option is `--` and the name with `-` for `_`; a problem file is a JSON object of
-these fields with the `kind` of the problem; a sweep file has them under `[problem]`, or as axes.
+A problem and a seed define a run completely. This page lists the fields of all kinds of problems. A field has the same name and
+the same default in commands, sweep files, problem files and Python. As an option of a command, the field `max_moves` has the
+name `--max-moves`. A problem file is a JSON object with the fields of a problem and its `kind`. A sweep file has the fields of
+its problem under `[problem]` or `[axes]`.
 """
 
 
@@ -74,7 +80,7 @@ def problems() -> str:
 def section(kind: str, problem: type[Problem]) -> str:
     """Return the table of one kind of problem."""
     measures = problem.measures if isinstance(problem.measures, tuple) else ()
-    measured = f"\nA sweep stores: {', '.join(f'`{name}`' for name in measures)}.\n" if measures else ""
+    measured = f"\nFor each trial, a sweep stores {', '.join(f'`{name}`' for name in measures)}.\n" if measures else ""
     return f'\n## kind = "{kind}"\n\n{table(problem)}{measured}'
 
 
@@ -87,9 +93,9 @@ def table(problem: type[Problem]) -> str:
 
 ENVIRONMENT_PAGE = """# Environments
 
-This page lists the options that environments have in addition to the fields of their [problems](problems.md). Almost all fields
-of a problem are options of its environment as well. The exceptions are listed below each table, because the agent makes these
-decisions. [Use the environments](../how-to/environments.md) shows examples.
+An environment accepts almost all fields of its [problem](problems.md) as options. The tables of this page list the options that
+environments have in addition. The line below each table lists the fields of the problem that are not options of the environment,
+because the agent makes these decisions. [Use the environments](../how-to/environments.md) shows examples.
 
 | id | class | options whose default differs from the field's default |
 |---|---|---|
@@ -109,7 +115,9 @@ def environment(options: type[EnvOptions]) -> str:
     """Return the table of one kind of environment."""
     kind = options.part.partition("-")[0]
     without = ", ".join(f"`{name}`" for name in options.decided)
-    return f"\n## {kind.capitalize()}\n\n{table(options)}\nNot options: {without}.\n"
+    return (
+        f"\n## {kind.capitalize()}\n\n{table(options)}\nFields of the problem that are not options of the environment: {without}.\n"
+    )
 
 
 def row(declared: Declaration) -> str:
@@ -127,14 +135,14 @@ def row(declared: Declaration) -> str:
 
 LINTER = """# Rules of the mission linter
 
-`shoal missions check` and `shoal.search.missions.lint(path_or_folder, region)` read mission files and report mistakes. Each
-diagnostic names the file, the place in the file, the rule, the expected value and the value in the file. A file with an error
-marked * cannot be read as a mission, and `read_mission` refuses it. [Missions](../concepts/missions.md) explains how Shoal
-writes mission files.
+The mission linter reads mission files and reports mistakes. To run the linter, use the command `shoal missions check` or the
+function `shoal.search.missions.lint(path_or_folder, region)`. For each mistake, the linter names the file, the place in the
+file, the rule, the expected value and the value in the file. The function `read_mission` refuses a file with an error that is
+marked * in the table. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
 
-Pass the region if you can. Without the region, the linter cannot detect a file in which latitude and longitude are exchanged
-everywhere: such a file looks like a mission in another place. The options `--autopilot px4` and `--cap 250` state the expected
-autopilot and the number of items that it stores.
+If possible, pass the region of the search to the linter. Without the region, the linter cannot detect that latitude and longitude
+are exchanged in all coordinates of a file, because such a file looks like a mission in another place. The option `--autopilot
+px4` states the expected autopilot. The option `--cap 250` states the number of mission items that the autopilot can store.
 
 | rule | severity | what is wrong |
 |---|---|---|

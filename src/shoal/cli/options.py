@@ -16,21 +16,21 @@ from shoal.core.parts import read_problem
 from shoal.core.problem import Declaration, Problem
 
 Trials = Annotated[
-    int, typer.Option("--trials", help="Number of trials, each with another random start. A film shows the first trial.")
+    int, typer.Option("--trials", help="Number of trials, each with its own random start cells. A film shows the first trial.")
 ]
 Seed = Annotated[
     int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
 ]
-UnusedSeed = Annotated[int, typer.Option("--seed", help="Not used, because nothing here is random.")]
+UnusedSeed = Annotated[int, typer.Option("--seed", help="Not used, because the command uses no random numbers.")]
 Workers = Annotated[
     int | None,
-    typer.Option("--workers", help="Number of trials that run at once. Default: one for each processor."),
+    typer.Option("--workers", help="Number of trials that run at the same time. Default: one for each processor."),
 ]
 Processes = Annotated[
     int | None,
     typer.Option(
         "--workers",
-        help="Number of worker processes. Default: one for each processor; 0 runs everything in this process.",
+        help="Number of worker processes. Default: one for each processor. With 0, all trials run in the process of the command.",
     ),
 ]
 Out = Annotated[
@@ -38,7 +38,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FOLDER",
-        help="Write map.png, frontier.png, summary.json and the episodes into this folder.",
+        help="Folder for map.png, frontier.png, summary.json and the episodes.",
     ),
 ]
 Film = Annotated[
@@ -50,9 +50,14 @@ Film = Annotated[
     ),
 ]
 Trust = Annotated[
-    bool, typer.Option("--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Use it only for files that you trust.")
+    bool,
+    typer.Option(
+        "--trust", help="Run code that a file names as MODULE:ATTRIBUTE. Use --trust for no file except files that you trust."
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout, and nothing else there.")]
+Json = Annotated[
+    bool, typer.Option("--json", help="Print the result as one JSON object on stdout, without any other text on stdout.")
+]
 
 
 def takes_problem(
@@ -154,7 +159,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
     shown: Any = default not in (None, "", inspect.Parameter.empty)
     help_, metavar = help_of(declared), option.metavar
     if from_file and option.argument:
-        default, shown, help_ = inspect.Parameter.empty, False, f"A problem file (JSON), or: {help_}"
+        default, shown, help_ = inspect.Parameter.empty, False, f"{help_} The argument may also be a problem file (JSON)."
     elif from_file:
         default, shown = None, str(default) if shown and default is not False else False
     if declared.optional or default is None:

@@ -22,26 +22,26 @@ def replay(
         Path,
         typer.Argument(
             metavar="EPISODE",
-            help="Episode file: .npz of map and cover, .json of steer and search, or .jsonl of drive.",
+            help="Episode file: .npz from map or cover, .json from steer or search, or .jsonl from drive.",
         ),
     ],
     seed: Annotated[
         int | None,
-        typer.Option("--seed", help="Refuse the episode unless it was played with this seed."),
+        typer.Option("--seed", help="Seed of the episode. Shoal refuses an episode with another seed."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Write figures, summary.json and the episode into this folder.",
+            help="Folder for the figures, summary.json and the episode.",
         ),
     ] = None,
     film: options.Film = None,
     trust: options.Trust = False,
     json_: options.Json = False,
 ) -> None:
-    """Replay an episode file, verify it, and draw or film it. The exit code is 1 if the replay differs from the stored episode."""
+    """Replay and verify an episode file, and draw or film it. The exit code is 1 if the replay differs from the stored episode."""
     check_outputs(out, film)
     if episode_file.suffix.lower() == ".jsonl":
         from shoal.cli.swarm.driving import replay_drive

@@ -22,33 +22,38 @@ EXAMPLE = "Example: shoal reproduce h-fig5 --quick --trials 20 --out figures"
 def reproduce(
     figure: Annotated[
         str | None,
-        typer.Argument(metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. By default, all are listed."),
+        typer.Argument(metavar="[FIGURE]", help="Figure to reproduce, such as m-fig7. Without a name, Shoal lists all figures."),
     ] = None,
     all_: Annotated[
-        bool, typer.Option("--all", help="Reproduce every figure, run the checks of all errata, and write a page of results.")
+        bool,
+        typer.Option("--all", help="Reproduce all figures, check the listed errors of the papers, and write a page of results."),
     ] = False,
-    quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Use fewer trials and coarser maps than by default.")] = False,
     trials: Annotated[
         int | None,
-        typer.Option("--trials", help="Number of trials at each point, instead of the default number."),
+        typer.Option("--trials", help="Number of trials at each point, in place of the default number."),
     ] = None,
     map_: Annotated[
         str | None,
-        typer.Option("--map", metavar="PATH", help='Picture or name of a map to use instead of the "complex" map.'),
+        typer.Option("--map", metavar="PATH", help='Picture or name of a map, in place of the "complex" map of the papers.'),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Processes = None,
     out: Annotated[
         Path,
-        typer.Option("--out", metavar="FOLDER", help="Folder for figures, data and results.sqlite. Later calls continue there."),
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="Folder for figures, data and results.sqlite. A later call with the same folder reuses finished trials.",
+        ),
     ] = Path("figures"),
     json_: options.Json = False,
 ) -> None:
     """Reproduce figures of the papers, and compare the numbers printed in the papers with Shoal's numbers.
 
-    The verdict on a figure is that the numbers agree, differ, or are not comparable.
+    For each figure, Shoal states whether the printed numbers and Shoal's numbers agree, differ, or are not comparable.
 
-    The exit code is 1 if a figure could not be made. A difference from a paper is a result, not an error.
+    The exit code is 1 if Shoal could not make a figure. If the numbers differ from a paper, the exit code is 0.
     """
     from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one

@@ -21,7 +21,7 @@ REACH_EXAMPLE = 'Example: shoal reach hexagon --start "-0.1,0 0.1,0.1" --moves 6
 
 _Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FOLDER", help="Write figures, JSON and the episode into this folder."),
+    typer.Option("--out", metavar="FOLDER", help="Folder for the figures, the JSON result and the episode."),
 ]
 
 
@@ -33,11 +33,12 @@ def steer(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Bring two particles to two goals with one shared input, using walls that hold particles.
+    """Bring two particles to two goals with displacements that both share, by contacts with walls.
 
-    A problem file contains an object with "workspace" (a name, a file, or a polygon, disk, prism, cylinder or region as described
-    in docs/concepts/steering.md), "start" and "goal" (lists of points), and any other option as a field. Options replace the fields
-    of the file. The exit code is 1 if the problem was not solved; the status gives the reason.
+    A problem file contains a JSON object with the fields "workspace", "start" and "goal", and with any other option as a field. The
+    workspace is a name, a file, or an object as described in docs/concepts/steering.md. Start and goal are lists of points. Options
+    on the command line replace the fields of the problem file. The exit code is 1 if the problem was not solved. In this case, the
+    status gives the reason.
     """
     from shoal.steering.run import run
 
@@ -75,12 +76,12 @@ def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[P
 @takes_problem(SteeringProblem, only=("workspace", "start"))
 def reach(
     problem: SteeringProblem,
-    moves: Annotated[int, typer.Option("--moves", help="Number of moves, even: 2, 4, ...")] = 6,
-    seed: Annotated[int, typer.Option("--seed", help="Seed of a random start.")] = 0,
+    moves: Annotated[int, typer.Option("--moves", help="Number of moves, an even number: 2, 4, ...")] = 6,
+    seed: Annotated[int, typer.Option("--seed", help="Seed that determines a random start.")] = 0,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute which fraction of all possible position differences two particles can reach in 2, 4, ... moves."""
+    """Compute the fraction of all possible position differences that two particles can reach in 2, 4, ... moves."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
 
     room = problem.place

@@ -15,16 +15,16 @@ EXAMPLE = "Example: shoal studio figures"
 
 
 def studio(
-    folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Folder whose files are shown and where results are written.")
-    ] = Path(),
-    port: Annotated[int | None, typer.Option("--port", help="Port of the server. Default: 8790, or a free one.")] = None,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open a browser.")] = True,
+    folder: Annotated[Path, typer.Argument(metavar="FOLDER", help="Folder for all files of the studio.")] = Path(),
+    port: Annotated[
+        int | None, typer.Option("--port", help="Port of the studio's server. Default: 8790, or a free port if 8790 is in use.")
+    ] = None,
+    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the studio in a browser.")] = True,
 ) -> None:
-    """Open the studio in the browser: find vessels, place particles, watch and compare policies, steer by hand.
+    """Open the studio (Shoal's browser interface) to find vessels, place particles, compare policies and steer by hand.
 
-    The server accepts connections from this machine only. Its address contains a secret. All data of the studio stays in one
-    folder.
+    The studio's server refuses connections from other machines. The address of the studio contains a secret. All data of the studio
+    stays in one folder.
     """
     if port is not None:
         check_integer(port, what="port", least=1, most=65535)

@@ -59,21 +59,28 @@ class SwarmEnvOptions(EnvOptions):
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
 
     maps: tuple[str, ...] = option(
-        (), help="Maps that replace MAP. Each episode draws one of them. Observations have the size of the largest map.",
+        (), help="Maps that replace MAP. Each episode draws one of the maps at random. All observations have the size of the "
+        "largest map.",
         metavar="MAP ...", check=_check_maps, dump=list,
     )  # fmt: skip
     observation: str = option(
-        "planes", help="planes (all cells), window (the cells around one place) or compact (a few numbers).", choices=OBSERVATIONS
+        "planes",
+        help="Kind of observation: planes (all cells), window (the cells around one place) or compact (a vector of numbers).",
+        choices=OBSERVATIONS,
     )
-    window: int = option(33, help="Side of the window.", unit="cells", least=3, check=_check_window)
+    window: int = option(
+        33, help="Side of the square that the observation window shows.", unit="cells", least=3, check=_check_window
+    )
     center: str = option(
         "particles",
-        help="Centre of the window: the mean position of the particles, or the frontier cell nearest to a particle.",
+        help="Centre of the observation window: the mean position of the particles, or the frontier cell nearest to a particle.",
         choices=CENTERS,
     )
-    classified_reward: float = option(1.0, help="Reward for each newly classified cell; for coverage, for each newly covered cell.")
+    classified_reward: float = option(
+        1.0, help="Reward for each cell that becomes known; in coverage, for each newly visited cell."
+    )
     move_price: float = option(1.0, help="Penalty for each command, subtracted from the reward.")
-    final_bonus: float = option(100.0, help="Reward when the task is done.")
+    final_bonus: float = option(100.0, help="Reward at the completion of the task.")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,11 +90,11 @@ class SteeringEnvOptions(EnvOptions):
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")
 
-    longest_move: float = option(1.0, help="Length of the move for action 1, relative to the workspace's size.", above=0)
+    longest_move: float = option(1.0, help="Length of the move for an action of 1, divided by the size of the workspace.", above=0)
     progress_reward: float = option(
         1.0,
-        help="Reward when the largest distance of a particle from its goal shrinks by the size of the workspace. "
-        "Other changes of this distance give a reward in proportion.",
+        help="Reward for a progress of 1. The progress of a move is the decrease of the largest distance between a particle and "
+        "its goal, divided by the size of the workspace.",
     )
     move_price: float = option(0.01, help="Penalty for each move, subtracted from the reward.")
     final_bonus: float = option(1.0, help="Reward when all particles are at their goals.")
@@ -101,15 +108,19 @@ class SearchEnvOptions(EnvOptions):
     decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
 
     action: str = option(
-        "direction", help="direction (move one cell, or stay) or cell (move to any cell).", choices=("direction", "cell")
+        "direction",
+        help="Kind of action: direction (move one cell, or stay) or cell (move to any cell).",
+        choices=("direction", "cell"),
     )
-    reward: str = option("shared", help="shared (all agents get the mean reward) or own.", choices=("shared", "own"))
+    reward: str = option(
+        "shared", help="Reward of each agent: shared (the mean of the rewards of all agents) or own.", choices=("shared", "own")
+    )
     searched_reward: float = option(1.0, help="Reward for each cell that no robot had searched before.")
     step_price: float = option(0.1, help="Penalty for each step, subtracted from an agent's reward.")
-    final_bonus: float = option(10.0, help="Reward of each live agent when all cells are searched.")
+    final_bonus: float = option(10.0, help="Reward of each active agent when all cells are searched.")
     max_steps: int = option(
         10_000,
-        help="Maximum number of steps of an episode. A step takes the time that the fastest robot needs for a cell.",
+        help="Maximum number of steps of an episode. A step takes the time in which the fastest robot searches one cell.",
         least=1,
     )
 

@@ -134,74 +134,81 @@ class SwarmProblem(Problem):
     censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
     map: Any = option(
-        help="A generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, a "
-        "TIFF of several pages, or a folder of slices.",
+        help="Map: a generated map such as vessels:5000 (see 'shoal maps'), or a file: a picture, text, .map, .npy, .csv, NIfTI, "
+        "a TIFF of several pages, or a folder of slices.",
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
     task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
-    subset: float | None = option(None, help="For coverage: random fraction of the free cells to cover.", above=0, most=1)
+    subset: float | None = option(None, help="For coverage: share of the free cells to visit, drawn at random.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
         "uniform", help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
         **_named("placement"),
     )  # fmt: skip
     start: Cells | None = option(
-        None, help="Start cells of the particles, instead of a placement: row,column pairs such as '0,3 0,4' (in 3-D "
-        "layer,row,column).",
+        None, help="Start cells of the particles, in place of a placement: row,column pairs such as '0,3 0,4' (in three "
+        "dimensions layer,row,column).",
         metavar="CELLS", parse=_parse_start, check=_check_start, dump=lambda given: [list(cell) for cell in given],
     )  # fmt: skip
-    rule: str = option("block", help="Move rule.", choices=tuple(RULES))
+    rule: str = option("block", help="Move rule of the particles.", choices=tuple(RULES))
     policy: Any = option(
-        "auto",
-        help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
-        "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options follow a colon, as in "
-        "closest-frontier:ties=row-major. For mapping without noise, with a scan after each move and rule block or merge, auto "
-        "means best. In all other cases, auto means closest-frontier.",
-        names=POLICY_NAMES, **_named("policy"),
+        "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
+        "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
+        "in closest-frontier:ties=row-major. For mapping without noise, with a scan after each move and rule block or merge, auto "
+        "means best. In all other cases, auto means closest-frontier.", names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
-        None, help="For planners (best, rollout, offline): mean number of simulated moves for each move sent. The value is for "
-        "1000 particles. For other numbers, best and rollout use up to ten times as many.", above=0, most=1e12,
+        None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
+        "particles. With other numbers of particles, best and rollout simulate up to ten times as many moves.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="For planners: mean computing time per move, in place of a budget. The commands then depend on the machine.",
-        metavar="MS", unit="ms", above=0, most=1e9,
+        None, help="For planners: mean computation time for each move, in place of a budget. The chosen commands then depend on "
+        "the speed of the machine.", metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
-    max_moves: int = option(1_000_000, help="Maximum number of moves. An episode that ends there has the status limit.", least=0)
+    max_moves: int = option(1_000_000, help="Maximum number of moves; an episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
-        1, help="Number of equal commands before each scan: a number, doubling, hyper (i^i) or adaptive (most classified cells "
-        "for the price). With noise: maximum number of commands before each scan.", metavar="RULE", check=_check_scan_every,
+        1, help="Number of equal commands before each scan: a number, doubling (1, 2, 4, ...), hyper (1, 4, 27, ...) or adaptive "
+        "(most classified cells for the price). Under noise, a number is the maximum number of commands before each scan.",
+        metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit as the price of a scan.", least=0, most=DEAREST)
-    slip: float = _rate("Probability that a particle does not obey a command.")
-    misplace: float = _rate("Probability that a particle is seen in a neighbouring cell.")
-    miss: float = _rate("Probability that a particle is not seen in a scan.")
-    confidence: float = option(0.99, help="With noise: probability from which a cell is classified.", above=0.75, most=0.99999)
-    vessels: bool = option(False, help="Read MAP as a photograph and find its vessels (needs the extra 'imaging').")
-    width: int | None = option(None, help="With --vessels: larger side of the map.", unit="cells", least=1)
+    slip: float = _rate("Probability that a particle does not move at a command.")
+    misplace: float = _rate("Probability that a scan shows a particle in a neighbouring cell.")
+    miss: float = _rate("Probability that a scan does not show a particle.")
+    confidence: float = option(
+        0.99, help="Under noise: probability from which a cell counts as known to be free, or as known to be an obstacle.",
+        above=0.75, most=0.99999,
+    )  # fmt: skip
+    vessels: bool = option(False, help="Read MAP as a photograph and find the vessels in it (needs the extra 'imaging').")
+    width: int | None = option(
+        None, help="With --vessels: maximum number of cells along the larger side of the map.", unit="cells", least=1
+    )
     low: float = option(
-        0.6, help="With --vessels: lower threshold of the filter response, relative to the best threshold. "
-        "A vessel continues while its response is above this threshold.", above=0, most=10,
+        0.6, help="With --vessels: lower threshold of the filter response, as a multiple of the automatic threshold. A vessel ends "
+        "where its response falls below the lower threshold.", above=0, most=10,
     )  # fmt: skip
     high: float = option(
-        1.2, help="With --vessels: upper threshold of the filter response, relative to the best threshold. Every vessel exceeds "
-        "this threshold somewhere. Lower values find more vessels.", above=0, most=10,
+        1.2, help="With --vessels: upper threshold of the filter response, as a multiple of the automatic threshold. The response "
+        "of every vessel exceeds the upper threshold somewhere. With a lower value, Shoal finds more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
-        None, help="With --vessels: vessels are brighter than their surroundings. By default, the clearer lines are vessels."
-    )
-    thickest: float | None = option(
-        None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side. Default: 0.0185 in "
-        "a round field of view, else 0.035.", above=0, most=0.5,
+        None, help="With --vessels: vessels are brighter than their surroundings. By default, Shoal takes bright lines or dark "
+        "lines as vessels, whichever are clearer.",
     )  # fmt: skip
-    threshold: float = option(0.5, help="For pictures: brightness from which a pixel is free (white is 1).", least=0, most=1)
-    invert: bool = option(False, help="For pictures: dark pixels are free instead of bright ones.")
-    scale: float = option(1.0, help="For pictures: cells per pixel along each side.", above=0, most=64)
-    level: float | None = option(None, help="For arrays and volumes: value from which a cell is free.")
-    label: int | None = option(None, help="For arrays and volumes: value of the free cells.")
-    largest_component: bool = option(False, help="Keep only the largest connected part of the free space.")
-    cell_size: float | None = option(None, help="Side of a cell. By default, the value in the file.", unit="mm", above=0, most=1e6)
+    thickest: float | None = option(
+        None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side. Default: 0.0185 if "
+        "the picture shows a round field of view, else 0.035.", above=0, most=0.5,
+    )  # fmt: skip
+    threshold: float = option(
+        0.5, help="For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white).", least=0, most=1
+    )
+    invert: bool = option(False, help="For pictures: dark pixels are free, and bright pixels are obstacles.")
+    scale: float = option(1.0, help="For pictures: number of cells for each pixel along each side.", above=0, most=64)
+    level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
+    label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
+    largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
+    cell_size: float | None = option(None, help="Side of a cell. Default: the cell size in the file.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse fields that contradict each other. No file is opened yet."""

@@ -24,7 +24,8 @@ def demo(
         str,
         typer.Argument(
             metavar="[steer|search]",
-            help="steer (two particles, one input) or search (robots in a marsh). Default: map the vessels of an eye.",
+            help="Demo: steer (two particles, one input) or search (robots in a marsh). By default, the demo maps the "
+            "vessels of an eye.",
         ),
     ] = "vessels",
     particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles.")] = 300,
@@ -37,8 +38,8 @@ def demo(
     The demo writes the photograph beside its vessels, the photograph with the outline of the vessels, the vessel map, the final
     picture, a chart of the frontier cells, a film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles
     to two goals in a square, a hexagon, a disk, a prism and a noisy field. 'shoal demo steer' writes figures, episodes and two
-    players. 'shoal demo search' sends 12 robots through a marsh around a lake; three of the robots fail. 'shoal demo search' writes
-    figures, the player, the episode and missions.
+    players. 'shoal demo search' sends 12 robots through a marsh around a lake, and three robots fail. 'shoal demo search' writes
+    figures, the player, the episode and mission files.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer

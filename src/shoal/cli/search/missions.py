@@ -27,7 +27,7 @@ _SHOWN = 3  # maximum number of diagnostics of one kind in one file
 
 Folder = Annotated[
     Path,
-    typer.Argument(metavar="DIR", help="A folder of mission files: .plan .waypoints .geojson .kml .gpx .csv."),
+    typer.Argument(metavar="DIR", help="Folder of mission files (.plan .waypoints .geojson .kml .gpx .csv)."),
 ]
 _FIELDS = SearchProblem.declarations()
 Region = Annotated[str, typer.Argument(metavar="REGION", help=help_of(_FIELDS["region"]))]
@@ -41,7 +41,7 @@ Footprint = Annotated[
     typer.Option(
         "--footprint",
         metavar="METRES",
-        help="Side of the square that a robot sees around each point of its path, or one side per robot, separated by commas. "
+        help="Side of the square that a robot sees around each point of its path, or one side for each robot, separated by commas. "
         "Default: the view of --vehicle's camera or detector; without either, coverage is not measured.",
     ),
 ]
@@ -53,19 +53,19 @@ Angle = Annotated[
         help="Angle of the footprints, counter-clockwise from east. Default: the direction of most legs.",
     ),
 ]
-Least = Annotated[float, typer.Option("--least", help="Minimum fraction of the region that must be seen, 0 to 1.")]
+Least = Annotated[float, typer.Option("--least", help="Minimum share of the region that the vehicles must see, from 0 to 1.")]
 Format = Annotated[
     str | None,
     typer.Option(
         "--format",
-        help="Format of the files to check: plan, wpl, geojson, kml, gpx or csv. Default: the first of these that is found.",
+        help="Format of the checked files: plan, wpl, geojson, kml, gpx or csv. Default: the first of these formats in the folder.",
     ),
 ]
 Cap = Annotated[
     int | None,
     typer.Option(
         "--cap",
-        help="Maximum number of mission items that the autopilot stores. Default: 2000 for PX4, 700 for ArduPilot.",
+        help="Maximum number of mission items that the autopilot can store. Default: 2000 for PX4, 700 for ArduPilot.",
     ),
 ]
 Autopilot = Annotated[str | None, typer.Option("--autopilot", help="Required autopilot of the missions: px4 or ardupilot.")]
@@ -89,7 +89,7 @@ Airspace = Annotated[
     typer.Option(
         "--airspace",
         metavar=_KEPT["airspace"].option.metavar,
-        help="Distance by which turns of fixed wings may leave the region, beyond --margin. Default: unlimited, with a warning.",
+        help="Distance by which turns of fixed wings may leave the area inside --margin. Default: no limit, but a warning.",
     ),
 ]
 OverTerrain = Annotated[
@@ -97,7 +97,8 @@ OverTerrain = Annotated[
     typer.Option(
         "--terrain",
         metavar=_KEPT["terrain"].option.metavar,
-        help="Terrain heights: a GeoTIFF or an ESRI ASCII grid. Heights above ground are measured along all paths.",
+        help="Terrain heights: a GeoTIFF file or an ESRI ASCII grid. With --terrain, the check measures heights above "
+        "ground on all paths.",
     ),
 ]
 HeightError = Annotated[
@@ -105,7 +106,7 @@ HeightError = Annotated[
     typer.Option(
         "--terrain-error",
         metavar=_KEPT["terrain_error"].option.metavar,
-        help="Maximum error of the height above ground, for missions with altitudes above ground.",
+        help="Maximum error of the height above ground, in metres, for missions with altitudes above ground.",
     ),
 ]
 Bands = Annotated[
@@ -113,7 +114,7 @@ Bands = Annotated[
     typer.Option(
         "--bands",
         metavar=_FIELDS["bands"].option.metavar,
-        help="Altitudes. The whole region must be seen from each of them. Default for a box: its layers.",
+        help="Altitudes from each of which the vehicles must see the whole region. Default for a box: the layers of the box.",
     ),
 ]
 Out = Annotated[
@@ -121,7 +122,7 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FOLDER",
-        help="Write check.json, map.png and, with --footprint, uncovered.geojson into this folder.",
+        help="Folder for check.json and map.png, and with --footprint also for uncovered.geojson.",
     ),
 ]
 
@@ -151,10 +152,10 @@ def check(
     out: Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Check mission files: report mistakes in them, and measure the share of a region that the vehicles see.
+    """Check mission files: report mistakes, and measure the share of a region that the vehicles see.
 
-    The check uses no code of the mission planner. The exit code is 1 if there are mistakes, if the vehicles see less than --least
-    of the region, or if vehicles come too near to each other or to the ground.
+    The check uses no code of Shoal's mission planner. The exit code is 1 in three cases: the files contain mistakes, the
+    vehicles see less than --least of the region, or vehicles come too near to each other or to the ground.
     """
     from shoal.search import open_region
     from shoal.search.flight.terrain_files import open_terrain

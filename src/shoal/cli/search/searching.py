@@ -28,7 +28,11 @@ def search(
     options: MissionOptions,
     missions: Annotated[
         Path | None,
-        typer.Option("--missions", metavar="DIR", help="Folder for the missions, one for each robot and sortie."),
+        typer.Option(
+            "--missions",
+            metavar="DIR",
+            help="Folder for the mission files, one file for each robot and sortie (flight between two charges).",
+        ),
     ] = None,
     seed: Seed = 0,
     out: Annotated[
@@ -36,7 +40,7 @@ def search(
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Write region.png, timeline.png, the episode and summary.json into this folder.",
+            help="Folder for region.png, timeline.png, the episode and summary.json.",
         ),
     ] = None,
     film: Film = None,
@@ -44,7 +48,8 @@ def search(
 ) -> None:
     """Search a region with robots that have no coordinator.
 
-    The robots divide a closed tour through all cells among themselves. Live robots take over the parts of dead robots.
+    The robots divide a closed tour through all cells of the region among themselves. If a robot fails, the other robots search its
+    part of the tour.
 
     The exit code is 1 if the search was not completed.
     """

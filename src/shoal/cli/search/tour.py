@@ -25,14 +25,15 @@ def tour(
         str,
         typer.Argument(
             metavar="NAME",
-            help="hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree or MODULE:ATTRIBUTE.",
+            help="Kind of tour: hilbert, open-hilbert, moore, hilbert-rectangle, comb, spanning-tree or MODULE:ATTRIBUTE.",
         ),
     ],
     size: Annotated[
         str,
         typer.Argument(
             metavar="SIZE",
-            help="Cells per side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers); or a map whose free cells are "
+            help="Number of cells along each side: 64, 64x48 (width, height) or 16x16x16 (width, height, layers). Or a map whose "
+            "free cells are "
             "to be searched, as for 'shoal map': cave:64x48, a picture, text, .map, .npy or .csv.",
         ),
     ],
@@ -42,7 +43,7 @@ def tour(
         typer.Option(
             "--out",
             metavar="FOLDER",
-            help="Write tour.png, tour.csv (cells in order) and summary.json into this folder.",
+            help="Folder for tour.png, tour.csv (the cells in order) and summary.json.",
         ),
     ] = None,
     json_: options.Json = False,

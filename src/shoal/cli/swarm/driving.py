@@ -39,7 +39,7 @@ Size = Annotated[
     typer.Option(
         "--size",
         metavar="SIZE",
-        help="Size of the rig's field of view in cells, such as 40x60. Any other rig is refused.",
+        help="Size of the rig's field of view in cells, such as 40x60. Shoal refuses a rig with another size.",
     ),
 ]
 
@@ -51,7 +51,8 @@ def drive(
         str | None,
         typer.Argument(
             metavar="[MAP]",
-            help="True map. A simulated rig moves in it; the map of a real rig is compared with it.",
+            help="True map. The particles of a simulated rig move in the true map. For a real rig, Shoal compares "
+            "the result with the true map.",
         ),
     ] = None,
     rig: RigName = "simulated",
@@ -59,24 +60,25 @@ def drive(
     seed: options.Seed = 0,
     repeat_after: Annotated[
         float,
-        typer.Option("--repeat-after", help="Seconds without an answer to a request after which the request is sent again."),
+        typer.Option("--repeat-after", help="Time without an answer after which Shoal repeats a request, in seconds."),
     ] = 5.0,
     end_after: Annotated[
         float,
-        typer.Option("--end-after", help="Seconds without an answer, even to repeated requests, after which the run ends."),
+        typer.Option("--end-after", help="Time without an answer to repeated requests after which the run ends, in seconds."),
     ] = 60.0,
     log: Annotated[
         Path | None,
-        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), written during the run."),
+        typer.Option("--log", metavar="FILE", help="Log file (JSON lines), which Shoal writes during the run."),
     ] = None,
     out: options.Out = None,
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Drive a rig and map the space in which its particles move. The rig is stopped at the end and after Ctrl-C.
+    """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C, Shoal stops the rig.
 
-    --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own values. --slip, --misplace and
-    --miss describe a rig's errors, and a simulated rig makes these errors. docs/concepts/rigs.md describes the protocol.
+    The options --particles, --placement, --start and --rule apply to a simulated rig. A real rig reports its own values. The
+    options --slip, --misplace and --miss state the error probabilities of a rig, and a simulated rig makes such errors. The page
+    docs/concepts/rigs.md describes the messages between Shoal and a rig.
     """
     from shoal.swarm.maps.open import open_map
     from shoal.swarm.rigs.driving import drive as drive_rig

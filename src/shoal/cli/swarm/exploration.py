@@ -41,7 +41,7 @@ def map_(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Map an unknown workspace: find every free cell that the particles can reach, and the walls around them."""
+    """Map an unknown space: find every free cell that the particles can reach, and the obstacles around the free cells."""
     _play(problem, trials, seed, workers, out, film, json_)
 
 
@@ -55,7 +55,7 @@ def cover(
     film: options.Film = None,
     json_: options.Json = False,
 ) -> None:
-    """Cover a known workspace: at least one particle must visit every free cell, or every cell of a random subset."""
+    """Cover a known map: visit every free cell, or every cell of a random subset, with at least one particle."""
     _play(problem, trials, seed, workers, out, film, json_)
 
 

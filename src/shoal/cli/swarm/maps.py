@@ -25,21 +25,21 @@ def maps(
     problem: SwarmProblem,
     name: Annotated[
         str | None,
-        typer.Argument(metavar="[NAME]", help="A generated map, such as cave:80x60; with --vessels a photograph."),
+        typer.Argument(metavar="[NAME]", help="Generated map, such as cave:80x60, or with --vessels a photograph."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "--out",
             metavar="FILE",
-            help="Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels a folder for mask.png (at "
+            help="Output file: .png .tif .bmp .jpg .txt .map .npy .csv .nii .nii.gz. With --vessels, a folder for mask.png (at "
             "the photograph's resolution), overlay.png and map.png.",
         ),
     ] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed of a random map (as in cave:80x60:7).")] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of a random map (in place of the 7 in cave:80x60:7).")] = None,
     json_: options.Json = False,
 ) -> None:
-    """List the generated maps, show one, or write it to a file. With --vessels, find the vessels in a photograph."""
+    """List the generated maps, show a map, or write a map to a file. With --vessels, find the vessels in a photograph."""
     if name is None:
         for option, value in (("--out", out), ("--seed", seed), ("--vessels", problem.vessels or None)):
             if value is not None:

@@ -33,23 +33,25 @@ _DIGITS = 1_000
 
 _Out = Annotated[
     Path | None,
-    typer.Option("--out", metavar="FOLDER", help="Write the figures and summary.json into this folder."),
+    typer.Option("--out", metavar="FOLDER", help="Folder for the figures and summary.json."),
 ]
 
 
 def line(
-    cells: Annotated[int, typer.Option("--cells", help="Cells of the line, m.")],
-    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles, n.")],
+    cells: Annotated[int, typer.Option("--cells", help="Number of cells of the line (m).")],
+    particles: Annotated[int, typer.Option("-n", "--particles", help="Number of particles (n).")],
     monte_carlo: Annotated[
         int | None,
-        typer.Option("--monte-carlo", metavar="TRIALS", help="Also draw this number of random placements."),
+        typer.Option(
+            "--monte-carlo", metavar="TRIALS", help="Number of random placements to draw, in addition to the exact means."
+        ),
     ] = None,
     seed: options.Seed = 0,
     workers: options.Workers = None,
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Compute exact means for particles on a line: moves to find both ends, moves to visit all cells, and length of largest gap."""
+    """Compute exact means for particles on a line: moves to find both ends, moves to visit all cells, and largest gap."""
     from shoal.swarm.theory.one_dimension import Line, sample
 
     chosen = Line(cells, particles)
@@ -122,8 +124,10 @@ def _write(out: Path, figures: dict[str, Figure], result: dict[str, Any]) -> lis
 
 
 def schedule(
-    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan.")],
-    move_cost: Annotated[str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move.")],
+    scan_cost: Annotated[str, typer.Option("--scan-cost", metavar="PRICE", help="Price of a scan, in any unit.")],
+    move_cost: Annotated[
+        str, typer.Option("--move-cost", metavar="PRICE", help="Price of a move, in the same unit as the price of a scan.")
+    ],
     max_distance: Annotated[
         str, typer.Option("--max-distance", metavar="D", help="Largest distance of the wall, such as 1000, 1e100 or 10^100.")
     ] = "1000",
@@ -131,7 +135,7 @@ def schedule(
     out: _Out = None,
     json_: options.Json = False,
 ) -> None:
-    """Find the scan schedule with the smallest worst-case cost ratio for a wall at an unknown distance.
+    """Find the scan schedule with the smallest worst-case cost ratio for finding a wall at an unknown distance.
 
     The output also contains the worst-case cost ratios of five classic schedules.
     """

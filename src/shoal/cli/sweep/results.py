@@ -24,10 +24,10 @@ EXPORT_EXAMPLE = "Example: shoal sweep export results.sqlite --out results.csv"
 MERGE_EXAMPLE = "Example: shoal sweep merge results.sqlite --out merged.sqlite"
 CHECK_EXAMPLE = "Example: shoal sweep check results.sqlite"
 
-StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="The file with the results.")]
+StoreFile = Annotated[Path, typer.Argument(metavar="STORE", help="File with the results of sweeps.")]
 SweepName = Annotated[
     str | None,
-    typer.Option("--sweep", metavar="NAME", help="Name of the sweep, if the store contains several."),
+    typer.Option("--sweep", metavar="NAME", help="Name of the sweep, required if the store contains several sweeps."),
 ]
 
 
@@ -42,7 +42,8 @@ Method = Annotated[
     str,
     typer.Option(
         "--method",
-        help="Method of the intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto means "
+        help="Method of the confidence intervals: t (Student), log (Student on a log scale, never below 0) or bootstrap. auto "
+        "means "
         "log for counts.",
     ),
 ]
@@ -54,7 +55,11 @@ def summary(
     measure: Annotated[str | None, typer.Option("--measure", help="Measure to summarise, such as moves.")] = None,
     compare: Annotated[
         str | None,
-        typer.Option("--compare", metavar="AXIS", help="Compare the values of this paired axis with its first value."),
+        typer.Option(
+            "--compare",
+            metavar="AXIS",
+            help="Name of a paired axis. The summary compares each value of the axis with the first value.",
+        ),
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
     method: Method = "auto",
@@ -62,11 +67,11 @@ def summary(
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show means with confidence intervals, and differences between the values of a paired axis.
+    """Show means with confidence intervals, and compare the values of a paired axis.
 
-    If some trials ended before their task was done, the summary states the number of these trials. For measures that grow until the
-    end of a trial, the mean is then a restricted mean. The cutoff is the smallest value at which a trial ended unfinished,
-    and every larger value counts as the cutoff.
+    If some trials ended before their task was complete, the summary states the number of unfinished trials. For a measure that
+    grows until the end of a trial, the summary then shows a restricted mean: every value above a cutoff counts as the cutoff. The
+    cutoff is the smallest value at which a trial ended unfinished.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store
@@ -152,7 +157,7 @@ def export_(
     seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
-    """Write the table of a sweep: axes, trial, seed and measures."""
+    """Write a table with one row for each trial of a sweep: axes, trial, seed and measures."""
     from shoal.lab import Store
     from shoal.lab.storage.export import export
 
@@ -168,14 +173,14 @@ def export_(
 
 
 def merge(
-    stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="The files with the results.")],
-    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the new store.")],
+    stores: Annotated[list[Path], typer.Argument(metavar="STORES", help="Files with the results of sweeps.")],
+    out: Annotated[Path, typer.Option("--out", metavar="FILE", help="File for the merged results.")],
     seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
-    """Merge several stores of the same sweeps, for example from several machines, into a new store.
+    """Merge the results of the same sweeps in several stores, for example from several machines, into a new store.
 
-    A trial that several stores contain must have the same result in all of them.
+    If several stores contain the same trial, its result must be the same in all these stores.
     """
     from shoal.lab import Store
     from shoal.lab.storage.merging import merge_stores
@@ -196,7 +201,7 @@ def check(
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
-    """Check the integrity of a store: its structure, keys, seeds and rows. The exit code is 1 if a check fails."""
+    """Check that a store is intact: its structure, keys, seeds and results. The exit code is 1 if a check fails."""
     from shoal.lab import Store
     from shoal.lab.storage.integrity import faults_of
 

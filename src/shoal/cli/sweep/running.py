@@ -33,25 +33,27 @@ def run(
     spec: Annotated[Path, typer.Argument(metavar="SPEC", help="TOML file that describes the sweep.")],
     store: Annotated[
         Path,
-        typer.Option("--store", metavar="FILE", help="Store for the results. It is created if it does not exist."),
+        typer.Option("--store", metavar="FILE", help="Store: file for the results. Shoal creates the file if it does not exist."),
     ],
     workers: options.Processes = None,
     dask: Annotated[
         str | None,
         typer.Option("--dask", metavar="ADDRESS", help="Use the workers of the Dask scheduler at HOST:PORT."),
     ] = None,
-    trials: Annotated[int | None, typer.Option("--trials", help="Number of trials at each point, not that in the file.")] = None,
-    seed: Annotated[int | None, typer.Option("--seed", help="Seed, instead of the seed in the file.")] = None,
+    trials: Annotated[
+        int | None, typer.Option("--trials", help="Number of trials at each point, in place of the number in the file.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option("--seed", help="Seed of the sweep, in place of the seed in the file.")] = None,
     extend: Annotated[bool, typer.Option("--extend", help="Add trials or points to a sweep that is already in the store.")] = False,
     out: Annotated[
         Path | None,
-        typer.Option("--out", metavar="FILE", help="Write the table at the end: .csv or .parquet."),
+        typer.Option("--out", metavar="FILE", help="File for a table of the results, written at the end: .csv or .parquet."),
     ] = None,
     json_: options.Json = False,
 ) -> None:
-    """Run a sweep, or only the trials that its store does not yet contain. The same command continues a sweep that was stopped.
+    """Run the trials of a sweep that its store does not yet contain. To continue a stopped sweep, repeat the same command.
 
-    The exit code is 1 if trials failed.
+    The exit code is 1 if at least one trial failed.
     """
     from shoal.lab import Store, Sweep, run_sweep
     from shoal.lab.versions import MixedVersionsWarning
@@ -162,12 +164,12 @@ def _rows(status: SweepStatus) -> list[tuple[str, str]]:
 
 def status(
     store: StoreFile,
-    watch: Annotated[bool, typer.Option("--watch", help="Repeat every two seconds until nothing is running.")] = False,
+    watch: Annotated[bool, typer.Option("--watch", help="Repeat the output every two seconds until no sweep is running.")] = False,
     seed: options.UnusedSeed = 0,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show the progress of the sweeps in a store. The command works also while another process runs the sweeps."""
+    """Show the progress of the sweeps in a store. The command also works while another process runs the sweeps."""
     from shoal.lab import Store
 
     if watch and json_:

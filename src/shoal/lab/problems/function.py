@@ -32,8 +32,10 @@ class FunctionProblem(MeasuredProblem):
 
     part = "function"
 
-    function: str = option(help="The function, as MODULE:ATTRIBUTE.", names=())
-    arguments: Mapping[str, Any] | None = option(None, help="Arguments of the function, besides the seed.", check=_check_arguments)
+    function: str = option(help="Your function, as MODULE:ATTRIBUTE.", names=())
+    arguments: Mapping[str, Any] | None = option(
+        None, help="Arguments of the function, in addition to the seed.", check=_check_arguments
+    )
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it

@@ -62,29 +62,29 @@ class Vehicle(Problem):
 
     part: ClassVar[str] = "vehicle"
 
-    preset: str = option("multirotor", help="Kind of vehicle. It sets the default of every other field.", choices=tuple(PRESETS))
+    preset: str = option("multirotor", help="Kind of vehicle, which sets the default of every other field.", choices=tuple(PRESETS))
     cruise_speed: float | None = option(
-        None, help="Speed through the air; for a rover, over ground.", unit="m/s", above=0, most=100
+        None, help="Airspeed of the vehicle; for a rover, speed over ground.", unit="m/s", above=0, most=100
     )
-    climb_speed: float | None = option(None, help="Climb speed.", unit="m/s", above=0, most=50)
-    sink_speed: float | None = option(None, help="Sink speed.", unit="m/s", above=0, most=50)
+    climb_speed: float | None = option(None, help="Vertical speed of a climb.", unit="m/s", above=0, most=50)
+    sink_speed: float | None = option(None, help="Vertical speed of a descent.", unit="m/s", above=0, most=50)
     acceleration: float | None = option(None, help="Acceleration before and after a turn.", unit="m/s2", above=0)
     turn_time: float | None = option(
-        None, help="Time of a turn. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
+        None, help="Duration of a turn. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
-        None, help="Radius of a fixed wing's narrowest turn without wind. Others turn on the spot.", unit="m", least=0, most=10_000
+        None, help="Smallest turn radius of a fixed wing without wind. Other vehicles have 0.", unit="m", least=0, most=10_000
     )
-    altitude: float | None = option(None, help="Altitude of the search; 0 for a rover.", unit="m", least=0, most=10_000)
+    altitude: float | None = option(None, help="Altitude of the search flight; 0 for a rover.", unit="m", least=0, most=10_000)
     endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)
-    reserve: float | None = option(None, help="Share of the endurance that no mission uses.", least=0, below=1)
+    reserve: float | None = option(None, help="Share of the endurance that no mission may use.", least=0, below=1)
     recharge: float | None = option(None, help="Time on the ground between two sorties.", unit="min", least=0, most=100_000)
-    wind_speed: float | None = option(None, help="Wind speed; must be below cruise_speed.", unit="m/s", least=0, most=100)
+    wind_speed: float | None = option(None, help="Wind speed, which must be below cruise_speed.", unit="m/s", least=0, most=100)
     wind_from: float | None = option(
         None, help="Direction from which the wind blows, clockwise from north.", unit="degrees", least=-360, most=360
     )
     detector_width: float | None = option(
-        None, help="Width that a sonar or another detector sees. It sets the row distance.", unit="m", above=0, most=100_000
+        None, help="Width of the strip that a sonar or another detector sees (the row distance).", unit="m", above=0, most=100_000
     )
     sensor_width: float | None = option(None, help="Width of the camera's sensor, across the path.", unit="mm", above=0, most=1000)
     sensor_height: float | None = option(None, help="Height of the camera's sensor, along the path.", unit="mm", above=0, most=1000)
@@ -93,13 +93,13 @@ class Vehicle(Problem):
     image_height: float | None = option(None, help="Height of an image, along the path.", unit="pixels", least=1, most=1_000_000)
     side_overlap: float | None = option(None, help="Overlap of images in neighbouring rows, as a fraction.", least=0, most=0.95)
     front_overlap: float | None = option(None, help="Overlap of consecutive images in a row, as a fraction.", least=0, most=0.95)
-    gimbal_pitch: float | None = option(None, help="Pitch of the camera; -90 looks down.", unit="degrees", least=-90, most=90)
+    gimbal_pitch: float | None = option(None, help="Camera pitch; -90 means straight down.", unit="degrees", least=-90, most=90)
     yaw: float | None = option(
-        None, help="Heading that a multirotor keeps, clockwise from north. By default it faces its direction of flight.",
+        None, help="Heading that a multirotor keeps, clockwise from north. By default, a multirotor faces its direction of flight.",
         unit="degrees", least=-360, most=360,
     )  # fmt: skip
     acceptance_radius: float | None = option(
-        None, help="Distance at which a waypoint counts as reached. Default: the autopilot's own.", unit="m", above=0, most=1000
+        None, help="Distance at which a vehicle has reached a waypoint. Default: the autopilot's.", unit="m", above=0, most=1000
     )
 
     def __post_init__(self) -> None:

@@ -83,123 +83,122 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     region: Any = option(
-        help="square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
+        help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
         ".geojson, .json, .kml, .gpkg, .kmz, .shp, .zip (a Shapefile) or .csv (metres).",
         argument=True, metavar="REGION", check=check_region, dump=dump_region,
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees: one number, or one for each robot such as 2,2,6. Default: the view of "
-        "the vehicle's camera or detector, or 10.",
+        None, help="Side of the square that a robot sees: one number for all robots, or one for each robot such as 2,2,6. "
+        "Default: the view of the vehicle's camera or detector, or 10.",
         unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
-        None, help="Altitudes at which the whole region is searched, along one tour. Default: the vehicle's altitude; for a box, "
-        "as many layers as footprints fill its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        None, help="Altitudes at which robots search the whole region, along one tour. Default: the vehicle's altitude; for a "
+        "box, one altitude for each footprint that fits its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
-        1, help="Number of searches of the whole region, by any robots. In every second search, rows are rotated by 90 degrees.",
+        1, help="Number of times that robots search the whole region. In every second pass, rows are rotated by 90 degrees.",
         least=1, most=100,
     )  # fmt: skip
     starts: str | tuple[tuple[float, float], ...] = option(
-        "random", help="Start of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y in "
-        "metres; longitude and latitude for a region on Earth).", check=check_places("starts", "a layout or a file"),
+        "random", help="Start points of the robots: random, clustered, line, or a CSV file with a point for each robot (x and y "
+        "in metres; longitude and latitude for a region on Earth).", check=check_places("starts", "a layout or a file"),
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Launch points anywhere, instead of --starts: one x,y for all robots, or one for each with semicolons "
-        "between (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, or of a line such as a "
-        "road, along which the robots are spaced evenly.",
+        None, help="Launch points inside or outside the region, in place of --starts: one x,y for all robots, or one for each "
+        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, "
+        "or of a line such as a road, along which robots start at equal distances.",
         metavar="POINTS|FILE", check=check_places("launch", "points or a file"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Landing points, in the form of --launch. Default: the launch points.", metavar="POINTS|FILE",
+        None, help="Landing points, in the same form as --launch. Default: the launch points.", metavar="POINTS|FILE",
         check=check_places("land", "points or a file"),
     )  # fmt: skip
     delays: tuple[float, ...] | None = option(
-        None, help="Delay of each robot's start. Default: if missions are written, the delays that keep robots apart.", unit="s",
+        None, help="Delay of each robot's start. Default: 0; if missions are written, the delays that keep robots apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers,
         check=lambda value: check_number_list(value, "delays", "numbers, 0 or more, one per robot", least=0),
     )  # fmt: skip
     tour: str = option(
-        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time, "
-        "or the angle is chosen, auto means the faster one of spanning-tree and boustrophedon.", names=TOURS,
+        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time or Shoal "
+        "chooses the angle, auto means the faster tour of spanning-tree and boustrophedon.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
-        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto computes "
-        "all and uses the fastest; above 100,000 cells times robots auto means hop.",
-        names=ALLOCATIONS,
+        "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
+        "fastest of all rules. If cells times robots exceed 100,000, auto means hop.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle, the shift of the rows and, "
-        "if --tour is auto, the tour that is fastest for one robot, turns included. Default: auto for a region on Earth, else 0.",
-        unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle and shift of the rows with "
+        "which one robot is fastest, turns included, and also the tour if --tour is auto. Default: auto for a region on Earth, "
+        "else 0.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
-        (), help="No-go zones, in the units of REGION. The option can be repeated.", metavar="FILE", repeated=True, parse=list,
-        check=check_no_go, dump=dump_no_go,
+        (), help="File of no-go zones, in the same units as REGION. The option can be repeated.", metavar="FILE", repeated=True,
+        parse=list, check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float = option(
         0.0, help="Distance that all paths keep from the border of the region and from no-go zones.", unit="m", least=0
     )
-    layer: str | None = option(None, help="Layer of a GeoPackage; it is required if the file has several layers.")
+    layer: str | None = option(None, help="Name of a layer of a GeoPackage file, required if the file has several layers.")
     inner: str | None = option(
-        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. Default: files with an unmarked inner "
-        "polygon are refused.", choices=INNER,
+        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. By default, Shoal refuses a file with "
+        "an unmarked inner polygon.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
-        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a file .toml "
-        "or .json. Fields that differ may follow, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
+        None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a .toml or "
+        ".json file. Changed fields may follow, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=vehicle_of, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
-        None, help="Speed of each robot, relative to the vehicle's speed.", metavar="R,R,...",
+        None, help="Speed of each robot, divided by the vehicle's speed.", metavar="R,R,...",
         parse=parse_numbers, check=lambda value: check_number_list(value, "rates", "numbers above 0, one per robot", above=0),
     )  # fmt: skip
     multiplicity: int = option(1, help="Number of different robots that must search each cell.", least=1)
-    transit: bool = option(False, help="Robots fly and may cross the ground between the parts of a region.")
-    loss: float = option(0.0, help="Probability that a message is lost.", least=0, most=1)
+    transit: bool = option(False, help="Robots fly, and may cross the ground between the separate parts of a region.")
+    loss: float = option(0.0, help="Probability that the radio network loses a message.", least=0, most=1)
     network: str = option(
-        "perfect",
-        help="Network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, duplicates:P, "
-        "corruption:P, replays:P, forgeries:P (with --key).",
-        metavar="MODEL,...", check=check_network,
+        "perfect", help="Radio network: perfect, loss:P, bursts:WORSEN:MEND, range:CELLS, partition:SINCE:UNTIL, delay:MEAN, "
+        "duplicates:P, corruption:P, replays:P, forgeries:P (with --key).", metavar="MODEL,...", check=check_network,
     )  # fmt: skip
     key: str | None = option(
-        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner only. "
-        "Unsigned and repeated messages are refused.", metavar="FILE",
-        check=lambda value: check_path(value, "key", "the path of a file"),
+        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner alone. Robots refuse "
+        "unsigned and repeated messages.", metavar="FILE", check=lambda value: check_path(value, "key", "the path of a file"),
     )  # fmt: skip
     packet: int | None = option(
-        None, help="Maximum length of a message. A longer beacon is divided into several messages, each of which can be read "
-        "alone.",
-        unit="bytes", least=64, most=65_507,
+        None, help="Maximum length of a message. A robot divides a longer message into several messages, each of which can be "
+        "read alone.", unit="bytes", least=64, most=65_507,
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
-        "liar:R. Robots R count from 1; times and energy count in cells. The option can be repeated.",
-        metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        "liar:R. R is the number of a robot, counted from 1. The unit of times and energy is one searched cell. The option can be "
+        "repeated.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
         dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
-    crashes: int = option(0, help="Number of random robots that crash at random times, drawn from the seed.", least=0)
+    crashes: int = option(
+        0, help="Number of robots that crash at random times. The seed determines the robots and the times.", least=0
+    )
     targets: Any = option(
-        0, help="Targets to find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
+        0, help="Targets that robots must find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
         parse=parse_count_or_path, check=check_places("targets", "a file", count=True),
     )  # fmt: skip
-    detection: float = option(1.0, help="Probability that a robot detects a target in a cell.", least=0, most=1)
-    false_alarm: float = option(0.0, help="Probability that a robot reports a target in an empty cell.", least=0, most=1)
+    detection: float = option(
+        1.0, help="Probability that a robot detects a target when it searches the cell of the target.", least=0, most=1
+    )
+    false_alarm: float = option(0.0, help="Probability that a robot reports a target in a cell without a target.", least=0, most=1)
     obstacles: Any = option(
-        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover them during "
-        "the search and move from cell to cell.",
+        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover unknown "
+        "obstacles during the search, and move from cell to cell.",
         metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
         None, help="Simulate robots and messages. Default: yes with at most 126 robots and at most a million cells times robots."
     )
     live: float | None = option(
-        None, help="Run one process for each robot, with real UDP, at this speed instead of a simulation. A crash kills the "
-        "process.", unit="cells/s", metavar="RATE", above=0,
+        None, help="Speed of a search with one process for each robot and real UDP messages, in place of a simulation. At a "
+        "crash, Shoal kills the process of the robot.", unit="cells/s", metavar="RATE", above=0,
     )  # fmt: skip
 
     def check_together(self) -> None:

@@ -76,24 +76,25 @@ class MissionOptions(Problem):
     part: ClassVar[str] = "missions"
 
     format: tuple[str, ...] = option(
-        (), help="Formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all formats that can describe the region.",
+        (), help="File formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all formats that can describe the "
+        "region.",
         metavar="NAME,...", parse=_parse_names, check=_check_names,
     )  # fmt: skip
-    autopilot: str = option("px4", help="Autopilot of the missions.", choices=tuple(CAPS))
-    altitude_frame: str = option("home", help="Reference of the vehicle's altitude in missions.", choices=FRAMES)
-    terrain: str | None = option(None, help="Terrain heights: a GeoTIFF or an ESRI ASCII grid.", metavar="FILE")
+    autopilot: str = option("px4", help="Autopilot that flies the missions.", choices=tuple(CAPS))
+    altitude_frame: str = option("home", help="Reference of the vehicle's altitude in mission files.", choices=FRAMES)
+    terrain: str | None = option(None, help="Terrain heights: a GeoTIFF file or an ESRI ASCII grid.", metavar="FILE")
     terrain_error: float = option(
-        TERRAIN_ERROR, help="Largest error of the height above ground, also between waypoints.", unit="m", least=0.01,
+        TERRAIN_ERROR, help="Maximum error of the height above ground, at waypoints and between waypoints.", unit="m", least=0.01,
         metavar="METRES",
     )  # fmt: skip
     separation: tuple[float, ...] = option(
-        (HORIZONTAL, VERTICAL), help="Horizontal and vertical separation. Vehicles in flight keep at least one of the two; 0 "
-        "for none.",
+        (HORIZONTAL, VERTICAL), help="Horizontal and vertical separation. Vehicles in flight keep the horizontal distance or the "
+        "vertical distance; 0 means no separation.",
         metavar="HORIZONTAL[,VERTICAL]", parse=parse_separation, check=check_separation,
     )  # fmt: skip
     delay_tolerance: float = option(
         DELAY,
-        help="Maximum unplanned delay of each vehicle, independent of the others. The separation holds despite this delay.",
+        help="Maximum unplanned delay of each vehicle, independent of other vehicles. The separation holds despite such delays.",
         unit="s",
         least=0,
         metavar="SECONDS",
@@ -103,14 +104,14 @@ class MissionOptions(Problem):
         "report states the distance.", unit="m", least=0, metavar="METRES",
     )  # fmt: skip
     ending: str | None = option(
-        None, help="End of each mission: the autopilot's return, a landing (of fixed wings on a straight approach), or a stay in "
-        "the air. Default with a separation: multirotors land, and fixed wings loiter or, with --land, land.",
+        None, help="End of each mission: return (by the autopilot), land (fixed wings on a straight approach) or loiter (stay in "
+        "the air). Default with a separation: multirotors land; fixed wings loiter, or land if --land is given.",
         choices=ENDINGS,
     )  # fmt: skip
     rally: str | None = option(
-        None, help="File of rally points, where vehicles may land in an emergency: CSV or GeoJSON.", metavar="FILE"
+        None, help="CSV or GeoJSON file of rally points, where vehicles may land in an emergency.", metavar="FILE"
     )  # fmt: skip
-    cap: int | None = option(None, help="Maximum number of mission items that the autopilot stores.", least=1)
+    cap: int | None = option(None, help="Maximum number of mission items that the autopilot can store.", least=1)
 
     @property
     def kept_apart(self) -> Separation | None:
