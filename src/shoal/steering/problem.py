@@ -131,10 +131,9 @@ class SteeringProblem(Problem):
     measures: ClassVar[tuple[str, ...]] = ("status", "moves", "length", "error", "lower_bound")
 
     workspace: Any = option(
-        "square",
-        help="Workspace: square, triangle, pentagon, hexagon, heptagon, octagon, regular:SIDES, disk, disk:RADIUS, a file (.json, "
-        ".geojson, .wkt, .svg) or POLYGON ((...)).",
-        argument=True, metavar="WORKSPACE", check=_check_workspace, dump=_dump_workspace,
+        "square", help="Workspace: square, triangle, pentagon, hexagon, heptagon, octagon, regular:SIDES, disk, disk:RADIUS, a "
+        "file (.json, .geojson, .wkt, .svg) or POLYGON ((...)).", argument=True, metavar="WORKSPACE", check=_check_workspace,
+        dump=_dump_workspace,
     )  # fmt: skip
     start: Any = option(
         RANDOM, help="Start points of the particles, or random (the seed determines the points).", metavar="'X,Y X,Y'",
@@ -145,44 +144,37 @@ class SteeringProblem(Problem):
         parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
     )  # fmt: skip
     tolerance: float = option(
-        1e-6,
-        help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace.",
+        1e-6, help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace.",
         least=0,
-    )
-    interchangeable: bool = option(False, help="Goals are interchangeable: any particle may go to any goal.")
+    )  # fmt: skip
+    interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
-        "auto",
-        help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means robust for two particles with noise or "
-        "an uneven field, shortest for two particles in a convex workspace, and sampling in all other cases.",
+        "auto", help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means robust for two particles with "
+        "noise or an uneven field, shortest for two particles in a convex workspace, and sampling in all other cases.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None,
-        help="Time limit of the planner. At the limit, Shoal takes the best plan so far, which is never longer than the plan of "
-        "greedy.",
-        unit="s", above=0, metavar="SECONDS",
+        None, help="Time limit of the planner. At the limit, Shoal takes the best plan so far, which is never longer than the "
+        "plan of greedy.", unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
     friction: float = option(
         inf, help="Coefficient of friction of the walls. With infinite friction, a particle that is pushed into a wall never "
-        "slides.",
-        check=_check_friction, dump=_dump_friction,
+        "slides.", check=_check_friction, dump=_dump_friction,
     )  # fmt: skip
-    particle_radius: float = option(0.0, help="Radius of the particles.", least=0)
+    particle_radius: float = option(0.0, help="Radius of the particles, in the unit of the workspace.", least=0)
     execution: float = option(0.0, help="Input noise: standard deviation of the error of each coordinate of a move.", least=0)
     measurement: float = option(0.0, help="Camera noise: standard deviation of the error of each observed coordinate.", least=0)
     gain: float = option(
-        0.0,
-        help="Variation of the gain (displacement divided by input) over the workspace, along a direction that the seed "
-        "determines: 0.2 means a gain from 0.9 to 1.1.",
-        least=0, below=2,
+        0.0, help="Variation of the gain (displacement divided by input) over the workspace, along a direction that the seed "
+        "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
     )  # fmt: skip
     goal_x: float | None = option(
-        None, help="X coordinate of a new goal for one particle, in place of its goal in goal; it may lie outside the workspace."
+        None, help="X coordinate of a new goal for one particle (see varied). The new goal may lie outside the workspace."
     )
     goal_y: float | None = option(None, help="Y coordinate of the new goal, whose x coordinate is goal_x.")
     varied: int = option(
-        2, help="Number of the particle that gets the new goal (goal_x, goal_y); the first particle has number 1.", least=1
+        2, help="Number of the particle that gets the new goal (goal_x, goal_y). The first particle has number 1.", least=1
     )
 
     def check_together(self) -> None:
