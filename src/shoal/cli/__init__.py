@@ -1,4 +1,4 @@
-"""The command line interface: a thin layer over the public functions."""
+"""The command-line interface of Shoal: a thin layer over the public functions."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ INTERRUPTED = 130
 
 
 def run(arguments: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code.
+    """Run one command of Shoal and return its exit code.
 
-    The code is 0 for success, 1 for a failed check, 2 for bad input or output, and 130 after an interruption.
+    The exit code is 0 for success, 1 for a failed check, 2 for bad input or output, and 130 after an interruption.
     """
     command = typer.main.get_command(app)
     if say not in listeners:
@@ -59,9 +59,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
 
 
 def _usage(error: typer.TyperException) -> str:
-    """Return the error in a command line.
+    """Return a message about an error in the command line.
 
-    If a value cannot be converted, the error names the expected value and the given value.
+    If an option's value cannot be converted, the message names the expected value and the given value.
     """
     from pydantic import ValidationError
 
@@ -73,7 +73,7 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _drop_output() -> None:
-    """Redirect the remaining standard output to nowhere, so that Python does not try to write it again when it ends."""
+    """Redirect the remaining standard output to nowhere, so that Python does not try to write it again at exit."""
     with suppress(OSError), open(os.devnull, "w") as nowhere:  # a caller's own stdout may have no descriptor
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
@@ -84,7 +84,7 @@ def _refuse(text: str) -> int:
 
 
 def main() -> NoReturn:
-    """Entry point of the ``shoal`` command."""
+    """Run the program ``shoal``: the entry point of the package."""
     # Typer uses pydantic, which otherwise reads the records of all installed packages to find extensions of itself
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     gc.set_threshold(200_000)  # imported objects stay: scanning them again for garbage takes a sixth of a start

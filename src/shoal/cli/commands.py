@@ -1,4 +1,4 @@
-"""The commands by name. Each command is imported when it is used, so no command waits for the libraries of another command."""
+"""The commands of Shoal by name; each command loads only the libraries that it needs."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):
-    """The location of a command: its module below `shoal.cli`, function, and the constant with the example for its help."""
+    """The location of a command: its module in `shoal.cli`, its function, and the constant with the example for its help."""
 
     module: str
     function: str
@@ -53,10 +53,10 @@ SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
 class _Command(TyperCommand):
-    """A command. Every command checks its seed, even if the command uses no random numbers."""
+    """A command that checks its option ``--seed``, even if the command uses no random numbers."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command."""
+        """Check the seed and run the command."""
         if ctx.params.get("seed") is not None:
             from shoal.core.checks import check_integer  # NumPy is slow to import, and help does not need it
 
@@ -65,7 +65,7 @@ class _Command(TyperCommand):
 
 
 def command(name: str) -> TyperCommand:
-    """Return a command by its full name, such as "sweep run". Its module is imported now."""
+    """Return the command with a given full name, such as "sweep run", after an import of its module."""
     module, function, example = COMMANDS[name]
     home = importlib.import_module(f"shoal.cli.{module}")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
@@ -74,7 +74,7 @@ def command(name: str) -> TyperCommand:
 
 
 def _summary(name: str) -> str:
-    """Return the first paragraph of a command's help from its source, without importing it."""
+    """Return the first paragraph of a command's help from its source file, without an import of its module."""
     module, function, _ = COMMANDS[name]
     place = Path(__file__).parent.joinpath(*module.split("."))
     source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
@@ -83,18 +83,21 @@ def _summary(name: str) -> str:
 
 
 class _Commands(TyperGroup):
-    """All commands whose names begin with a prefix."""
+    """A group of commands: all commands whose full names begin with ``prefix``."""
 
     prefix = ""
     listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """Return the names of commands and groups, in the order of `COMMANDS`."""
+        """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""
         names = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
         return list(dict.fromkeys(name.split()[0] for name in names))
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        """Return a command. For the list of commands, the result has only a name and a summary, and no module is imported."""
+        """Return the command or group with a given name.
+
+        While help lists all commands, the result has only a name and a summary, so that help imports no module.
+        """
         whole = self.prefix + cmd_name
         if whole in GROUPS:
             group = _Commands(
@@ -109,12 +112,12 @@ class _Commands(TyperGroup):
         return command(whole)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return name, command and the rest of a command line. A wrong name raises an error that suggests the nearest names."""
+        """Return the name of a command, the command, and its arguments; the error for a wrong name suggests similar names."""
         self.commands = dict.fromkeys(self.list_commands(ctx), cast("Any", None))
         return super().resolve_command(ctx, args)
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help."""
+        """Write the help of the group, with the names and summaries of its commands."""
         self.listing = True
         try:
             super().format_help(ctx, formatter)

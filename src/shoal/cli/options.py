@@ -1,4 +1,4 @@
-"""The options of commands: common options, and the options that the fields of a problem declare."""
+"""The options of commands: the options that many commands share, and the options that the fields of a problem declare."""
 
 from __future__ import annotations
 
@@ -68,19 +68,20 @@ def takes_problem(
     options: type[Problem] | None = None,
     **fixed: Any,
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Return a decorator that replaces a command's first parameter, a problem of type ``kind``, by one option for each field.
+    """Return a decorator that replaces a command's first parameter (a problem) by one option for each field of the problem.
 
     Parameters
     ----------
     kind : type
     from_file : bool
-        Whether the argument may also name a problem file. Options on the command line then replace fields of the file.
+        Whether the argument of the command may also name a problem file. Options on the command line replace fields of the problem
+        file.
     only : tuple of str
-        The fields that become options. If it is empty, all fields become options.
+        Names of the fields that become options; an empty tuple means all fields.
     options : type, optional
-        Class of the command's second parameter, whose fields also become options.
+        Class of the command's second parameter; its fields also become options.
     **fixed
-        Fields that the command sets itself. These fields are not options.
+        Values of fields that the command sets itself and that are therefore no options.
 
     Examples
     --------
@@ -131,7 +132,10 @@ def takes_problem(
 def _problem_of(
     kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
 ) -> Problem:
-    """Return the problem of a file with the given options in place of its fields, or the problem of the options alone."""
+    """Return the problem that a problem file and the options define, or that the options define alone.
+
+    Options replace fields of the problem file.
+    """
     given = {name: parsed(taken[name], text) for name, text in texts.items() if text is not None}
     place = next(name for name, declared in taken.items() if declared.option.argument)
     source = given.get(place)
@@ -175,7 +179,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
 
 
 def help_of(declared: Declaration) -> str:
-    """Return the help of an option: its sentence, values, unit and range."""
+    """Return the help text of an option: its description, its possible values and its unit."""
     option = declared.option
     unit = f" Unit: {option.unit}." if option.unit else ""
     choices = f" One of {', '.join(option.choices)}." if option.choices else ""
@@ -188,7 +192,7 @@ def _flags(declared: Declaration, *, both: bool) -> str:
 
 
 def _default(declared: Declaration) -> Any:
-    """Return the default as written on the command line, or None if it has no text."""
+    """Return the default value of an option as written on the command line, or None if it cannot be written."""
     option, default = declared.option, declared.default
     if option.parse is None or isinstance(default, str):
         return default
@@ -196,7 +200,7 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value of a field from its text on the command line."""
+    """Return the value of a field that a text on the command line describes."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
     if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):

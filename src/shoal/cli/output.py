@@ -1,4 +1,4 @@
-"""Output of commands: results on stdout, everything else on stderr."""
+"""Functions for the output of commands: results go to stdout, and everything else goes to stderr."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ def visible(text: str) -> str:
 
 
 def say(text: str) -> None:
-    """Print a message on stderr."""
+    """Print a message on stderr, with control characters made visible."""
     if sys.stderr is not None:  # None would mean stdout for print()
         print(visible(text), file=sys.stderr, flush=True)
 
 
 def print_json(result: dict[str, Any]) -> None:
-    """Print one JSON object on stdout."""
+    """Print the dict ``result`` as one JSON object on stdout."""
     print(json.dumps(result, ensure_ascii=False, allow_nan=False))
 
 
 def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Path | str] = ()) -> None:
-    """Print a summary on stdout, with the files that were written."""
+    """Print a summary as a table of names and values on stdout, followed by the paths of the written files."""
     from rich.table import Table
 
     table = Table(show_header=False, box=None, pad_edge=False)
@@ -58,7 +58,10 @@ def print_table(rows: list[tuple[str, str]], *, title: str, written: Iterable[Pa
 
 
 def print_columns(names: list[str], values: list[str], rows: list[list[str]], *, title: str) -> None:
-    """Print rows with named columns on stdout. On a narrow terminal, the first columns are wrapped, but never the last."""
+    """Print a table with named columns on stdout.
+
+    On a narrow terminal, the columns ``names`` may wrap, but the columns ``values`` never wrap.
+    """
     from rich.table import Table
 
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
@@ -72,7 +75,7 @@ def print_columns(names: list[str], values: list[str], rows: list[list[str]], *,
 
 
 def _titled(title: str, table: Any) -> Any:
-    """Return a table below its title. The title is not wrapped, even if the table is narrow."""
+    """Return a table below its title, which does not wrap even if the table is narrow."""
     from rich.console import Group
     from rich.text import Text
 
@@ -80,14 +83,14 @@ def _titled(title: str, table: Any) -> Any:
 
 
 def cell(text: str) -> str:
-    """Return a text for a table cell, without markup for Rich or control characters."""
+    """Return a text for a table cell, in which markup and control characters have no effect."""
     from rich.markup import escape
 
     return escape(visible(text))
 
 
 def print_drawn(drawn: Any) -> None:
-    """Print Rich output on stdout."""
+    """Print an object of the library Rich, such as a table, on stdout."""
     from rich.console import Console
 
     console = Console(soft_wrap=False)
@@ -98,7 +101,10 @@ def print_drawn(drawn: Any) -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress output of C libraries on stderr inside the block. libtiff, for example, prints a line per fault."""
+    """Suppress the output of C libraries on stderr inside the ``with`` block.
+
+    For example, the library libtiff prints a line for each fault of a picture.
+    """
     try:
         kept = os.dup(2)
     except OSError:  # closed: there is nothing to protect
@@ -115,11 +121,11 @@ def quiet() -> Iterator[None]:
 
 @contextmanager
 def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
-    """Show a progress bar on stderr while the block runs.
+    """Show a progress bar on stderr while the ``with`` block runs.
 
-    The block gets a function, and calls it with the amount of work done so far.
+    The context manager gives the block a function, which the block calls with the amount of finished work.
 
-    If stderr is not a terminal, a line of text is printed after every tenth of the work.
+    If stderr is not a terminal, the function prints a line of text after every tenth of the work instead.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None
@@ -144,7 +150,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
 
 @contextmanager
 def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
-    """Print ``text`` on stderr if the block takes longer than ``after`` seconds."""
+    """Print ``text`` on stderr if the ``with`` block takes longer than ``after`` seconds."""
     timer = Timer(after, say, [text])
     timer.daemon = True
     timer.start()
@@ -156,7 +162,7 @@ def patience(text: str, *, after: float = 4.0) -> Iterator[None]:
 
 @contextmanager
 def warnings_said(category: type[Warning]) -> Iterator[None]:
-    """Print warnings of one category as plain sentences on stderr while the block runs."""
+    """Print Python warnings of one category as plain sentences on stderr while the ``with`` block runs."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", category)
         warnings.showwarning = lambda message, *_others, **_more: say(f"shoal: warning: {message}")
@@ -164,7 +170,7 @@ def warnings_said(category: type[Warning]) -> Iterator[None]:
 
 
 def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
-    """Return a function that prints the progress of a long episode on stderr: the numbers of moves and frontier cells."""
+    """Return a function that prints the progress of a long episode on stderr: the number of moves and of frontier cells."""
     last = [time.monotonic()]
 
     def tell(moves: int, frontier: int) -> None:
@@ -176,7 +182,7 @@ def moves_told(what: str, *, every: float = 2.0) -> Callable[[int, int], None]:
 
 
 def check_folder(folder: Path) -> Path:
-    """Check that an output folder is writable, or can be created. The check runs before any work and creates nothing.
+    """Check, without creating anything, that Shoal can write into an output folder or create it.
 
     Raises
     ------
@@ -194,12 +200,12 @@ def check_folder(folder: Path) -> Path:
 
 
 def check_outputs(out: Path | None, film: list[Path] | None) -> None:
-    """Refuse outputs that cannot be written. The check runs before any work.
+    """Raise an error if Shoal cannot write the requested output folder or films.
 
     Raises
     ------
     InvalidInputError
-        If a film has an unsupported suffix.
+        If the suffix of a film is not supported.
     OutputError
     """
     if film:
@@ -221,14 +227,14 @@ SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 
 
 def write_films(episode: Any, paths: list[Path] | None) -> list[Path]:
-    """Write the films of an episode with progress bars. Return their paths."""
+    """Write the films of an episode with progress bars, and return the paths of the films."""
     for path in paths or []:
         _write_film(episode, path)
     return [*(paths or [])]
 
 
 def write_episode(episode: Any, result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs that --out and --film request for an episode of steering or of search. Return the files."""
+    """Write the output files that --out and --film request for an episode of steering or search, and return their paths."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json
@@ -251,7 +257,7 @@ def _write_film(episode: Any, path: Path) -> None:
 
 
 def check_seed(episode_file: Path, wanted: int | None, found: int | None) -> None:
-    """Refuse an episode whose seed is not the requested seed.
+    """Raise an error if the seed of an episode is not the requested seed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""shoal replay: verify an episode of any part, and draw or film it."""
+"""shoal replay: verify an episode of swarm, steering or search, and draw or film the episode."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def replay(
 
 
 def _functions_of(episode: Any) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
-    """Return three functions of an episode's part: they return the report of the episode, write its files, and print its result."""
+    """Return three functions for an episode: the first reports its result, the second writes its files, the third prints it."""
     if episode.part == "search":
         from shoal.cli.search.texts import print_search
 

@@ -1,4 +1,4 @@
-"""shoal reproduce: reproduce the papers' figures."""
+"""shoal reproduce: reproduce the figures of the papers on which Shoal is based."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""shoal steer, shoal reach: steer particles with one shared input and with walls."""
+"""shoal steer, shoal reach: steer particles with one shared input, with the help of walls."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def steer(
 
 
 def print_plan(episode: SteeringEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
-    """Print the moves and metrics of a plan."""
+    """Print the moves and the metrics of a steering plan."""
     bound = "none known" if episode.lower_bound is None else f"{episode.lower_bound:.6g}"
     shown = [", ".join(f"{number:+.6g}" for number in move) for move in episode.inputs[:24]]
     rows = [
@@ -122,7 +122,7 @@ def reach(
 
 
 def demo_steer(out: Path, *, seed: int, json_: bool) -> None:
-    """Plan and draw five problems: ``shoal demo steer``."""
+    """Plan and draw five steering problems: ``shoal demo steer``."""
     from shoal.steering import open_workspace, prism
     from shoal.steering.run import run
     from shoal.views import figure, save_figure

@@ -1,4 +1,4 @@
-"""shoal studio: the graphical user interface in the browser."""
+"""shoal studio: the graphical user interface of Shoal in the browser."""
 
 from __future__ import annotations
 

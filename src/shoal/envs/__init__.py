@@ -1,7 +1,7 @@
-"""Environments for learning: Gymnasium for swarms and steering, PettingZoo for searches (extra ``envs``).
+"""Environments for reinforcement learning: Gymnasium for swarms and steering, PettingZoo for searches (extra ``envs``).
 
-Importing this module registers ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and ``shoal/Steering-v0``.
-``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports the module itself.
+The import of ``shoal.envs`` registers the environments ``shoal/Mapping-v0``, ``shoal/Coverage-v0``, ``shoal/SubsetCoverage-v0`` and
+``shoal/Steering-v0``. A call such as ``gymnasium.make("shoal.envs:shoal/Mapping-v0")`` imports ``shoal.envs`` itself.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""record_episodes: record episodes of a policy as a Minari dataset, for imitation and offline learning."""
+"""record_episodes: record episodes of a policy as a Minari dataset, for imitation learning and offline learning."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ def record_episodes(
     seed: int = 0,
     name: str | None = None,
 ) -> Any:
-    """Run a policy in an environment, and store observations and actions in Minari's layout (HDF5).
+    """Run a policy in an environment, and store the episodes as a dataset in the Minari format (HDF5).
 
     Parameters
     ----------
     env : gymnasium.Env
-        An environment made by ``gymnasium.make`` with one of Shoal's ids.
+        An environment that ``gymnasium.make`` has made from one of Shoal's ids.
     policy : str, object or callable
-        A policy of `shoal.swarm`, or a planner for steering, by name or as an object. Or a function (observation, info) -> action.
-        An episode that ends before the task is done is stored as truncated.
+        A policy of `shoal.swarm` or a planner of `shoal.steering`, by name or as an object, or a function (observation, info) ->
+        action. If a policy stops before the task is complete, the dataset stores the episode as truncated.
     path : path
-        Folder of the dataset, which must not exist yet. `minari.MinariDataset` can open it.
+        Folder for the dataset, which must not exist yet. `minari.MinariDataset` can open the written folder.
     episodes : int
     seed : int
-        Seed of the first episode. Episode k has the seed ``seed + k``.
+        Seed of the first episode; episode k, counted from 0, has the seed ``seed + k``.
     name : str, optional
-        Name of the dataset, ``NAMESPACE/NAME-v0``.
+        Name of the dataset, in the form ``NAMESPACE/NAME-v0``.
 
     Returns
     -------
     minari.MinariDataset
-        The dataset. Each episode has ``observations`` (one more than actions), ``actions``, ``rewards``, ``terminations``,
-        ``truncations`` and ``infos``.
+        The written dataset. Each episode of the dataset has ``observations`` (one more than actions), ``actions``, ``rewards``,
+        ``terminations``, ``truncations`` and ``infos``.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def record_episodes(
 
 
 def _episode(env: gymnasium.Env[Any, Any], policy: Any, seed: int) -> dict[str, Any]:
-    """Run one episode. Return it in Minari's form."""
+    """Run one episode, and return its data in the form of the library Minari."""
     observation, info = env.reset(seed=seed)
     observations, infos, actions, rewards = [observation], [info], [], []
     ends: list[tuple[bool, bool]] = []
@@ -132,19 +132,19 @@ def _next_action(plan: Iterator[Any] | None, policy: Any, observation: Any, info
 
 
 def _stacked(steps: list[Any]) -> Any:
-    """Return the data of all steps as arrays with an additional first axis for the steps."""
+    """Return the data of all steps of an episode as arrays, whose first axis is the step."""
     return {key: _stacked([step[key] for step in steps]) for key in steps[0]} if isinstance(steps[0], dict) else np.array(steps)
 
 
 def _plain(text: str) -> str:
-    """Return a text with only the characters that dataset names may have."""
+    """Return a text in lower case that contains only characters allowed in dataset names."""
     return "".join(letter if letter.isalnum() or letter in "-_/" else "-" for letter in text).strip("-/").lower() or "policy"
 
 
 def _spec_of(env: gymnasium.Env[Any, Any]) -> Any:
-    """Return the spec of an environment if JSON can represent its options.
+    """Return the spec of an environment, or None if JSON cannot represent the options of the environment.
 
-    With the spec, the dataset can recreate the environment.
+    With the spec, a user of the dataset can create the environment again.
     """
     try:
         if env.spec is not None:

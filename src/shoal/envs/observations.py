@@ -1,4 +1,4 @@
-"""Observations and rewards of swarm environments. The classes `SwarmEnv` and `SwarmVectorEnv` use these functions."""
+"""Functions for the observations and rewards of the swarm environments `SwarmEnv` and `SwarmVectorEnv`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
 
 
 def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str) -> gymnasium.spaces.Box:
-    """Return the observation space of one world.
+    """Return the observation space of one simulated world.
 
-    ``window`` is the shape of the map plus a rim of one cell on each side. A plane of the observation has this shape by default.
+    The parameter ``window`` is the shape of the map plus a rim of one cell on each side, which is the default shape of an
+    observation.
     """
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)
@@ -32,9 +33,9 @@ def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule
 
 
 def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-    """Return the observation of each world, in the form that the options choose.
+    """Return the observation of each world, in the form that the option ``observation`` selects.
 
-    If the array ``out`` is given, the function writes the planes into ``out``.
+    If the array ``out`` is given and the form is "planes", the function writes the observations into ``out``.
     """
     if options.observation == "planes":
         return batch.planes(PLANES, where=where, out=out)
@@ -48,17 +49,18 @@ def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool
 
 
 def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-    """Return the compact observation of each world: a few numbers from -1 to 1.
+    """Return the compact observation of each world: 9 ndim + 3 numbers from -1 to 1.
 
     Returns
     -------
     ndarray of float32, shape (worlds, 9 ndim + 3)
-        The values are, in order: for each command, the fraction of particles that would enter a frontier cell; for each command,
-        the fraction of particles whose next cell is not a known obstacle and holds no particle; for each command, 1 if it is the
-        first command of the shortest path to the frontier; 1 divided by the length of that path; for each axis, the vector from the
-        particles' mean position to the frontier cell at the end of the path, the mean position, and the standard deviation, each
-        relative to the size of the map; the frontier cells as a fraction of all known or frontier cells; the fraction of moves
-        used.
+        The first three groups have one value for each command: the fraction of particles that would enter a frontier cell, the
+        fraction of particles whose next cell is neither a known obstacle nor occupied, and 1 for the first command of the shortest
+        path to the frontier. The next value is 1 divided by the length of the shortest path to the frontier. The next three groups
+        have one value for each axis, relative to the size of the map: the vector from the particles' mean position to the frontier
+        cell at the end of the path, the mean position, and the standard deviation of the positions. The last two values are the
+        number of frontier cells divided by the number of known or frontier cells, and the used fraction of the maximum number of
+        moves.
     """
     sums, (lengths, commands, ends) = batch.measures(where=where), batch.nearest_frontier(where=where)
     size, count = np.array(batch.layout.window, dtype=np.float64), np.maximum(sums.particles, 1)[:, None]
@@ -76,9 +78,9 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
 def rewards_of(
     classified: NDArray[Any], moves: NDArray[Any], done: NDArray[np.bool_], options: SwarmEnvOptions
 ) -> NDArray[np.float64]:
-    """Return the reward of each world for one step.
+    """Return the reward of each world for one step of its environment.
 
-    The reward is the number of newly classified cells times a reward per cell, minus the price of the commands, plus a bonus at the
-    end.
+    The reward is the number of newly classified cells times the reward for each cell, minus the price of the sent commands, plus a
+    bonus when the task is complete.
     """
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

@@ -1,4 +1,4 @@
-"""Options of environments: the fields of a problem, and additional fields of the environment, declared in the same way."""
+"""Options of environments: the fields of a problem, and additional fields of the environment with the same kind of declaration."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ CENTERS = ("particles", "frontier")
 
 
 class OptionError(InvalidInputError, gymnasium.error.Error):
-    """Raised for an invalid option of an environment or of its ``reset``.
+    """The error for an invalid option of an environment or of its method ``reset``.
 
-    This class is a ValueError and also an error class of Gymnasium.
+    OptionError is a subclass of ValueError and of gymnasium.error.Error.
     """
 
 
 @dataclass(frozen=True, eq=False)
 class EnvOptions(Problem):
-    """Base class of the fields that an environment has in addition to its problem."""
+    """Base class of the additional fields, which an environment has beside the fields of its problem."""
 
     decided: ClassVar[tuple[str, ...]] = ()
     """Fields of the problem that the environment leaves out, because the user's actions take their place."""
@@ -53,7 +53,7 @@ def _check_window(given: Any) -> int:
 
 @dataclass(frozen=True, eq=False)
 class SwarmEnvOptions(EnvOptions):
-    """Additional fields of the swarm environments: observation and reward."""
+    """Additional fields of the swarm environments, for observations and rewards."""
 
     part: ClassVar[str] = "swarm-environment"
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
@@ -85,7 +85,7 @@ class SwarmEnvOptions(EnvOptions):
 
 @dataclass(frozen=True, eq=False)
 class SteeringEnvOptions(EnvOptions):
-    """Additional fields of the steering environment: input and reward."""
+    """Additional fields of the steering environments, for inputs and rewards."""
 
     part: ClassVar[str] = "steering-environment"
     decided: ClassVar[tuple[str, ...]] = ("planner", "time")
@@ -102,7 +102,7 @@ class SteeringEnvOptions(EnvOptions):
 
 @dataclass(frozen=True, eq=False)
 class SearchEnvOptions(EnvOptions):
-    """Additional fields of the search environment: actions, rewards and maximum number of steps."""
+    """Additional fields of the search environment, for actions, rewards and the maximum number of steps."""
 
     part: ClassVar[str] = "search-environment"
     decided: ClassVar[tuple[str, ...]] = ("allocation", "simulate", "live")
@@ -129,7 +129,7 @@ ENVIRONMENTS: tuple[type[EnvOptions], ...] = (SwarmEnvOptions, SteeringEnvOption
 
 
 def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) -> tuple[P, O]:
-    """Return the problem and the options that keyword arguments describe.
+    """Return the problem and the environment options that the keyword arguments of an environment describe.
 
     Raises
     ------
@@ -150,7 +150,7 @@ def split_fields(fields: Mapping[str, Any], problem: type[P], options: type[O]) 
 
 @contextmanager
 def option_errors() -> Iterator[None]:
-    """Convert Shoal's errors about options to `OptionError`."""
+    """Convert all errors of Shoal inside the ``with`` block to `OptionError`."""
     try:
         yield
     except ShoalError as error:
@@ -158,7 +158,7 @@ def option_errors() -> Iterator[None]:
 
 
 def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] = ()) -> None:
-    """Refuse unknown options of an environment's ``reset``."""
+    """Raise OptionError for an unknown option of the method ``reset`` of an environment."""
     for name in options or {}:
         if name not in known:
             offered = f"one of {', '.join(known)}" if known else "no option"
@@ -166,13 +166,13 @@ def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] =
 
 
 def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
-    """Return a render mode. An unknown mode raises UnsupportedMode, as in Gymnasium."""
+    """Return the given render mode; an unknown mode raises UnsupportedMode, as in Gymnasium."""
     if render_mode is not None and render_mode not in known:
         raise gymnasium.error.UnsupportedMode(f"render_mode: expected one of {', '.join(known)}, got {shortened(render_mode)}")
     return render_mode
 
 
 def check_running(running: bool) -> None:
-    """Refuse a step before a reset or after the end of the episode."""
+    """Raise ResetNeeded if no episode is running, that is, before a reset or after the end of an episode."""
     if not running:
         raise gymnasium.error.ResetNeeded("step: expected a reset first, because no episode is running, got an action")

@@ -1,4 +1,4 @@
-"""Rendering of environments: pictures, texts, and a window that shows the episode while it runs."""
+"""Rendering of environments: pictures, texts, and a window that shows a running episode."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ SIDE = 480
 
 
 def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) -> Any:
-    """Return the result of ``env.render()`` in the environment's render mode.
+    """Return the result of ``env.render()`` for the render mode of the environment.
 
-    In the mode "human", the function shows the picture in a window.
+    In the render mode "human", the function shows the picture in a window and returns None.
 
     Raises
     ------
     gymnasium.error.UnsupportedMode
-        If the environment was made without a render mode.
+        If the environment has no render mode.
     """
     if env.render_mode == "rgb_array":
         return picture()
@@ -43,13 +43,13 @@ def rendered(env: Any, picture: Callable[[], Picture], text: Callable[[], str]) 
 
 
 def close_window(env: Any) -> None:
-    """Close the window of an environment if it exists."""
+    """Close the window of an environment if the environment has opened one."""
     if getattr(env, "_live_window", None) is not None:
         env._live_window.close()
         env._live_window = None
 
 
 def enlarged(raster: Picture) -> Picture:
-    """Return a picture of one pixel per cell, enlarged by whole pixels until its longer side has about `SIDE` pixels."""
+    """Enlarge a picture with one pixel per cell by a whole factor, so that its longer side has about `SIDE` pixels."""
     times = max(1, SIDE // max(raster.shape[:2]))
     return raster.repeat(times, axis=0).repeat(times, axis=1)

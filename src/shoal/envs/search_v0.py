@@ -1,6 +1,7 @@
-"""A search as a parallel PettingZoo environment. Each robot is an agent that receives lossy messages and may fail.
+"""A search as a parallel PettingZoo environment, in which each robot is an agent that loses some messages and may fail.
 
-``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` its turn-based form.
+The function ``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` creates its
+turn-based form.
 """
 
 from __future__ import annotations
@@ -40,33 +41,34 @@ Observation = dict[str, NDArray[Any]]
 
 
 class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type: ignore[misc]  # PettingZoo has no types
-    """Robots without a coordinator search a region. Each robot is an agent ``robot_1``, ``robot_2``, ....
+    """An environment in which robots search a region without a coordinator; the agents are ``robot_1``, ``robot_2``, ....
 
-    A step takes the time that the fastest robot needs for a cell. Action 0 means wait, or continue. With ``action="direction"``,
-    each other action selects the cell that the robot moves to and searches: its own cell or a neighbour (see `DIRECTIONS`). With
-    ``action="cell"``, action 1 + i selects the cell with tour index i. An action that ``infos[agent]["action_mask"]`` excludes
-    counts as 0: an agent that is moving or searching continues. Occupied cells, obstacles, energy, faults and messages are
-    simulated as in `shoal.search`. After ``reset(seed=s)``, the start cells and the faults equal those of ``shoal.run(problem,
-    seed=s)``.
+    A step of the environment takes the time that the fastest robot needs for one cell. Action 0 lets an idle robot wait, and lets a
+    moving or searching robot continue. With the option ``action="direction"``, each other action selects the robot's own cell or a
+    neighbouring cell (see `DIRECTIONS`), to which the robot moves and which it searches. With the option ``action="cell"``, action
+    1 + i selects the cell with the tour index i. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The
+    environment simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``,
+    the start cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 
-    An agent's observation contains only what its robot knows. ``planes``: uint8, shape (5, H, W) or (5, L, H, W), with the planes
-    `PLANES`. ``position``: row and column of the robot's cell, preceded by the layer if the grid has several layers. ``heard``: for
-    each robot, the number of steps since a beacon last brought new data about this robot, 0 for the agent's own robot, or -1
-    without such a beacon. ``told``: for each robot, the number of cells that this robot has reported as searched. ``energy``:
-    remaining fraction of the energy. ``time``: time since the start, in steps. If a robot fails, its agent is terminated and leaves
-    ``agents``. All agents are terminated when all reachable cells are searched, and truncated after ``max_steps``.
+    The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8, shape (5, H, W) or (5, L, H, W),
+    with the planes `PLANES`. The entry ``position`` holds the row and the column of the robot's cell, after the layer if the grid
+    has several layers. The entry ``heard`` holds, for each robot, the number of steps since a message last brought new data about
+    the robot: 0 for the agent's own robot, -1 if no message ever did. The entry ``told`` holds, for each robot, the number of cells
+    that the robot has reported as searched. The entry ``energy`` is the remaining fraction of the robot's energy, and the entry
+    ``time`` is the number of steps since the start. When a robot fails, its agent is terminated and leaves ``agents``. All agents
+    are terminated when all reachable cells are searched. All agents are truncated after ``max_steps`` steps.
 
     Parameters
     ----------
     render_mode : str, optional
-        "rgb_array", "ansi" or "human".
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
     **fields
-        Fields of `SearchProblem` and `SearchEnvOptions`.
+        Fields of the classes `SearchProblem` and `SearchEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
 
     Notes
     -----
@@ -108,17 +110,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         self._world: SearchWorld | None = None
 
     def observation_space(self, agent: str) -> gymnasium.Space[Any]:
-        """Return the space of an agent's observations."""
+        """Return the space of the observations of an agent."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> gymnasium.Space[Any]:
-        """Return the space of an agent's actions."""
+        """Return the space of the actions of an agent."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode. ``options`` has no effect.
+        """Start an episode; the argument ``options`` has no effect.
 
         Raises
         ------
@@ -143,14 +145,14 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Apply the actions of all agents, and advance the time.
+        """Apply the actions of all agents, and advance the simulation by one step.
 
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before a reset, and when no agents are left.
+            If the method is called before a reset, or when no agents are left.
         gymnasium.error.InvalidAction
-            If an action is invalid or missing.
+            If the action of an agent is invalid or missing.
         """
         check_running(bool(self.agents))
         assert self._world is not None
@@ -183,7 +185,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return int(choice)
 
     def _rewards(self, agents: list[str], before: dict[int, int]) -> dict[str, float]:
-        """Return the reward of each agent for newly searched cells. A shared reward is the mean of all robots' rewards."""
+        """Return the reward of each agent for newly searched cells, or the mean of all rewards if the reward is shared."""
         assert self._world is not None
         found: dict[str, float] = {}
         for agent in agents:
@@ -198,7 +200,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     # Decisions and knowledge of the agents.
 
     def _decide(self, robot: Robot, time: float) -> Decision:
-        """Send a robot to the cell that its agent chose; see `shoal.search.protocol.robot.advance`."""
+        """Send a robot to the cell that its agent has chosen; see `shoal.search.protocol.robot.advance`."""
         cell = self._orders.pop(robot.number, None)
         return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell, time)
 
@@ -207,7 +209,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return self._world.vehicles[number].robot
 
     def _cell(self, number: int, choice: int) -> int:
-        """Return the cell that an action selects as a tour index, or -1 if it selects no cell."""
+        """Return the tour index of the cell that an action selects, or -1 if the action selects no cell."""
         if self.options.action == "cell":
             return choice - 1
         position = self._tour.position
@@ -216,7 +218,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return int(position[tuple(cell)]) if inside else -1
 
     def _mask(self, number: int) -> NDArray[np.int8]:
-        """Return which actions an agent can take; int8, shape (actions,)."""
+        """Return a mask of the actions that an agent can take; int8, shape (actions,)."""
         assert self._world is not None
         robot, vehicle = self._robot(number), self._world.vehicles[number]
         mask = np.zeros(self._count, dtype=np.int8)
@@ -263,12 +265,12 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
             self.render()
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human: the picture is shown in a window).
+        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a window (mode "human").
 
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before the first reset.
+            If the method is called before the first reset.
         """
         check_running(self._world is not None)
         return rendered(self, self._picture, self._text)
@@ -276,7 +278,8 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     def _codes(self) -> NDArray[np.int64]:
         """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, 2 + k for robot k, 2 + k + robots for dead robot k.
 
-        Layers are stacked vertically. The lowest layer is on top, and an empty row lies between two layers.
+        If the grid has several layers, the array stacks them vertically, with the lowest layer on top and an empty row between two
+        layers.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)
@@ -302,17 +305,17 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return enlarged(rgb[self._codes()])
 
     def close(self) -> None:
-        """Close the window if it exists."""
+        """Close the window of the environment if the environment has opened one."""
         close_window(self)
 
 
 def parallel_env(**fields: Any) -> SearchParallelEnv:
-    """Return the environment. The options are those of `SearchParallelEnv`."""
+    """Return the parallel environment with the options of `SearchParallelEnv`."""
     return SearchParallelEnv(**fields)
 
 
 def env(**fields: Any) -> Any:
-    """Return the environment in PettingZoo's turn-based form. The options are those of `SearchParallelEnv`."""
+    """Return the environment in the turn-based form of PettingZoo, with the options of `SearchParallelEnv`."""
     from pettingzoo.utils.conversions import parallel_to_aec
 
     return parallel_to_aec(parallel_env(**fields))

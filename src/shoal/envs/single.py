@@ -1,4 +1,4 @@
-"""The common base class of the environments with one world: `SwarmEnv` and `SteeringEnv`."""
+"""The common base class of the environments with one simulated world: `SwarmEnv` and `SteeringEnv`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from shoal.envs.swarm_worlds import SwarmWorlds
 
 
 class WorldEnv(gymnasium.Env[Any, Any], ABC):
-    """One world with Gymnasium's interface. A subclass names the class of its worlds and checks actions.
+    """One simulated world with the interface of Gymnasium; a subclass sets the class of its worlds and checks actions.
 
     Parameters
     ----------
     render_mode : str, optional
-        "rgb_array", "ansi" or "human".
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
     **fields
-        Fields of the problem and of the environment.
+        Fields of the problem, and additional fields of the environment.
     """
 
     metadata: dict[str, Any] = {"render_modes": MODES, "render_fps": 10}  # noqa: RUF012 - as in its base
@@ -38,13 +38,14 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         self._effects: Any = None  # of the last step
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Start an episode.
+        """Start an episode in the environment.
 
         Parameters
         ----------
         seed : int, optional
         options : dict, optional
-            For a swarm, ``{"map": k}`` selects map k of ``maps`` instead of a random one. Steering has no options.
+            In a swarm environment, ``{"map": k}`` selects map k of ``maps`` instead of a random map. A steering environment has no
+            reset options.
 
         Raises
         ------
@@ -57,12 +58,12 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         return self._told()
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Send an action to the particles and observe them.
+        """Send an action to the particles, and observe the particles.
 
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before a reset, and after the end of an episode.
+            If the method is called before a reset, or after the end of an episode.
         gymnasium.error.InvalidAction
         """
         check_running(self._running)
@@ -75,10 +76,10 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
 
     @abstractmethod
     def _checked(self, action: Any) -> Any:
-        """Return an action as the actions of a batch with one world, or raise InvalidAction."""
+        """Return an action in the form for a batch with one world, or raise InvalidAction."""
 
     def _told(self) -> tuple[Any, dict[str, Any]]:
-        """Return the observation and the info. In the mode "human", show the picture too."""
+        """Return the observation and the info, and in the render mode "human" also show the picture."""
         if self.render_mode == "human":
             self.render()
         seen = self._worlds.observed()
@@ -87,16 +88,16 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         return observation, {name: values[0] if values.ndim > 1 else values[0].item() for name, values in info.items()}
 
     def render(self) -> Any:
-        """Return a picture (rgb_array), a text (ansi) or None (human: the picture is shown in a window).
+        """Return a picture (mode "rgb_array") or a text (mode "ansi"), or show a picture in a window (mode "human").
 
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before the first reset.
+            If the method is called before the first reset.
         """
         check_running(self._begun)
         return rendered(self, lambda: self._worlds.picture(0), lambda: self._worlds.characters(0))
 
     def close(self) -> None:
-        """Close the window if it exists."""
+        """Close the window of the environment if the environment has opened one."""
         close_window(self)

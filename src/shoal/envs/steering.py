@@ -1,4 +1,4 @@
-"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, one move per step."""
+"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, one move a step."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 
 class SteeringEnv(WorldEnv):
-    """The task: bring the particles in a workspace to their goals with one shared input.
+    """An environment for steering: one shared input must bring all particles of a workspace to their goals.
 
-    An action is a move, with one number from -1 to 1 per axis, where 1 means ``longest_move`` times the size of the workspace.
-    After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset without a
-    seed draws a seed, and returns this seed in ``info["seed"]``. Observations are the camera's view as a dict of float64 arrays.
-    ``particles`` and ``goals`` have shape (particles, dimensions). ``delta`` and ``goal_delta``, shape (particles - 1, dimensions),
-    are the positions of all other particles relative to the first particle, now and at the goals. Only walls can change these
-    differences.
+    An action is a move, with one number from -1 to 1 for each axis; the number 1 means ``longest_move`` times the size of the
+    workspace. After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. A later reset
+    without a seed draws a new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the camera, as a
+    dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape (particles, dimensions). The array ``delta``,
+    shape (particles - 1, dimensions), holds the present positions of all other particles relative to the first particle. The array
+    ``goal_delta`` holds the same relative positions at the goals. If the gain is uniform, only wall contacts change the true
+    relative positions of the particles.
 
     Parameters
     ----------
     render_mode : str, optional
-        "rgb_array", "ansi" or "human".
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
     **fields
-        Fields of `SteeringProblem` and `SteeringEnvOptions`.
+        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
 
     Notes
     -----
@@ -68,12 +69,12 @@ class SteeringEnv(WorldEnv):
         return chosen[None]
 
     def expert_actions(self, planner: Any) -> list[Points]:
-        """Return the actions with which a planner solves the episode that has just begun.
+        """Return the actions with which a planner solves the present episode from its start.
 
         Raises
         ------
         OptionError
-            If the planner cannot do the task, or a move is longer than an action can be.
+            If the planner does not support the task, or if a move of the plan is longer than the longest possible action.
         """
         check_running(self._running)
         with option_errors():

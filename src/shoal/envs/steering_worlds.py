@@ -1,6 +1,6 @@
-"""SteeringWorlds: a batch of steering worlds with observations, rewards and infos.
+"""SteeringWorlds: a batch of simulated steering worlds with observations, rewards and infos.
 
-The classes `SteeringEnv` and `SteeringVectorEnv` use these worlds.
+The environments `SteeringEnv` and `SteeringVectorEnv` use the class SteeringWorlds.
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ Observation = dict[str, Points]
 
 
 class SteeringWorlds:
-    """The worlds of an environment.
+    """The simulated steering worlds of an environment.
 
     Parameters
     ----------
     count : int
-        Number of worlds.
+        Number of simulated worlds.
     pictured : bool
-        Whether pictures of the worlds are needed. Pictures show whole episodes, so the worlds then store their episodes.
+        Whether the environment needs pictures of the worlds. Pictures show whole episodes, so a world with pictures stores its
+        episode.
     **fields
-        Fields of `SteeringProblem` and `SteeringEnvOptions`.
+        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
 
     Raises
     ------
@@ -63,7 +64,7 @@ class SteeringWorlds:
         self._trajectories: list[list[Any]] = [[] for _ in range(count)]  # of the moves that a picture has shown
 
     def _bounds(self) -> tuple[Points, Points]:
-        """Return the smallest and the largest possible coordinates of a particle or a goal."""
+        """Return the smallest and the largest possible coordinates of particles and goals."""
         place = self.problem.place
         low, high = place.bounds
         if place.dimensions == 3:
@@ -76,7 +77,7 @@ class SteeringWorlds:
         return low - room, high + room
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
-        """Start episodes; see `SteeringBatch.reset`. There are no options."""
+        """Start episodes as `SteeringBatch.reset` does; steering worlds have no reset options."""
         check_no_options(options)
         with option_errors():
             self.batch.reset(where, seed=seed)
@@ -84,12 +85,12 @@ class SteeringWorlds:
             self._states[world], self._inputs[world], self._trajectories[world] = [self.batch.states[world].copy()], [], []
 
     def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
-        """Return which worlds the pictures show."""
+        """Return which worlds appear in pictures."""
         shown: list[int] = np.flatnonzero(self._pictured & (True if where is None else where)).tolist()
         return shown
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], None]:
-        """Send an action to each world. Return the rewards, and None in place of the trace that `SwarmWorlds.step` returns."""
+        """Send an action to each world, and return the rewards and None (in place of the trace that `SwarmWorlds.step` returns)."""
         batch, options, size = self.batch, self.options, float(self.problem.place.size)
         given = self._checked(actions, where)
         before, moved = batch.errors.copy(), slice(None) if where is None else where
@@ -122,18 +123,18 @@ class SteeringWorlds:
         return given
 
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> Observation:
-        """Return the observations by name, each with one row per world, in new arrays. The argument ``out`` has no effect."""
+        """Return the observations by name, as new arrays with one row for each world; the argument ``out`` has no effect."""
         chosen = slice(None) if where is None else where
         seen, goals = self.batch.seen[chosen].copy(), self.batch.goals[chosen, 0].copy()
         return {"particles": seen, "delta": seen[:, 1:] - seen[:, :1], "goals": goals, "goal_delta": goals[:, 1:] - goals[:, :1]}
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the info of worlds: the error, the number of moves so far, and the seed."""
+        """Return the info of each world: its error, its number of moves so far, and its seed."""
         batch, chosen = self.batch, slice(None) if where is None else where
         return {"error": batch.errors[chosen].copy(), "moves": batch.moves[chosen].copy(), "seed": batch.seeds[chosen].copy()}
 
     def characters(self, world: int) -> str:
-        """Return the positions and the goals of a world's particles as text."""
+        """Return the positions and the goals of all particles in a world as text."""
         batch = self.batch
         pairs = zip(batch.states[world], batch.goals[world, 0], strict=True)
         rows = [
@@ -143,7 +144,7 @@ class SteeringWorlds:
         return "\n".join([*rows, f"after {batch.moves[world]} moves {batch.errors[world]:.4g} from the goals"])
 
     def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of a world's episode so far; uint8, shape (height, width, 3)."""
+        """Return a picture of the episode so far in a world; uint8, shape (height, width, 3)."""
         from shoal.views.steering.films import HEIGHT, SteeringFilm
         from shoal.views.steering.trajectories import FilmMoment, trajectories_of
 
@@ -153,7 +154,7 @@ class SteeringWorlds:
         return next(film.frames([FilmMoment(max(0, len(inputs) - 1), 1.0)]))
 
     def _episode(self, world: int, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
-        """Return moves as an episode that views can draw."""
+        """Return the moves in a world as an episode that the package views can draw."""
         batch = self.batch
         problem = self.problem.replaced(start=states[0], goal=batch.goals[world, 0], execution=0.0, goal_x=None, goal_y=None)
         status = Status.INCOMPLETE if batch.errors[world] > problem.tolerance else Status.SOLVED
@@ -165,5 +166,5 @@ class SteeringWorlds:
 
 
 def _box(low: Points, high: Points, count: int) -> gymnasium.spaces.Box:
-    """Return the observation space of ``count`` points."""
+    """Return the observation space of ``count`` points between the coordinates ``low`` and ``high``."""
     return gymnasium.spaces.Box(np.tile(low, (count, 1)), np.tile(high, (count, 1)), dtype=np.float64)

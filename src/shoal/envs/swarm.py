@@ -1,4 +1,4 @@
-"""SwarmEnv: mapping and coverage by a swarm as a Gymnasium environment, one command per step."""
+"""SwarmEnv: a Gymnasium environment for mapping and coverage by a swarm."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ from shoal.swarm.run import run
 
 
 class SwarmEnv(WorldEnv):
-    """The task: explore a map with a swarm.
+    """An environment for exploration: commands to a swarm must map or cover a workspace.
 
-    An action is one command to all particles, as an index of ``lurd`` (in three dimensions ``lurdio``). The first index is 0.
+    An action is one command to all particles, as an index from 0 into the text ``lurd`` (in three dimensions ``lurdio``).
 
-    After ``reset(seed=s)``, the particles, targets and noise equal those of ``shoal.run(problem, seed=s)``. Each later reset
-    without a seed draws a seed, and returns this seed in ``info["seed"]``. With ``scan_every``, an action sends its command
-    several times, and a scan follows.
+    After ``reset(seed=s)``, the particles, targets and noise equal those of ``shoal.run(problem, seed=s)``. A later reset without a
+    seed draws a new seed, and returns the new seed in ``info["seed"]``. If ``scan_every`` is above 1, an action sends its command
+    several times before a scan follows.
 
     Parameters
     ----------
     render_mode : str, optional
-        "rgb_array", "ansi" or "human".
+        Render mode of the environment: "rgb_array" (pictures), "ansi" (texts) or "human" (a window).
     **fields
-        Fields of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
 
     Notes
     -----
-    Docs: docs/how-to/environments.md.
+    See docs/how-to/environments.md.
 
     Examples
     --------
@@ -64,19 +64,19 @@ class SwarmEnv(WorldEnv):
 
     @property
     def planes(self) -> NDArray[np.uint8]:
-        """The belief about all cells, as uint8 planes of shape (4, ...) in the order of `shoal.envs.observations.PLANES`."""
+        """The known states of all cells, as uint8 planes of shape (4, ...) in the order of `shoal.envs.observations.PLANES`."""
         return np.asarray(self._worlds.batch.planes()[0])
 
     @property
     def view(self) -> View:
-        """The current view of the swarm, as a policy of `shoal.swarm` gets it."""
+        """The present view of the swarm, in the form that a policy of `shoal.swarm` receives."""
         batch, rule = self._worlds.batch, self.problem.rule
         mapping = bool(getattr(self.problem.chosen_task, "mapping", True))
         last = (0, 0) if self._effects is None else (int(self._effects.travelled[0]), int(self._effects.classified[0]))
         return View(batch.belief(0), batch.state(0).occupied, rule, mapping, int(batch.moves[0]), *last)
 
     def expert_actions(self, policy: Any) -> list[int]:
-        """Return the actions with which a policy solves the episode that has just begun.
+        """Return the actions with which a policy solves the present episode from its start.
 
         Parameters
         ----------
@@ -85,7 +85,7 @@ class SwarmEnv(WorldEnv):
         Raises
         ------
         OptionError
-            If the policy cannot do the task, or ``scan_every`` is not 1, because policies choose the lengths of their runs.
+            If the policy does not support the task, or if ``scan_every`` is not 1, because a policy chooses itself when to scan.
         """
         check_running(self._running)
         with option_errors():

@@ -1,6 +1,6 @@
-"""SwarmWorlds: a batch of swarm worlds with observations, rewards and infos.
+"""SwarmWorlds: a batch of simulated swarm worlds with observations, rewards and infos.
 
-The classes `SwarmEnv` and `SwarmVectorEnv` use these worlds.
+The environments `SwarmEnv` and `SwarmVectorEnv` use the class SwarmWorlds.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from shoal.swarm.problem import SwarmProblem
 
 
 class SwarmWorlds:
-    """The worlds of an environment.
+    """The simulated swarm worlds of an environment.
 
     Parameters
     ----------
     count : int
-        Number of worlds.
+        Number of simulated worlds.
     **fields
-        Fields of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
@@ -55,9 +55,9 @@ class SwarmWorlds:
         self._streaks, self._last = np.zeros(count, dtype=np.int64), np.full(count, -1)
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
-        """Start episodes; see `WorldBatch.reset`.
+        """Start episodes as `WorldBatch.reset` does.
 
-        The option ``map`` selects the maps: one index for all worlds, or one index per world.
+        The option ``map`` selects the map of each world, by one index for all worlds or by one index for each world.
         """
         check_no_options(options or {}, ("map",))
         maps = (options or {}).get("map")
@@ -70,9 +70,9 @@ class SwarmWorlds:
         self._last[slice(None) if where is None else where] = -1
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
-        """Send an action to each world: its command once, or several times in the interval between two scans.
+        """Send an action to each world: its command once, or several times before the next scan.
 
-        Return the rewards and the trace, which contains the effect of each command.
+        The method returns the reward of each world, and a trace with the effect of each command.
         """
         batch, given = self.batch, np.asarray(actions)
         chosen: Any = slice(None) if where is None else where
@@ -98,11 +98,11 @@ class SwarmWorlds:
             raise gymnasium.error.InvalidAction(f"actions: expected whole numbers from 0 to {last}, got {given[np.argmax(bad)]}")
 
     def observed(self, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
-        """Return the observations of worlds."""
+        """Return the observation of each world."""
         return observations.observed(self.batch, self.options, where, out)
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the infos of worlds: action masks, moves, number of frontier cells, seeds and maps."""
+        """Return the info of each world: action mask, number of moves, number of frontier cells, seed and map."""
         batch, chosen = self.batch, slice(None) if where is None else where
         columns: dict[str, NDArray[Any]] = {
             "moves": batch.moves,
@@ -116,7 +116,7 @@ class SwarmWorlds:
     def picture(self, world: int) -> NDArray[np.uint8]:
         """Return a picture of a world as a uint8 array of shape (height, width, 3).
 
-        In three dimensions, the picture also shows three slices.
+        The picture of a three-dimensional map also shows three slices of the map.
         """
         from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
 
@@ -127,7 +127,7 @@ class SwarmWorlds:
         return sheet(codes, Slices.of(place), azimuth=CORNER, side=SIDE, spacing=place.spacing, fit=Fit.of(place))
 
     def characters(self, world: int) -> str:
-        """Return the belief as text with one character per cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
+        """Return the known cells as text, one character per cell: o particle, . free, # obstacle, ? frontier, blank unknown."""
         codes = self._codes(world)
         layers = np.array(list(" ?.#o"))[codes.reshape(-1, *codes.shape[-2:])]
         return "\n\n".join("\n".join("".join(row) for row in layer) for layer in layers)

@@ -1,4 +1,4 @@
-"""Vector environments: many worlds with Gymnasium's vector interface, whose steps run together in compiled code."""
+"""Vector environments: many simulated worlds with the vector interface of Gymnasium, moved together by compiled code."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ Stepped = tuple[Any, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], 
 
 
 class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
-    """The common base class of vector environments: `SwarmVectorEnv`, `SteeringVectorEnv`.
+    """The common base class of the vector environments `SwarmVectorEnv` and `SteeringVectorEnv`.
 
-    Vector environments have the parameters of `SwarmVectorEnv`.
+    The class `SwarmVectorEnv` describes the parameters of all vector environments.
     """
 
     worlds: ClassVar[type[SwarmWorlds | SteeringWorlds]]
@@ -60,15 +60,15 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], Infos]:
-        """Start episodes in all environments, or in those of a mask.
+        """Start episodes in all environments, or in the environments that a mask selects.
 
         Parameters
         ----------
         seed : int, or sequence of int or None, optional
-            Seed ``seed + i`` for environment i, or one seed per environment.
+            One integer, from which environment i gets the seed ``seed + i``, or one seed for each environment.
         options : dict, optional
-            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map``: index of the map, one
-            for all environments or one per environment.
+            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map`` (swarm only): index of
+            the map, one index for all environments or one index for each environment.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         Raises
         ------
         gymnasium.error.ResetNeeded
-            Before a reset, and with the mode "Disabled" for an environment whose episode has ended.
+            If the method is called before a reset, or if an episode has ended and the autoreset mode is "Disabled".
         gymnasium.error.InvalidAction
         """
         check_running(self._begun)
@@ -126,7 +126,10 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return self._last
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
-        """Return infos in Gymnasium's form for vectors: values, zero for environments outside the mask, and the masks."""
+        """Return infos in the vector form of Gymnasium: an array of values and a mask for each name.
+
+        Values of environments outside the mask are zero.
+        """
         told: Infos = {}
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
         for name, values in self._worlds.info(mask).items():
@@ -136,7 +139,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return told
 
     def _final(self, ended: NDArray[np.bool_]) -> Infos:
-        """Return the final infos of episodes that have ended."""
+        """Return the final observations and infos of the episodes that have just ended."""
         last = np.full(self.num_envs, None, dtype=object)
         each = iterate(batch_space(self.single_observation_space, int(ended.sum())), self._worlds.observed(ended))
         for world, observation in zip(np.flatnonzero(ended), each, strict=True):
@@ -144,36 +147,40 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return {"final_obs": last, "_final_obs": ended.copy(), "final_info": self._infos(ended), "_final_info": ended.copy()}
 
     def render(self) -> tuple[Any, ...]:
-        """Return one picture (rgb_array) or one text (ansi) for each environment."""
+        """Return one picture (mode "rgb_array") or one text (mode "ansi") for each environment."""
         check_running(self._begun)
         worlds = self._worlds
         return tuple(rendered(self, partial(worlds.picture, i), partial(worlds.characters, i)) for i in range(self.num_envs))
 
 
 class SwarmVectorEnv(WorldsVectorEnv):
-    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds. `gymnasium.make_vec` returns this class.
+    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds.
+
+    The function `gymnasium.make_vec` returns a SwarmVectorEnv.
 
     Parameters
     ----------
     num_envs : int
     autoreset_mode : str or gymnasium.vector.AutoresetMode
-        The time at which an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or "Disabled".
-        With "Disabled", ``reset`` with the option ``reset_mask`` starts episodes, as in Gymnasium's own vector environments.
+        When an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or "Disabled". In the mode
+        "Disabled", a call of ``reset`` with the option ``reset_mask`` starts the next episode, as in Gymnasium's own vector
+        environments.
     copy : bool
-        Whether each observation is a separate array. If false, all observations use the same array, which each step overwrites.
+        Whether each observation is a separate array. If ``copy`` is false, each step overwrites the array of the previous
+        observation.
     render_mode : str, optional
-        "rgb_array" or "ansi".
+        Render mode of the environments: "rgb_array" (pictures) or "ansi" (texts).
     **fields
-        Fields of `SwarmProblem` and `SwarmEnvOptions`.
+        Fields of the classes `SwarmProblem` and `SwarmEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
 
     Notes
     -----
-    Docs: docs/how-to/environments.md.
+    See docs/how-to/environments.md.
 
     Examples
     --------
@@ -188,26 +195,28 @@ class SwarmVectorEnv(WorldsVectorEnv):
 
 
 class SteeringVectorEnv(WorldsVectorEnv):
-    """Environments that behave exactly like `shoal.envs.SteeringEnv` with the same seeds. `gymnasium.make_vec` returns this class.
+    """Environments that behave exactly like `shoal.envs.SteeringEnv` with the same seeds.
+
+    The function `gymnasium.make_vec` returns a SteeringVectorEnv.
 
     Parameters
     ----------
     num_envs : int
     autoreset_mode, render_mode
-        As in `SwarmVectorEnv`.
+        Autoreset mode and render mode, as in `SwarmVectorEnv`.
     copy : bool
-        Observations are always separate arrays.
+        The parameter has no effect, because observations of steering are always separate arrays.
     **fields
-        Fields of `SteeringProblem` and `SteeringEnvOptions`.
+        Fields of the classes `SteeringProblem` and `SteeringEnvOptions`.
 
     Raises
     ------
     OptionError
-        If an option is invalid. OptionError is a ValueError and a gymnasium.error.Error.
+        If an option is invalid. OptionError is a subclass of ValueError and of gymnasium.error.Error.
 
     Notes
     -----
-    Docs: docs/how-to/environments.md.
+    See docs/how-to/environments.md.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""Reproduction of the papers' figures and theorems.
+"""Reproduction of the figures and theorems of the papers on which Shoal is based.
 
-A recipe describes each figure and theorem: its sweeps, its drawing, and claims that compare the paper with Shoal's results.
+For each figure and theorem, a recipe describes the sweeps, the drawing, and the claims that compare the paper with Shoal's results.
 
-Papers: M, Mapping and coverage with a particle swarm controlled by uniform inputs (2017); D, the draft of M; W, two particles with
-non-slip wall contacts; H, exhaustive search along a space-filling curve (1998).
+Paper M is "Mapping and coverage with a particle swarm controlled by uniform inputs" (2017), and paper D is a draft of paper M.
+Paper W treats two particles with non-slip wall contacts. Paper H treats exhaustive search along a space-filling curve (1998).
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
-"""Claims: a paper's statement, Shoal's result, and a verdict (agrees, differs or not comparable).
+"""Claims: the statement of a paper, Shoal's result, and a verdict (agrees, differs or not comparable).
 
-One rule decides all claims. The rounding of the printed value gives a range. The statistical error of Shoal's result gives an
-interval. The claim agrees if the interval lies in the range. The claim differs if the interval and the range are disjoint. If the
-interval and the range overlap partly, the claim is not comparable, because more trials are needed. A claim is also not comparable
-if its printed value belongs to unpublished data.
+The same rule decides all claims. The rounding of a paper's printed value gives a range of values. The statistical error of Shoal's
+result gives a confidence interval. A claim agrees if the confidence interval of Shoal's result lies in the range of the printed
+value. A claim differs if the confidence interval of Shoal's result and the range of the printed value are disjoint. If the
+confidence interval and the range of the printed value overlap partly, the claim is not comparable, because a decision needs more
+trials. A claim is also not comparable if its printed value depends on unpublished data.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from shoal.views.drawing.curves import Published
 
 
 class Verdict(StrEnum):
-    """The verdict on a claim, or on all claims of a figure."""
+    """The verdict on one claim, or on all claims of a figure."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
@@ -32,14 +33,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Claim:
-    """A statement of a paper, and Shoal's result.
+    """A statement of a paper beside Shoal's result, with a verdict.
 
     Parameters
     ----------
     what : str
     printed, ours : str
     criterion : str
-        The condition for agreement, or the reason why both values are not comparable.
+        The condition for agreement, or the reason why the printed value and Shoal's value are not comparable.
     verdict : Verdict
     """
 
@@ -62,16 +63,15 @@ def claim(
     Parameters
     ----------
     what : str
-        The measured quantity.
+        Name of the compared quantity.
     printed : str or float
     ours : float, Estimate or (value, low, high)
     within : (low, high), optional
-        The range that the printed words or number stand for. The default is the range of all numbers that round to the printed
-        number.
+        The range of values for which the printed words or number stand. By default, all numbers that round to the printed number.
     why : str
-        The reason for the range ``within``.
+        The reason for the choice of the range ``within``.
     unlike : str
-        The reason why both values are not comparable, if there is one.
+        The reason why the printed value and Shoal's value are not comparable; an empty text if they are comparable.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def _interval(ours: float | tuple[float, float, float]) -> tuple[float, float, f
 
 
 def _rounded(text: str) -> tuple[float, float]:
-    """Return the range of numbers that round to a text."""
+    """Return the range of all numbers that round to the number in ``text``."""
     half = 0.5 * 10.0 ** -len(text.partition(".")[2])
     return float(text) - half, float(text) + half
 
@@ -112,25 +112,25 @@ def _range_words(least: float, most: float) -> str:
 
 
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
-    """Return the claim that a curve of means agrees with the published curve within a relative margin.
+    """Return the claim that Shoal's curve of means agrees with a published curve within a relative margin.
 
-    The comparison uses the logarithms of the ratios of the means, and the errors of both curves. The curves agree under two
-    conditions. The 95 % interval of the mean ratio over all n (numbers of particles) must lie within the margin, and no interval of
-    a single n may lie outside the margin. The intervals of single n are so wide that chance refutes only one in twenty correct
-    curves.
+    For each number of particles n, the comparison uses the logarithm of the ratio of both means, with the errors of both curves.
+    Two curves agree if two conditions hold. First, the 95 % interval of the mean ratio over all n must lie within the margin.
+    Second, the interval of the ratio at each single n must overlap the margin. The intervals at single n are so wide that chance
+    refutes only one in twenty correct curves.
 
     Parameters
     ----------
     what : str
     rows : sequence of Row
-        One row of Shoal's results for each n (number of particles) of the published curve.
+        Shoal's results: one row for each number of particles n of the published curve.
     published : Published
     trials : int
-        Number of trials of each published mean.
+        Number of trials behind each published mean.
     margin : float
-        Relative margin, above 0.
+        Relative margin, above 0; for example, 0.05 allows deviations of 5 %.
     why : str
-        The reason for ``margin``.
+        The reason for the size of ``margin``.
     """
     from scipy.stats import norm
 
@@ -156,23 +156,23 @@ def _deviations(published: Published) -> np.ndarray:
 
 
 def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:
-    """Return the ratio of two independent means with the ends of its interval."""
+    """Return the ratio of two independent means, and both ends of its 95 % interval."""
     value = above.mean / below.mean
     spread = 1.96 * float(np.hypot(*(e.std / e.mean / e.count**0.5 for e in (above, below))))
     return value, value * float(np.exp(-spread)), value * float(np.exp(spread))
 
 
 def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], counts: list[int]) -> tuple[float, float, float]:
-    """Return the ratio of two means, averaged over the numbers of particles, with the ends of its interval."""
+    """Return the ratio of two means, averaged over all numbers of particles, and both ends of its 95 % interval."""
     ratios = np.array([ratio(above[n], below[n]) for n in counts])
     mean, half = float(ratios[:, 0].mean()), float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios)
     return mean, mean - half, mean + half
 
 
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that one mean is below another, on average over n (numbers of particles).
+    """Return the claim that one mean is below another mean, on average over all numbers of particles n.
 
-    The claim allows only as many exceptions as chance explains.
+    The claim differs if more than 5 % of the n contradict the order with statistical significance.
     """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)
@@ -187,7 +187,7 @@ def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger
 
 
 def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
-    """Return the exponent of a power law y(x), fitted as a straight line in logarithms, with the ends of its 95 % interval."""
+    """Return the exponent of a power law y(x), fitted as a straight line in logarithms, and both ends of its 95 % interval."""
     from scipy.stats import linregress, t
 
     found = linregress(np.log(x), np.log(y))
@@ -196,6 +196,10 @@ def exponent(x: ArrayLike, y: ArrayLike) -> tuple[float, float, float]:
 
 
 def verdict_of(claims: Iterable[Claim]) -> Verdict:
-    """Return the common verdict on all claims: "differs" if any claim differs, otherwise "agrees" if any claim agrees."""
+    """Return the common verdict on all claims of a figure.
+
+    The verdict is "differs" if at least one claim differs. If no claim differs, the verdict is "agrees" if at least one claim
+    agrees. In all other cases, the verdict is "not comparable".
+    """
     answers = [claim.verdict for claim in claims]
     return next((one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE)

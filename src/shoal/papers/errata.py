@@ -1,7 +1,7 @@
-"""Errata of the papers: the printed statement, the correct statement, and the result of a check.
+"""Errata of the papers: for each erratum, the printed statement, the correct statement, and the result of a check.
 
-The checks are in ``docs/errata`` of the repository. An installed Shoal without the repository shows the recorded results of the
-checks.
+The folder ``docs/errata`` of the repository contains the checks of the errata. An installed Shoal without the repository shows the
+recorded results of the checks.
 """
 
 from __future__ import annotations
@@ -23,17 +23,17 @@ CHECKS = Path(__file__).parents[3] / "docs" / "errata" / "__init__.py"
 
 @dataclass(frozen=True)
 class Erratum:
-    """An erratum with its check.
+    """An erratum of a paper with the result of its check.
 
     Parameters
     ----------
     source : str
-        Paper and location.
+        Paper and location of the wrong statement.
     printed, holds : str
     check : str
-        Description of the check.
+        Description of the check of the erratum.
     found : str
-        The numbers that the check computed.
+        The numbers that the check has computed, as text.
     shown : bool
         Whether the check confirms the erratum.
     """
@@ -47,7 +47,10 @@ class Erratum:
 
 
 def check_errata() -> list[Erratum]:
-    """Run the checks of all errata, in the order of their papers. If the repository is missing, return the recorded results."""
+    """Run the checks of all errata, in the order of their papers.
+
+    If the repository is missing, the function returns the recorded results of the checks.
+    """
     if not CHECKS.exists():
         return recorded()
     name = "shoal_errata"  # without a parent package, so that the checks run from any folder
@@ -63,10 +66,10 @@ def check_errata() -> list[Erratum]:
 
 
 def recorded() -> list[Erratum]:
-    """Return the recorded results of the checks."""
+    """Return the recorded results of the checks of all errata."""
     return [Erratum(**one) for one in json.loads(RECORD.read_text(encoding="utf-8"))]
 
 
 def record(errata: Sequence[Erratum]) -> None:
-    """Write the results of the checks."""
+    """Record the results of the checks in a file of the package."""
     write_text(RECORD, json.dumps([asdict(one) for one in errata], indent=1, ensure_ascii=False) + "\n")

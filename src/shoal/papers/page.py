@@ -1,4 +1,4 @@
-"""The page of results: one self-contained HTML file with every figure, its numbers, and the errata with their checks."""
+"""The page of results: one self-contained HTML file with all figures, their numbers, and the errata with their checks."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _LONG = 14  # rows of a table that are shown unfolded
 
 
 def write_page(results: Sequence[Result], errata: Sequence[Erratum], path: str | os.PathLike[str]) -> Path:
-    """Write the page. Return its path.
+    """Write the page of results as an HTML file, and return the path of the file.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Recipe: a figure or statement of a paper as sweeps, a view of their results, published data, and claims with verdicts."""
+"""Recipe: a figure or theorem of a paper as sweeps, a drawing of their results, published data, and claims with verdicts."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ COMPLEX = "vessels:5000"
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings that the user chooses.
+    """Settings of a reproduction that the user chooses.
 
     Parameters
     ----------
     quick : bool
-        Whether to use fewer trials and coarser maps.
+        Whether to save time by fewer trials and coarser maps.
     trials : int, optional
-        Number of trials per point, instead of the recipe's number.
+        Number of trials for each point of a sweep, in place of the recipe's number.
     map : str, optional
-        A picture or the name of a map, which replaces the paper's "complex" map.
+        A picture, or the name of a map, which replaces the unpublished "complex" map of paper M.
     seed : int
     """
 
@@ -52,18 +52,21 @@ class Settings:
     seed: int = 0
 
     def of(self, whole: int, quick: int) -> int:
-        """Return the number of trials: the user's number if given, otherwise the recipe's number."""
+        """Return the number of trials for each point of a sweep: the user's number, or else ``quick`` or ``whole``.
+
+        The number ``quick`` applies to a quick reproduction, and the number ``whole`` to a full reproduction.
+        """
         return self.trials if self.trials is not None else quick if self.quick else whole
 
     @property
     def complex(self) -> str:
-        """The map of the figures that paper M calls "complex"."""
+        """Name of the map for the figures on the map that paper M calls "complex"."""
         return self.map or COMPLEX
 
 
 @dataclass(frozen=True)
 class Table:
-    """A table of numbers, which is also stored as CSV."""
+    """A table of numbers, which Shoal also stores as a CSV file."""
 
     title: str
     columns: Sequence[str]
@@ -79,12 +82,12 @@ class Outcome:
     ----------
     figure : Figure
     claims : tuple of Claim
-        The claims: the paper's statements and Shoal's results.
+        The statements of the paper, each with Shoal's result and a verdict.
     sentence : str
-        Additional explanations, such as reasons for differences. The numbers in the text are computed.
+        Additional explanations, such as reasons for differences from the paper, with computed numbers.
     tables : tuple of Table
     note : str
-        Note about published data, placed below the figure unless the drawing contains the note.
+        Note about published data; Shoal writes the note below the figure.
     """
 
     figure: Figure
@@ -95,30 +98,30 @@ class Outcome:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict on all claims."""
+        """The common verdict on all claims of the figure."""
         return verdict_of(self.claims)
 
 
 @dataclass(frozen=True, eq=False)
 class Recipe:
-    """A figure of a paper.
+    """The description of a figure or theorem of a paper: how Shoal reproduces it.
 
     Parameters
     ----------
     name : str
         Name of the figure on the command line, such as "m-fig7".
     source : str
-        Paper and figure.
+        Paper, and number of the figure in the paper.
     title : str
         Title of the figure.
     sweeps : callable
-        Function (Settings) -> list of Sweep.
+        Function (Settings) -> list of Sweep, which returns the sweeps of the figure.
     view : callable
-        Function (Store, list of Sweep, Settings) -> Outcome.
+        Function (Store, list of Sweep, Settings) -> Outcome, which draws the results of the sweeps.
     on_map : bool
-        Whether the recipe accepts a user's own map.
+        Whether the user may replace the map of the figure.
     also : str
-        Other locations of the figure in the papers.
+        Other places of the papers that show the same figure.
     """
 
     name: str
@@ -132,20 +135,20 @@ class Recipe:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """A reproduced figure, or the reason why it could not be made.
+    """A reproduced figure, or the reason why the reproduction failed.
 
     Parameters
     ----------
     recipe : Recipe
     outcome : Outcome or None
-        The outcome, or None if the figure could not be made.
+        The outcome of the recipe, or None if the reproduction failed.
     files : tuple of Path
-        The figure, its tables and a summary.
+        Paths of the written files: the figure, its tables and a summary.
     seconds : float
     trials : int
-        Number of trials of all sweeps of the figure.
+        Total number of trials in all sweeps of the figure.
     error : str
-        The reason why the figure could not be made.
+        The reason why the reproduction failed, or an empty text.
     """
 
     recipe: Recipe
@@ -157,7 +160,10 @@ class Result:
 
 
 def measuring(*names: str) -> Callable[[Function], Function]:
-    """Return a decorator for a function that runs one trial of a sweep and returns a dict with the given keys."""
+    """Return a decorator for functions that run one trial of a sweep.
+
+    The decorated function must return a dict with the keys ``names``.
+    """
 
     def marked(function: Function) -> Function:
         vars(function)["measures"] = names
@@ -167,38 +173,38 @@ def measuring(*names: str) -> Callable[[Function], Function]:
 
 
 def function_sweep(name: str, function: Callable[..., Any], axes: dict[str, Any], trials: int, settings: Settings) -> Sweep:
-    """Return a sweep of a function marked by `measuring`, whose axes are the function's arguments."""
+    """Return a sweep of a function with the decorator `measuring`; the axes of the sweep are the function's arguments."""
     problem = {"kind": "function", "function": f"{function.__module__}:{function.__name__}"}
     return Sweep(name=name, problem=problem, axes=axes, trials=trials, seed=settings.seed)
 
 
 def trials_of(store: Store, sweep: Sweep) -> list[dict[str, Any]]:
-    """Return the trials of a sweep. Each trial is a mapping from the names of axes and measures to values."""
+    """Return all trials of a sweep, each as a dict from the names of axes and measures to values."""
     columns = store.columns(sweep.name)
     return [dict(zip(columns, row, strict=True)) for row in store.rows(sweep.name)]
 
 
 def trials_table(trials: Sequence[Mapping[str, Any]], columns: Sequence[str], *, title: str = "trials") -> Table:
-    """Return a table of trials, which is stored as CSV and not shown on the page."""
+    """Return a table of trials, which Shoal stores as CSV but does not show on the page of results."""
     return Table(title, columns, [[trial[name] for name in columns] for trial in trials], shown=False)
 
 
 @cache
 def published_table(name: str) -> tuple[dict[str, str], ...]:
-    """Return the rows of one of Shoal's files with published data."""
+    """Return the rows of the file ``name`` with published data of a paper."""
     text = resources.files("shoal.papers").joinpath("published", name).read_text(encoding="utf-8")
     return tuple(csv.DictReader(io.StringIO(text)))
 
 
 def published_curve(name: str, *, points: bool = False, **only: str) -> Published:
-    """Return a published curve with the columns n, mean_moves, std_moves."""
+    """Return a published curve from a file with the columns n, mean_moves and std_moves."""
     rows = [row for row in published_table(name) if all(row[key] == value for key, value in only.items())]
     numbers = np.array([[float(row[key] or "nan") for key in ("n", "mean_moves", "std_moves")] for row in rows]).reshape(-1, 3)
     return Published(numbers[:, 0], numbers[:, 1], numbers[:, 2], points)
 
 
 def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published | None = None, **others: Any) -> Curve:
-    """Return the curve along ``axis``, from the rows whose other axes have the values in ``others``."""
+    """Return the curve of means along ``axis``, from all rows whose other axes have the values in ``others``."""
     kept = [(row.values[axis], row.estimate) for row in rows if all(row.values[key] == value for key, value in others.items())]
     found = [(float(x), e.mean, *ends(e)) for x, e in kept if e is not None]
     x, mean, low, high = np.array(found, dtype=np.float64).reshape(-1, 4).T
@@ -206,12 +212,15 @@ def curve_of(label: str, rows: Sequence[Row], axis: str, *, published: Published
 
 
 def ends(found: Estimate) -> tuple[float, float]:
-    """Return both ends of the confidence interval of an estimate. For an exact number, both ends equal the number."""
+    """Return both ends of the confidence interval of an estimate.
+
+    For an estimate from a single trial, both ends equal the mean.
+    """
     return (found.mean, found.mean) if found.count < 2 else (found.low, found.high)
 
 
 def table_of(title: str, rows: Sequence[Row], *, shown: bool = True) -> Table:
-    """Return a table of estimates."""
+    """Return a table of the estimates in ``rows``."""
     axes = [*rows[0].values] if rows else []
     lines = [
         [*row.values.values(), *(("", "", "", "", 0) if row.estimate is None else _line(row.estimate)), row.missing] for row in rows
@@ -225,7 +234,7 @@ def _line(found: Estimate) -> tuple[Any, ...]:
 
 
 def compared(curves: Sequence[Curve]) -> Table:
-    """Return Shoal's means beside the published values, at the published points."""
+    """Return a table of Shoal's means beside the published values, at the published points."""
     rows = []
     for curve in curves:
         known = curve.published
@@ -239,15 +248,15 @@ def compared(curves: Sequence[Curve]) -> Table:
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital first letter."""
+    """Return ``text`` with a capital first letter."""
     return f"{text[:1].upper()}{text[1:]}"
 
 
 def counts_of(n_free: int, parts: int = 50) -> list[int]:
-    """Return numbers of particles in equal steps, up to one particle in each free cell."""
+    """Return increasing numbers of particles in equal steps, up to one particle in each free cell."""
     return sorted({max(1, round(n_free * k / parts)) for k in range(1, parts + 1)})
 
 
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
-    """Return a curve's value at a number of particles, interpolated on logarithmic scales."""
+    """Return the value of a curve at the number of particles ``at``, interpolated on logarithmic scales."""
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))

@@ -1,4 +1,4 @@
-"""Run the sweeps of a recipe, draw its figure, and store its data."""
+"""Functions that run the sweeps of a recipe, draw its figure, and store its data."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PARTS = (instances, line, curves, steering, constructions, shortest_paths, expec
 
 @cache
 def recipes() -> Registry[Recipe]:
-    """Return all recipes by name, in the order of the papers."""
+    """Return the registry of all recipes by name, in the order of the papers."""
     found: Registry[Recipe] = Registry("figure")
     for recipe in chain(*(part.RECIPES for part in PARTS)):
         found.add(recipe.name, recipe)
@@ -54,25 +54,25 @@ def reproduce(
     workers: int | None = None,
     on_progress: OnProgress | None = None,
 ) -> Result:
-    """Reproduce one figure.
+    """Reproduce one figure or theorem of a paper.
 
     Parameters
     ----------
     name : str
-        Name of the figure, "m-fig7", ...; see `recipes`.
+        Name of the figure, such as "m-fig7"; `recipes` returns all names.
     out : path
-        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call continues with the results in
-        results.sqlite.
+        Output folder for NAME.png, NAME.json, the data NAME*.csv, and results.sqlite. A later call of the function continues with
+        the stored results in results.sqlite.
     quick : bool
-        Whether to use fewer trials and coarser maps.
+        Whether to save time by fewer trials and coarser maps.
     trials : int, optional
-        Number of trials per point.
+        Number of trials for each point of a sweep.
     on_map : str, optional
-        A picture or the name of a map, instead of the "complex" map.
+        A picture, or the name of a map, which replaces the unpublished "complex" map of paper M.
     seed, workers
-        Options of `shoal.lab.coordinator`.
+        Seed of the sweeps, and number of worker processes, as in `shoal.lab.coordinator`.
     on_progress : callable, optional
-        Function that receives the progress of each sweep.
+        Function that Shoal calls with the progress of each sweep.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def reproduce(
 
 
 def _failures(path: Path, sweep: Sweep) -> str:
-    """Return the number of failed trials of a sweep, and the error of the first of these trials."""
+    """Return a text with the number of failed trials of a sweep, and the error of the first failed trial."""
     with Store(path) as store:
         failed = store.failures(sweep.name)
     values, trial, _, error = failed[0]
@@ -112,7 +112,7 @@ def _failures(path: Path, sweep: Sweep) -> str:
 
 
 def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
-    """Return a sweep with at least as many trials as are already stored."""
+    """Return a sweep whose number of trials is at least the number in the store."""
     if not path.exists():
         return sweep
     with Store(path) as store:
@@ -145,25 +145,25 @@ def _write(folder: Path, recipe: Recipe, outcome: Outcome, sweeps: Sequence[Swee
 def reproduce_all(
     out: str | os.PathLike[str], *, on_result: Callable[[Result], None] | None = None, on_map: str | None = None, **options: Any
 ) -> Path:
-    """Reproduce every figure, run the checks of all errata, and write the page of results. Return its path.
+    """Reproduce every figure, run the checks of all errata, and write the page of results; return the path of the page.
 
-    A figure that fails does not stop the others. The page gives the reason.
+    A failed figure does not stop the other figures. For a failed figure, the page of results gives the reason.
 
     Parameters
     ----------
     out : path
-        Output folder.
+        Output folder for the page of results and the files of all figures.
     on_result : callable, optional
-        Function that is called with each finished figure.
+        Function that Shoal calls with the `Result` of each figure.
     on_map : str, optional
-        As in `reproduce`, for the figures on the complex map.
+        A picture, or the name of a map, for all figures on the "complex" map of paper M.
     **options
-        As in `reproduce`.
+        Other options of the function `reproduce`.
 
     Raises
     ------
     InvalidInputError, OutputError
-        If an option is invalid for every figure, or the page cannot be written.
+        If an option is invalid for every figure, or if writing the page of results fails.
     """
     if on_map is not None:
         open_map(on_map)

@@ -1,4 +1,4 @@
-"""shoal demo: examples of all three parts on real or realistic input."""
+"""shoal demo: examples of swarm, steering and search with real or realistic input."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def demo(
 
 
 def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
-    """Map the vessels of an eye."""
+    """Map the vessels of an eye with a swarm: ``shoal demo``."""
     particles = check_integer(particles, what="particles", least=1)
     from shoal.cli.swarm.exploration import summary, write_outputs
     from shoal.swarm import GridWorkspace, SwarmProblem
@@ -95,7 +95,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
 
 
 def retina() -> NDArray[np.uint8]:
-    """Return the fundus photograph that scikit-image contains, as a uint8 array of shape (1411, 1411, 3)."""
+    """Return the photograph of a retina that scikit-image contains, as a uint8 array of shape (1411, 1411, 3)."""
     try:
         from skimage import data
     except ImportError:

@@ -1,1 +1,1 @@
-"""Commands for searches: search, tour, missions."""
+"""The commands for searches: shoal search, shoal tour and shoal missions."""

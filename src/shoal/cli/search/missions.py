@@ -195,7 +195,7 @@ def check(
 
 
 def _faults(result: MissionCheck, kept: Separation | None, *, least: float, terrain_error: float) -> list[str]:
-    """Return the reasons why missions do not pass the check, as one clause for each reason."""
+    """Return the reasons why missions fail the check, one clause for each reason."""
     from shoal.search.missions.rules import ROUNDING
 
     near, low = result.approach, result.clearance
@@ -244,22 +244,22 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
 
 
 def area_text(area: float) -> str:
-    """Return an area as text. An area below one square millimetre counts as zero."""
+    """Return an area as text, in which an area below one square millimetre counts as zero."""
     return f"{area:.3g} m²" if area >= 1e-6 else "0 m²"
 
 
 def zones_text(count: int) -> str:
-    """Return the number of no-go zones as part of a region's description, or an empty text."""
+    """Return the number of no-go zones as a part of a region's description; an empty text without no-go zones."""
     return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return the margin and the unseen area as part of a region's description. If the margin is 0, the text is empty."""
+    """Return the margin from the border and the unseen area as a part of a region's description; an empty text for margin 0."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
 def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: float) -> str:
-    """Return the nearest approach as text."""
+    """Return the nearest approach of two vehicles as text."""
     if near is None:
         return f"no two vehicles in flight are nearer than {vertical:g} m in height"
     one, other = near["robots"]
@@ -280,7 +280,7 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the diagnostics to print: the first few of each kind in each mission, and the number of the others."""
+    """Return the diagnostics to print: the first few of each kind for each mission, and the number of further diagnostics."""
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
@@ -299,9 +299,10 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 
 
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
-    """Return groups of diagnostics. A group contains the diagnostics of one mistake, one for each file format of the mission.
+    """Return the diagnostics in groups, one group for each mistake in a mission.
 
-    If a rule and a sentence occur several times in each file, the k-th diagnostics of the files belong to the same mistake.
+    A group contains one diagnostic for each file format in which the mission is written. If the same rule and sentence occur
+    several times in each file, the k-th diagnostics of all files belong to the same mistake.
     """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()

@@ -74,7 +74,7 @@ def finish(
     json_: bool,
     writer: MissionFolder | None = None,
 ) -> None:
-    """Write and print the result of a search. The exit code is 1 if the search was not completed."""
+    """Write and print the result of a search; exit with the code 1 if the search was not completed."""
     result = episode.report() | ({} if writer is None else {"missions": writer.report(episode.plan)})
     written = written + write_episode(episode, result, out, film)
     if json_:
@@ -93,7 +93,7 @@ def _mission_folder(folder: Path, problem: SearchProblem, options: MissionOption
 
 
 def demo_search(out: Path, *, seed: int, json_: bool) -> None:
-    """Search a marsh around a lake with 12 robots, of which three fail: ``shoal demo search``."""
+    """Search a marsh around a lake with 12 robots, three of which fail: ``shoal demo search``."""
     check_folder(out)
     problem = SearchProblem(
         Path(__file__).parents[1] / "demo" / "marsh.geojson",

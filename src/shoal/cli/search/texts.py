@@ -1,4 +1,4 @@
-"""Printed summary of ``shoal search``."""
+"""Texts for the printed summary of the command ``shoal search``."""
 
 from __future__ import annotations
 
@@ -65,9 +65,9 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return a row of text for each of several altitude layers.
+    """Return the rows of a summary that describe the altitude layers, one row for each of several layers.
 
-    For a single layer, return one row with the size of the camera's pixels on the ground, or no row without a camera.
+    For a single layer, the only row gives the size of the camera's pixels on the ground; without a camera, the result has no row.
     """
     pixels = [f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
     if len(layers) == 1:
@@ -82,7 +82,7 @@ def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
 
 
 def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
-    """Return lines of text that list the compared tours and allocations with their search times.
+    """Return lines of text that list the compared tours and allocations with their search times in cells.
 
     Examples
     --------
@@ -98,7 +98,7 @@ def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
 
 
 def place_text(finding: dict[str, Any]) -> str:
-    """Return the position of a finding as text: latitude and longitude, or metres for a region without a position on Earth."""
+    """Return the position of a finding as text: latitude and longitude, or x and y in metres for a region in metres."""
     up = f", {finding['altitude']:.4g} m up" if "altitude" in finding else ""
     if "latitude" not in finding:
         return f"({finding['x']:.6g}, {finding['y']:.6g}) m{up}"
@@ -107,7 +107,7 @@ def place_text(finding: dict[str, Any]) -> str:
 
 
 def files_text(written: list[Path]) -> list[str]:
-    """Return file names as text, with all missions of one robot in one line.
+    """Return lines of text with the names of files, in which all missions of one robot share one line.
 
     Examples
     --------

@@ -65,7 +65,7 @@ def tour(
 
 
 def parse_size(text: str) -> Any:
-    """Return the shape (rows first), or the mask of cells, that the argument SIZE describes.
+    """Return the shape (rows first) or the mask of cells that the command-line argument SIZE describes.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def parse_size(text: str) -> Any:
 
 
 def report(made: Tour, *, region: str) -> dict[str, Any]:
-    """Return the metrics of a tour for JSON."""
+    """Return the metrics of a tour as JSON data."""
     return {"tour": made.name, "region": region, "shape": list(made.shape), "closed": made.closed, **made.metrics().report()}
 
 

@@ -1,1 +1,1 @@
-"""Commands for swarms: map, cover, maps, drive, line, schedule."""
+"""The commands for swarms: shoal map, cover, maps, drive, line and schedule."""

@@ -1,4 +1,4 @@
-"""shoal drive: map the workspace of a rig in a closed loop. The log of a drive can be replayed."""
+"""shoal drive: map the workspace of a rig (a real or simulated apparatus) in a closed loop, with a log for replays."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace |
 
 
 def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
-    """Return the JSON object that ``shoal drive`` prints."""
+    """Return the data that ``shoal drive`` prints as JSON."""
     link = result.link
     return {
         "rig": rig.name,
@@ -205,12 +205,12 @@ def _report(
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Return the episode of a rig with noise, together with the true map, so that figures show classification errors."""
+    """Return a copy of a noisy rig's episode with the true map, so that figures show wrongly classified cells."""
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 
 def replay_drive(log: Path, seed: int | None, out: Path | None, film: list[Path] | None, json_: bool, *, trust: bool) -> None:
-    """Replay the log of a drive: ``shoal replay LOG.jsonl``."""
+    """Replay the log that ``shoal drive`` has written: ``shoal replay LOG.jsonl``."""
     from shoal.swarm.rigs.driving import replay_log
     from shoal.swarm.rigs.log import read_log
 

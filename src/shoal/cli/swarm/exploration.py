@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm. The command shoal replay prints and writes episodes of a swarm with the same functions."""
+"""shoal map, shoal cover: run a swarm; shoal replay also uses the functions for printing and writing."""
 
 from __future__ import annotations
 
@@ -95,9 +95,9 @@ def _play(
 
 
 def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
-    """Return the JSON object that ``shoal map`` and ``shoal cover`` print.
+    """Return the data that ``shoal map`` and ``shoal cover`` print as JSON.
 
-    The object contains the values that all trials share, and lists with one entry per trial.
+    The data contain the values that all trials share, and lists with one entry for each trial.
     """
     reports = [episode.report() for episode in episodes]
     each = ("status", "moves", "scans", "cost", "distance", *NOISE_MEASURES)
@@ -115,7 +115,7 @@ def summary(episodes: list[SwarmEpisode], *, seed: int) -> dict[str, Any]:
 
 
 def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the additional rows of a summary with noise."""
+    """Return the additional rows of the printed summary for episodes with noise."""
     if "noise" not in result:
         return []
     noise, mean = result["noise"], {name: statistics.fmean(result[name]) for name in ("false_free", "false_obstacles", "undecided")}
@@ -130,7 +130,7 @@ def _noise_rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tu
 
 
 def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
-    """Print the results of trials."""
+    """Print a summary of the results of all trials."""
     title = f"{episodes[0].task} of {episodes[0].workspace.name}"
     print_table([*_rows(episodes, result), *more], title=title, written=written)
 
@@ -176,7 +176,7 @@ def _prices(episode: SwarmEpisode) -> str:
 
 
 def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
-    """Return the competitive ratio of depth-first search with one particle (paper M, section III.B.1)."""
+    """Return a row with the competitive ratio of depth-first search with one particle (paper M, section III.B.1)."""
     least = episode.workspace.n_free - 1
     if not episode.policy.startswith("depth-first") or episode.particles > 1 or least < 1:
         return []
@@ -186,7 +186,7 @@ def _ratio_rows(episode: SwarmEpisode) -> list[tuple[str, str]]:
 
 
 def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
-    """Return the result in words: free cells and walls found, or cells covered."""
+    """Return a row with the result in words: found free cells and walls, or covered cells."""
     if episode.targets is not None:
         wanted = int(episode.targets.sum())
         return (
@@ -199,7 +199,7 @@ def _done_row(episode: SwarmEpisode, done: int) -> tuple[str, str]:
 
 
 def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Path | None, film: list[Path] | None) -> list[Path]:
-    """Write the outputs that --out and --film request. Return the files."""
+    """Write the output files that --out and --film request, and return their paths."""
     written: list[Path] = []
     if out is not None:
         from shoal.core.files import write_json
@@ -223,13 +223,13 @@ def write_outputs(episodes: list[SwarmEpisode], result: dict[str, Any], out: Pat
 
 
 def warn_of_no_vessels(problem: SwarmProblem) -> None:
-    """Print a warning if the photograph of a problem may show no vessels."""
+    """Print a warning if the map is a photograph that may show no vessels."""
     if problem.vessels and problem.place_is_file() and (warning := vessels_of(problem).warning):
         say(f"shoal: warning: {problem.map}: {warning}")
 
 
 def vessels_of(problem: SwarmProblem) -> Vessels:
-    """Return the vessels of a problem's photograph."""
+    """Return the vessels that Shoal finds in the photograph of a problem."""
     from shoal.swarm.maps.open import vessels_in
 
     return vessels_in(problem.map, **{name: getattr(problem, name) for name in ("low", "high", "bright", "thickest")})
@@ -247,6 +247,6 @@ def overlay(problem: SwarmProblem, out: Path) -> list[Path]:
 
 
 def _remove_earlier(out: Path) -> None:
-    """Remove the episodes of an earlier run from an output folder, because they would not belong to the new results."""
+    """Remove the episodes of an earlier run from an output folder, so that all files in the folder belong to the new run."""
     for path in (out / "episode.npz", *(out / "episodes").glob("[0-9][0-9][0-9][0-9][0-9]*.npz")):
         path.unlink(missing_ok=True)

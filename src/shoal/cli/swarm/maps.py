@@ -1,4 +1,4 @@
-"""shoal maps: list, show and write generated maps; find vessels in photographs."""
+"""shoal maps: list, show and write generated maps, and find vessels in photographs."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _show(name: str, out: Path | None, seed: int | None, json_: bool) -> None:
 
 
 def _vessels(problem: SwarmProblem, out: Path | None, json_: bool) -> None:
-    """Find the vessels in a photograph, print the confidence, and write pictures of the vessels."""
+    """Find the vessels in a photograph, print how certain the result is, and write pictures of the vessels."""
     from shoal.cli.swarm.exploration import overlay, vessels_of
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.imaging import pixels_a_cell

@@ -1,4 +1,4 @@
-"""shoal line, shoal schedule: the theory in one dimension."""
+"""shoal line, shoal schedule: the theory of mapping in one dimension."""
 
 from __future__ import annotations
 
@@ -81,7 +81,10 @@ def line(
 
 
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
-    """Return the JSON object that ``shoal line`` prints. Exact values for long lines are left out because they take too long."""
+    """Return the data that ``shoal line`` prints as JSON.
+
+    For long lines, the data contain no exact values, because their computation would take too long.
+    """
     short = line.cells <= EXACT_CELLS
     means: dict[str, tuple[float | None, float | None]] = {
         "boundary": (line.boundary_float, 3 * (1 + line.cells) / (1 + line.particles))
@@ -137,7 +140,7 @@ def schedule(
 ) -> None:
     """Find the scan schedule with the smallest worst-case cost ratio for finding a wall at an unknown distance.
 
-    The output also contains the worst-case cost ratios of five classic schedules.
+    The output also contains the worst-case cost ratios of five classic scan schedules.
     """
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 
@@ -174,7 +177,7 @@ def schedule(
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
-    """Return name, moves and scans at the largest distance, and the worst case over all smaller distances."""
+    """Return the data of a scan schedule: name, moves and scans at the largest distance, and worst case over all distances."""
     cost = schedule.cost(best.max_distance)
     worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
     return {
@@ -187,7 +190,7 @@ def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, 
 
 
 def _float(ratio: Any) -> float | None:
-    """Return a ratio as a float, or None if it is too large."""
+    """Return a ratio as a float, or None if the ratio is too large for a float."""
     try:
         return float(ratio)
     except OverflowError:
@@ -195,7 +198,10 @@ def _float(ratio: Any) -> float | None:
 
 
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
-    """Return all positions of scans, or None if there are too many to list. In this case, all steps are equal."""
+    """Return all positions at which a schedule scans, or None if it has too many positions to list.
+
+    The steps of a schedule with too many positions are all equal.
+    """
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None
 
@@ -213,12 +219,12 @@ def _short(number: int) -> str:
 
 
 def whole_number(text: str, *, option: str) -> int:
-    """Return a whole number from a text such as 1000, 1e100 or 10^100.
+    """Return the whole number that a text such as 1000, 1e100 or 10^100 describes.
 
     Raises
     ------
     InvalidInputError
-        If the text is not such a number, or the number has more than a thousand digits.
+        If ``text`` does not describe a whole number, or if the number has more than a thousand digits.
 
     Examples
     --------

@@ -1,1 +1,1 @@
-"""Commands for sweeps: run, status, summary, plot, export, merge, check."""
+"""The commands for sweeps: shoal sweep run, status, summary, plot, export, merge and check."""

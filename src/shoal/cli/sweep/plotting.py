@@ -1,4 +1,4 @@
-"""shoal sweep plot: plot means with their intervals."""
+"""shoal sweep plot: plot the means of a sweep with their confidence intervals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""shoal sweep summary, export, merge, check: the results in a store."""
+"""shoal sweep summary, export, merge, check: commands for the results of sweeps in a store."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SweepName = Annotated[
 
 
 def check_table(out: Path) -> None:
-    """Refuse a table file that cannot be written."""
+    """Raise an error if Shoal cannot write the table file ``out``."""
     from shoal.lab.storage.export import SUFFIXES
 
     check_folder(check_suffix(out, *SUFFIXES).parent)
@@ -133,7 +133,7 @@ def _compared(names: str, found: Comparison | None) -> list[str]:
 
 
 def _say_if_mixed(store: Store, name: str) -> None:
-    """Print a warning on stderr if several versions wrote the rows of a sweep."""
+    """Print a warning on stderr if several versions of Shoal or its libraries wrote the rows of a sweep."""
     from shoal.lab.versions import told_apart
 
     rows = store.versions(name)
@@ -144,7 +144,7 @@ def _say_if_mixed(store: Store, name: str) -> None:
 
 
 def _numbers(found: Any) -> Any:
-    """Return values for JSON, in which None replaces NaN."""
+    """Return values as JSON data, in which None replaces infinite values and NaN."""
     if isinstance(found, dict):
         return {name: _numbers(value) for name, value in found.items()}
     return None if isinstance(found, float) and not isfinite(found) else found

@@ -1,4 +1,4 @@
-"""shoal sweep run, status: run the trials of a sweep, store their results, and show the progress."""
+"""shoal sweep run, status: run the trials of a sweep, store the results, and show the progress."""
 
 from __future__ import annotations
 
@@ -92,9 +92,9 @@ def run(
 
 @contextmanager
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
-    """Show one line on the terminal while the block runs: trials done, rate, time left, failures.
+    """Show one line on the terminal while the ``with`` block runs: finished trials, rate, remaining time and failures.
 
-    Without a terminal, show nothing.
+    If stderr is not a terminal, the function shows nothing.
     """
     if sys.stderr is None or not sys.stderr.isatty():
         yield None
@@ -206,7 +206,7 @@ def _table(found: list[SweepStatus]) -> Table:
 
 
 def _watch(store: Store) -> None:
-    """Show the table until no sweep is running."""
+    """Show the table of sweeps again and again until no sweep is running."""
     found = [store.status(name) for name in store.names]
     if not sys.stdout.isatty():
         while any(one.running for one in found):

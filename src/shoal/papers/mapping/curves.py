@@ -51,13 +51,13 @@ OTHER_MAP = "the picture of the paper's complex map is not published; this is an
 
 
 def _slug(name: str) -> str:
-    """Return the name of a map in a form that is valid in the name of a sweep."""
+    """Return the name of a map, changed so that it is valid as a part of a sweep's name."""
     plain = "".join(c if c.isascii() and c.isalnum() else "-" for c in name)[:30]
     return f"{plain}-{digest_of(name)[:6]}"
 
 
 def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
-    """Return a sweep on the complex map over numbers of particles, with all other axes paired."""
+    """Return a sweep over numbers of particles on the map that paper M calls complex, with all other axes paired."""
     chosen = settings.complex
     problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(open_map(chosen).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")
@@ -65,21 +65,21 @@ def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = No
 
 
 def _note_of(settings: Settings) -> str:
-    """Return a remark about the map."""
+    """Return a remark about the map that replaces the unpublished complex map of paper M."""
     return f"map {settings.complex}: {OTHER_MAP}" if settings.map is None else f"map {settings.map}, given by the user"
 
 
 def _unlike(settings: Settings) -> str:
-    """Return the reason why numbers for the complex map are not comparable, or an empty text if the map may be the paper's map."""
+    """Return why numbers for the complex map are not comparable, or an empty text if the map may be the map of paper M."""
     workspace = open_map(settings.complex)
     alike = sorted(workspace.shape) == [112, 132] and workspace.n_free == 5000
     return "" if alike else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"
 
 
 def _complex_claims(label: str, rows: list[Row], known: Published, settings: Settings) -> list[Claim]:
-    """Return the claims for numbers printed for the complex map.
+    """Return the claims for numbers that paper M prints for its complex map.
 
-    Between two numbers of particles, Shoal's values are interpolated.
+    If a printed number lies between two simulated numbers of particles, the function interpolates Shoal's values.
     """
     curve, unlike = curve_of(label, rows, "particles"), _unlike(settings)
     claims = []
@@ -94,7 +94,7 @@ def _complex_claims(label: str, rows: list[Row], known: Published, settings: Set
 
 
 def _estimates(rows: list[Row], **values: Any) -> dict[int, Estimate]:
-    """Return the estimates of the rows that have the given values, by number of particles."""
+    """Return the estimates of all rows with the given axis values, by number of particles."""
     kept = [row for row in rows if all(row.values[name] == value for name, value in values.items())]
     return {row.values.get("particles", 0): row.estimate for row in kept if row.estimate is not None}
 
@@ -269,7 +269,7 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _positive(curve: Curve) -> Curve:
-    """Return a curve without values that a logarithmic axis cannot show."""
+    """Return a curve without means that a logarithmic axis cannot show."""
     kept = curve.mean > 0
     return Curve(curve.label, curve.x[kept], curve.mean[kept], np.maximum(curve.low[kept], 0.05), curve.high[kept], curve.published)
 

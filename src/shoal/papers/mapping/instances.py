@@ -1,6 +1,6 @@
-"""Paper M: figure 1, the instances of figures 3 and 4, and theorem 3.
+"""Paper M: figure 1, the map instances of figures 3 and 4, and theorem 3.
 
-The instances are maps on which the policy closest-frontier performs badly.
+The instances of figures 3 and 4 are maps on which the policy closest-frontier performs badly.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ STEPS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 
 
 def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of figure 3, and particles that fill its corridor.
+    """Return the map of figure 3 of paper M, and start cells of particles that fill its corridor.
 
     The map consists of a square of n by n cells and a corridor of n cells above the right end of the square.
     """
@@ -40,7 +40,10 @@ def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
 
 
 def two_arms(k: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of Fig. 4 (two corridors of k cells from one corner), and particles in the corner and at one end."""
+    """Return the map of Fig. 4 of paper M (two corridors of k cells from one corner), and the start cells of two particles.
+
+    One particle starts in the corner, and one particle starts at the end of a corridor.
+    """
     free = np.zeros((k + 1, k + 1), dtype=np.bool_)
     free[0], free[:, 0] = True, True
     return free, ((0, 0), (0, k))
@@ -52,9 +55,9 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return the numbers of moves for mapping the instance of figure 3: by the policy closest-frontier, and by a plan.
+    """Return the numbers of moves for mapping the map of figure 3, with the policy closest-frontier and with a fixed plan.
 
-    The plan drives all particles into the square at once.
+    The fixed plan drives all particles into the square at once.
     """
     ground, start = square_below(n)
     together = f"lru{'d' * n}r{'udl' * n}"
@@ -66,9 +69,9 @@ def square_moves(*, seed: int, n: int) -> dict[str, int]:
 
 @measuring("greedy", "depth_first", "greedy_mapping", "depth_first_mapping")
 def arm_moves(*, seed: int, k: int) -> dict[str, int]:
-    """Return the numbers of moves on the map of Fig. 4, of two policies.
+    """Return the numbers of moves that two policies need on the map of Fig. 4, for coverage and for mapping.
 
-    The policies are closest-frontier and a depth-first search that moves only particle 2.
+    The two policies are closest-frontier with both particles, and depth-first search with particle 2 alone.
     """
     ground, start = two_arms(k)
     return {
@@ -80,7 +83,7 @@ def arm_moves(*, seed: int, k: int) -> dict[str, int]:
 
 @measuring("searches", "cells_looked_at", "free_cells", "moves")
 def search_work(*, seed: int, map: str) -> dict[str, int]:  # noqa: A002 - the name of a problem's field
-    """Return how many breadth-first searches, expanded cells and moves closest-frontier needs with one particle."""
+    """Return how many breadth-first searches, expanded cells and moves the policy closest-frontier needs with one particle."""
     free = np.pad(open_map(map).free, 1)
     cell: tuple[int, ...] = tuple(np.random.default_rng(seed).choice(np.argwhere(free)).tolist())
     known: dict[tuple[int, ...], bool] = {cell: True}
@@ -153,7 +156,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _scaled(store: Store, sweep: Sweep, axis: str) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
-    """Return the axis and the measures of a sweep without random numbers, and both as a table."""
+    """Return the axis values and the measures of a sweep without random numbers, and a table of both."""
     trials = trials_of(store, sweep)
     columns = [axis, *sweep.measures]
     table = np.array([[trial[name] for name in columns] for trial in trials], dtype=np.float64)
@@ -242,7 +245,7 @@ def _with_map(
     *,
     level: float | None = None,
 ) -> Outcome:
-    """Return the outcome for an instance: pictures of a small instance above a chart of the growth of its moves."""
+    """Return the outcome for a map instance, whose figure shows pictures of a small instance above a chart of the moves."""
     printed = None if level is None else Published(x, np.full(len(x), level))
     lines = [Curve(name, x, values, values, values, None if k else printed) for k, (name, values) in enumerate(curves.items())]
     figure = map_panels(

@@ -1,4 +1,4 @@
-"""Paper M, one dimension: figures 5 and 6, and theorem 1."""
+"""Paper M, theory in one dimension: figures 5 and 6, and theorem 1."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _against(what: str, printed: float, exact: float, drawn: Any, *, digits: int
 
 
 def _tables(store: Store, sweep: Sweep, exact: dict[str, float], drawn: LineSample, *, of: str) -> tuple[Table, Table]:
-    """Return a table of Shoal's sampled means beside the exact means, and the number of samples of each value."""
+    """Return a table of Shoal's sampled means beside the exact means, and a table of the number of samples for each value."""
     means, counted = [], []
     for name, value in exact.items():
         (row,) = summarise(store, sweep.name, name)
@@ -99,8 +99,9 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
     """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
 
-    The first ratio is the larger of move ratio and scan ratio of the schedule i^i. The second ratio is the smallest value that the
-    first ratio has for any schedule. The third ratio is log D / log log D.
+    The first ratio is the larger of move ratio and scan ratio in the worst case, for the schedule i^i. The second ratio is the
+    smallest value of the larger of move ratio and scan ratio that any schedule reaches. The third ratio is log D / log log D for
+    the distance D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]

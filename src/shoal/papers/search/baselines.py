@@ -1,4 +1,4 @@
-"""Paper H: strips, spirals and random walks, with which the paper compares its search method, and the curve Hilbert II."""
+"""Paper H: strips, spirals and random walks, to which the paper compares its search method, and the curve Hilbert II."""
 
 from __future__ import annotations
 
@@ -23,15 +23,18 @@ STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
 
 
 def curve_time(starts: NDArray[np.int64]) -> float:
-    """Return the time to search along a closed curve: the largest distance along the curve from a robot to the next robot."""
+    """Return the time that robots need to search along a closed curve, in cells.
+
+    The time is the largest distance along the curve from one robot to the next robot.
+    """
     at = np.sort(np.unique(make_tour("moore", (SIDE, SIDE)).position[tuple(starts.T)]))
     return float(np.max(np.diff(at, append=at[0] + SIDE**2)))
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time that robots need to move to the left ends of equal strips and to search the strips (paper H, Fig. 1).
+    """Return the time, in cells, that robots need to move to the left ends of equal strips and to search them (paper H, Fig. 1).
 
-    Robots get their strips in the order of the rows of their starts. A strip of several rows is searched back and forth. If the
+    The robots get their strips in the order of their start rows. A robot searches a strip of several rows back and forth. If the
     number of rows is not a multiple of the number of strips, some strips are one row wider than the others.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
@@ -41,10 +44,10 @@ def strip_time(starts: NDArray[np.int64]) -> float:
 
 
 def spiral_time(starts: NDArray[np.int64]) -> float:
-    """Return the time until all cells are searched by robots that spiral outwards from their starts independently.
+    """Return the time, in cells, until robots that spiral outwards from their starts have searched all cells.
 
-    The spiral is square. Where a spiral leaves the region, the robot moves along the border instead. The time is the distance in
-    cells.
+    Each robot moves on its own square spiral, independently of the other robots. Where its spiral leaves the region, a robot moves
+    along the border instead. The time equals the longest travelled distance in cells.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
@@ -58,10 +61,12 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
 
 
 def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
-    """Return the time until all cells are searched by random walks. A step out of the region leaves a robot in place.
+    """Return the time, in steps, until robots on random walks have searched all cells.
 
-    The function folds an unbounded walk at the border: the cells i and 2 SIDE - 1 - i count as one cell. The folded walk has the
-    same distribution as a walk that stays in place at the border.
+    A step out of the region leaves a robot in place.
+
+    The function simulates an unbounded walk and folds it at the border: in each coordinate, i and 2 SIDE - 1 - i count as the same
+    cell. The folded walk has the same distribution as a walk that stays in place at the border.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():
@@ -77,7 +82,7 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
 @measuring("time", "share")
 def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
-    """Return the time that robots from random cells need to search all cells, in cells and as a fraction of all cells."""
+    """Return the time that robots from random start cells need to search all cells, in cells and in percent of all cells."""
     rng = np.random.default_rng(seed)
     starts = rng.integers(SIDE, size=(robots, 2))
     if way == "random walk":
@@ -127,9 +132,9 @@ def _baselines(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome
 
 
 def hilbert_ii(order: int) -> Tour:
-    """Return the curve Hilbert II (Peano's curve), closed by an edge.
+    """Return the curve Hilbert II (Peano's curve) as a tour, closed by an edge.
 
-    The curve consists of S-shaped pieces of nine cells, with 3^order cells per side.
+    The curve consists of S-shaped pieces of nine cells, and fills a square with a side of 3^order cells.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     for k in range(order):

@@ -1,4 +1,4 @@
-"""Paper H: exhaustive search along a space-filling curve (1998), figure 5."""
+"""Paper H, exhaustive search along a space-filling curve (1998): reproduction of figure 5."""
 
 from __future__ import annotations
 

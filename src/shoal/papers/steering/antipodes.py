@@ -1,4 +1,4 @@
-"""Approach to antipodal goals on a disk: the data for figure 15 of paper W."""
+"""Approach to antipodal (opposite) goals on a disk: the data for figure 15 of paper W."""
 
 from __future__ import annotations
 
@@ -22,19 +22,22 @@ Toucher = Literal["nearer", "second"]
 
 @dataclass(frozen=True, eq=False)
 class AntipodeSwap:
-    """The approach of two particles on a disk to antipodal goals, cycle by cycle.
+    """The approach of two particles on a disk to antipodal (opposite) goals, cycle by cycle.
 
     Parameters
     ----------
     toucher : str
-        "second": particle 2 always touches the wall. "nearer": the particle nearer to its contact touches.
+        "second": particle 2 touches the wall in all cycles. "nearer": in each cycle, the particle that is nearer to its possible
+        contact touches the wall.
     start, goal : ndarray of float64, shape (2, 2)
     moves : ndarray of float64, shape (2 cycles, 2)
-        The moves of the plan: contacts and adjustments alternate.
+        The moves of the plan, in which contacts and adjustments alternate.
     lengths : ndarray of float64, shape (cycles,)
-        For each cycle, the length in diameters of the plan that ends after this cycle, including the last translation.
+        For each cycle, the length of the plan that ends after this cycle, including the final translation, in diameters of the
+        disk.
     errors : ndarray of float64, shape (cycles,)
-        The error δ after each cycle: the distance that remains from each particle to its goal, in diameters.
+        The error δ after each cycle: the remaining distance of each particle from its goal after the final translation, in
+        diameters of the disk.
     """
 
     toucher: Toucher
@@ -45,14 +48,14 @@ class AntipodeSwap:
     errors: NDArray[np.float64]
 
     def law(self, *, below: float = 0.25) -> tuple[float, float]:
-        """Return a and b of the law error = a / length^b.
+        """Return the constants a and b of the law error = a / length^b.
 
-        The law is fitted as a straight line in logarithms, to errors below a bound.
+        The method fits the law as a straight line in logarithms, to all errors smaller than ``below``.
 
         Raises
         ------
         InvalidInputError
-            If fewer than two errors are below the bound.
+            If fewer than two errors are smaller than ``below``.
         """
         low = self.errors < below
         if np.count_nonzero(low) < 2:
@@ -61,28 +64,31 @@ class AntipodeSwap:
         return float(np.exp(level)), -float(slope)
 
     def length_to(self, error: float) -> float:
-        """Return the length of the shortest plan whose error is at most the given error, or NaN if no plan is that exact."""
+        """Return the length of the shortest plan whose error is at most ``error``, or NaN if every plan has a larger error."""
         near = self.lengths[self.errors <= error]
         return float(near.min()) if near.size else np.nan
 
 
 def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
-    """Steer two particles on a disk of diameter 1 towards antipodal goals, with algorithm 1 of paper W.
+    """Steer two particles on a disk of diameter 1 towards antipodal (opposite) goals, with algorithm 1 of paper W.
 
-    Each cycle brings the particles' difference as near as possible to the goals' difference. If the initial difference Δ is one
-    diameter long and exactly opposite to the goals' difference, the nearest difference is Δ = 0. No move changes Δ = 0. Therefore
-    the particles start with a distance below one diameter.
+    Each cycle brings the position difference Δ of the particles as near as possible to that of the goals. From an initial Δ of one
+    diameter that is exactly opposite to the goals' difference, the nearest reachable difference would be Δ = 0. No move changes a
+    position difference of zero. Therefore the particles start at a distance below one diameter.
 
     Parameters
     ----------
     toucher : str
-        "nearer" or "second": the particle that touches. Both choices lead to the same differences.
+        The particle that touches the wall: "nearer" (the particle nearer to its contact) or "second" (always particle 2). Both
+        choices give the same position differences.
     cycles : int
-        Number of cycles, at least 1.
+        Number of cycles (contact and adjustment), at least 1.
     apart : float
-        Initial distance in diameters, above 0 and below 1. Both particles are equally far from the centre.
+        Initial distance of the particles in diameters of the disk, above 0 and below 1. Both particles start equally far from the
+        centre of the disk.
     turn : float
-        Angle between the initial difference Δ and the line through the goals. With 0, the particles exchange sides.
+        Angle, in radians, between the initial position difference and the line through the goals. With the angle 0, the particles
+        exchange sides.
 
     Raises
     ------
@@ -90,7 +96,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
     Notes
     -----
-    Source: paper W, section VI, Fig. 15.
+    Source: Fig. 15 in section VI of paper W.
 
     Examples
     --------
@@ -117,7 +123,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
 
 def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:
-    """Return the toucher (0 or 1) and its contact: particle 1 at an angle, or particle 2 opposite."""
+    """Return the touching particle (0 or 1) and its contact, which for particle 1 is at ``angle`` and for particle 2 opposite."""
     places = radius * np.array([[np.cos(angle + turn), np.sin(angle + turn)] for turn in (0.0, pi)])
     who = 1 if toucher == "second" else int(np.argmin(np.linalg.norm(places - state, axis=1)))
     return who, places[who]

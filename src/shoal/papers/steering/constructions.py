@@ -1,4 +1,4 @@
-"""Paper W, figures 5 to 7: construction of the set that two moves reach on a square, any polygon and a disk."""
+"""Paper W, figures 5 to 7: construction of the set of position differences that two moves reach on a square, polygon and disk."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random point of the wall that a particle can touch first, and the positions of both particles at the contact."""
+    """Return a random wall point that one particle can touch in the first move, and the positions of both particles then."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -47,12 +47,13 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Simulate random pairs of moves, the first one to a wall, and the second one along the wall or into the wall.
+    """Simulate random pairs of moves: the first move ends at a wall, and the second move goes along the wall or into it.
 
-    Return the number of simulated pairs, and how many of the pairs end outside the computed set of differences.
+    The function returns the number of simulated pairs of moves (``played``), and how many of the pairs end outside the computed set
+    of position differences (``outside``).
 
-    ``widest`` is the largest angle in radians between two directions: from the centre to a contact of particle 1, and from particle
-    2 to particle 1.
+    The result ``widest`` is the largest angle, in radians, between the direction from the centre to a contact of particle 1 and the
+    initial direction from particle 2 to particle 1.
     """
     rng, (place, start) = np.random.default_rng(seed), STARTS[workspace]
     world, before = ContactWorld(place), start[1] - start[0]
@@ -80,7 +81,7 @@ def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
 
 
 def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
-    """Return the claim that no random pair of moves leaves the computed set. Return also the widest contact and the trials."""
+    """Return the claim that no random pair of moves leaves the computed set, the largest angle ``widest``, and all trials."""
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
     found = claim(
@@ -111,7 +112,7 @@ def _draw_pair(axes: Axes, place: ConvexWorkspace, start: Points, title: str) ->
 
 
 def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, wall: int, title: str) -> None:
-    """Draw the possible first contacts of particle 2 with a wall, one of them, and possible positions of particle 1 then."""
+    """Draw the possible contacts of particle 2 with a wall, and for one contact the possible positions of particle 1."""
     _draw_pair(axes, place, start, title)
     normal, corner = place.normals[wall], place.vertices[wall]
     along = place.vertices[(wall + 1) % len(place.vertices)] - corner
@@ -130,7 +131,7 @@ def _draw_crossing(axes: Axes, place: ConvexWorkspace, start: Points, wall: int,
 
 
 def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float) -> Polygon:
-    """Return a strip of the given depth along a wall."""
+    """Return a strip of the depth ``depth`` along a wall, as a polygon."""
     along, size = np.array([normal[1], -normal[0]]), 4 * place.size
     return Polygon(
         [
@@ -143,7 +144,7 @@ def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float)
 
 
 def _draw_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
-    """Draw the set of two moves in the Δ configuration space, with a pale piece for each pair of wall and toucher."""
+    """Draw the set of differences that two moves reach, with a pale piece for each pair of a wall and a touching particle."""
     draw_workspace(axes, place.differences)
     axes.set_axis_off()
     for piece in two_move_pieces(place, start[1] - start[0]):

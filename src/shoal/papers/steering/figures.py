@@ -1,4 +1,4 @@
-"""The figures of paper W as Shoal computes them: reachable sets (4, 8, 9) and costs of plans (14 to 16)."""
+"""The figures of paper W as Shoal computes them: reachable sets (Figs. 4, 8 and 9) and costs of plans (Figs. 14 to 16)."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
 
 
 def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
-    """Return a figure of workspaces beside their Δ configuration spaces with the sets that 2, 4, ... moves reach (paper W, Fig. 4).
+    """Return a figure of workspaces, each beside the sets of position differences that 2, 4, ... moves reach (paper W, Fig. 4).
 
     Raises
     ------
     InvalidInputError
-        If there are no polygons.
+        If ``fillings`` is empty.
     """
     if not fillings:
         raise InvalidInputError("reachable sets: expected at least one polygon, got none")
@@ -61,7 +61,7 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
 
 
 def _percent(share: float) -> str:
-    """Return a fraction in percent. Only an exact 1 is written as 100."""
+    """Return a fraction as a text in percent, in which only the fraction 1 (within 1e-6) becomes 100."""
     return f"{min(100 * share, 99.9):.1f}" if share < 1 - 1e-6 else "100"
 
 
@@ -74,7 +74,7 @@ def _draw_start(axes: Axes, filling: PolygonFractions) -> None:
 
 
 def _draw_outlines(axes: Axes, border: NDArray[np.float64], outlines: Sequence[NDArray[np.float64]]) -> None:
-    """Draw sets inside the border of all differences. The smallest set is on top."""
+    """Draw the outlines of several sets inside the border of all position differences, the smallest set on top."""
     axes.fill(*border.T, facecolor="#f7f8fa", edgecolor="none", zorder=0)
     for k, outline in reversed([*enumerate(outlines)]):
         axes.fill(*outline.T, facecolor=REACH_COLOURS[k % len(REACH_COLOURS)], edgecolor="white", lw=0.3, zorder=1)
@@ -96,14 +96,14 @@ def _colour_key(figure: Figure, moves: Sequence[int]) -> None:
 
 
 def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figure:
-    """Return a figure of the sets that 2, 4, ...
+    """Return a figure of the sets of position differences that 2, 4, ..., ``moves`` moves reach on a disk (paper W, Fig. 9).
 
-    moves reach on a disk from starts at given distances in diameters (paper W, Fig. 9).
+    The parameter ``distances`` contains the initial distances of the particles, in diameters of the disk.
 
     Raises
     ------
     InvalidInputError
-        If a distance is not above 0 and at most 1.
+        If a distance is 0 or less, or more than 1.
     """
     figure = padded_figure(4.2 * len(distances), 5.0)
     angles = np.linspace(0, 2 * np.pi, 361)
@@ -117,9 +117,10 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 
 
 def fraction_curves(data: DiskFractions) -> Figure:
-    """Return a figure of the fraction of all differences that moves reach on a disk, by initial distance (paper W, Fig. 8).
+    """Return a figure of the fraction of all position differences that moves reach on a disk, over the initial distance.
 
-    In the figure, circles mark the numbers that the paper prints. Vertical lines mark the initial distances of Fig. 9.
+    The figure corresponds to Fig. 8 of paper W. Circles mark the numbers that paper W prints. Vertical lines mark the initial
+    distances of Fig. 9 of paper W.
     """
     from matplotlib import colormaps
 
@@ -144,18 +145,18 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return a figure with maps of the costs of plans by the goal of one particle (paper W, Figs. 14 and 16).
+    """Return a figure with maps of the costs of plans over the goal of one particle (paper W, Figs. 14 and 16).
 
     Parameters
     ----------
     rows : sequence of sequences of (GoalSweep, "moves" or "length")
-        Content of each panel. All panels of lengths share one colour scale. All panels of numbers of moves share a second colour
-        scale.
+        The data and the quantity ("moves" or "length") of each panel. All panels of lengths share one colour scale, and all panels
+        of numbers of moves share another colour scale.
 
     Raises
     ------
     InvalidInputError
-        If there are no panels, rows differ in length, or a panel has another content.
+        If ``rows`` is empty, if the rows differ in length, or if a panel has a different content.
     """
     if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
         raise InvalidInputError("goal maps: expected rows of equal length with at least one panel")
@@ -189,7 +190,7 @@ def _draw_bar(figure: Figure, on: list[Axes], scale: _Scale) -> None:
 
 
 class _Scale:
-    """One colour scale for all panels with the same quantity."""
+    """The common colour scale of all panels that show the same quantity."""
 
     def __init__(self, sweeps: Sequence[GoalSweep], what: str) -> None:
         if what not in {"moves", "length"}:
@@ -213,11 +214,11 @@ class _Scale:
         self.image = ScalarMappable(self.norm, self.colours)
 
     def values(self, sweep: GoalSweep) -> NDArray[np.float64]:
-        """Return the numbers of moves or the path lengths of a sweep, whichever the figure shows."""
+        """Return the values of a sweep that the scale shows: the numbers of moves, or the lengths of the plans."""
         return sweep.moves if self.what == "moves" else sweep.lengths
 
     def draw(self, axes: Axes, sweep: GoalSweep) -> None:
-        """Draw one panel of a figure: the map of costs, contours for lengths, the starts and the fixed goal."""
+        """Draw one panel of a figure: the map of costs, contour lines for lengths, the starts and the fixed goal."""
         values, problem = self.values(sweep), sweep.problem
         half = (sweep.x[1] - sweep.x[0]) / 2, (sweep.y[1] - sweep.y[0]) / 2
         extent = (sweep.x[0] - half[0], sweep.x[-1] + half[0], sweep.y[0] - half[1], sweep.y[-1] + half[1])
@@ -241,7 +242,7 @@ class _Scale:
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Assign a value to each cell whose centre is outside the workspace: the value of the nearest cell inside."""
+    """Return the values with each cell outside the workspace set to the value of the nearest cell inside the workspace."""
     from scipy.ndimage import distance_transform_edt
 
     outside = ~sweep.problem.place.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))
@@ -262,14 +263,15 @@ def _goal_key(sweep: GoalSweep) -> list[object]:
 
 
 def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
-    """Return a figure of the distance between the ends of plans and antipodal goals, by the length of the plans (paper W, Fig. 15).
+    """Return a figure of the final distance of particles from antipodal goals over the length of the plan (paper W, Fig. 15).
 
     Parameters
     ----------
     second, nearer : AntipodeSwap
-        Two approaches: particle 2 always touches the wall (as in the paper's law), and the nearer particle touches the wall.
+        Two approaches to antipodal goals: ``second``, in which particle 2 always touches the wall (as in paper W), and ``nearer``,
+        in which the nearer particle touches the wall.
     *others : (AntipodeSwap, str)
-        Further approaches with their names.
+        Other approaches to antipodal goals, each with its name in the figure.
     """
     figure = new_figure(7.6, 4.4)
     axes = figure.add_subplot()

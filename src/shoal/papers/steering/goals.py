@@ -1,4 +1,4 @@
-"""Paper W, figures 14 and 16: one plan for each goal of one particle."""
+"""Paper W, figures 14 and 16: the costs of plans over the goal of one particle."""
 
 from __future__ import annotations
 
@@ -26,22 +26,23 @@ SQUARE_CASES = (
 
 @dataclass(frozen=True, eq=False)
 class GoalSweep:
-    """Costs of plans for many goals of one particle, while all other settings are fixed.
+    """Costs of plans for many goals of one particle, with all other settings fixed.
 
     Parameters
     ----------
     problem : SteeringProblem
-        The problem, in which both particles have the goal of the fixed particle. The start, tolerance and workspace of the problem
-        apply to all plans.
+        A problem that gives the workspace, starts and tolerance of all plans, and in which both particles have the goal of the
+        fixed particle.
     varied : int
-        The particle whose goal varies, 1 or 2.
+        Number of the particle whose goal varies, 1 or 2.
     planner : str
     x, y : ndarray of float64, shape (n,)
-        Coordinates of the goals.
+        The x coordinates and the y coordinates of the goals.
     moves : ndarray of float64, shape (n, n)
-        Number of moves for each y and x of the goal, or NaN outside the workspace and where no plan succeeds.
+        Number of moves of the plan for each y (row) and x (column) of the goal, or NaN outside the workspace and where no plan
+        succeeds.
     lengths : ndarray of float64, shape (n, n)
-        Length of the plan for each y and x of the goal, or NaN as in ``moves``.
+        Length of the plan for each y (row) and x (column) of the goal, or NaN outside the workspace and where no plan succeeds.
     unsolved : int
         Number of goals inside the workspace without a successful plan.
     """
@@ -57,7 +58,7 @@ class GoalSweep:
 
 
 def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
-    """Return a sweep of the goal of one particle over a square grid around the workspace."""
+    """Return a sweep that varies the goal of one particle over a square grid around the workspace."""
     samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
     opened = open_workspace(workspace)
     assert isinstance(opened, ConvexWorkspace)  # named workspaces are
@@ -72,7 +73,7 @@ def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settin
 
 
 def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
-    """Read the results of a sweep over goals from a store, as the data that the figure shows."""
+    """Read the results of a sweep over goals from a store, and return the costs for the figure."""
     problem: Any = sweep.points[0].problem
     x, y = np.array(sweep.axes["goal_x"]), np.array(sweep.axes["goal_y"])
     workspace = open_workspace(problem.workspace)
@@ -90,7 +91,7 @@ def goal_sweep(store: Store, sweep: Sweep) -> GoalSweep:
 
 
 def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    """Return a table of the numbers of moves and the path lengths over all goals of each sweep."""
+    """Return a table that summarizes, for each sweep, the numbers of moves and the lengths of the plans to all goals."""
     rows = [
         [
             name,
@@ -108,7 +109,7 @@ def goal_table(names: list[str], sweeps: list[GoalSweep]) -> Table:
 
 
 def goal_data(names: list[str], sweeps: list[GoalSweep]) -> Table:
-    """Return a table of the number of moves and the path length for each goal."""
+    """Return a table of the number of moves and the length of the plan for each goal of each sweep."""
     rows = []
     for name, s in zip(names, sweeps, strict=True):
         for row, column in np.argwhere(np.isfinite(s.moves)):

@@ -1,7 +1,7 @@
-"""Fraction of the Δ configuration space that moves reach: the data for figures 4 and 8 of paper W.
+"""Fraction of all position differences (of the Δ configuration space) that moves reach: the data for Figs. 4 and 8 of paper W.
 
-The outline of a reachable set on a polygon is computed from the extents of the set in many directions, as for a disk
-(`shoal.steering.delta_space.disk_reach`).
+On a polygon, the outline of a reachable set follows from the extents of the set in many directions, as on a disk (see
+`shoal.steering.delta_space.disk_reach`).
 """
 
 from __future__ import annotations
@@ -25,16 +25,17 @@ _LEVEL = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class DiskFractions:
-    """Fraction of all differences that particles on a disk reach, for each initial distance of the particles.
+    """Fraction of all position differences that two particles on a disk can reach, for each initial distance of the particles.
 
     Parameters
     ----------
     distances : ndarray of float64, shape (n,)
-        Initial distance of the particles in diameters.
+        Initial distances of the particles in diameters of the disk.
     moves : ndarray of int64, shape (k,)
-        2, 4, 6, ...
+        Numbers of moves: 2, 4, 6, ...
     fractions : ndarray of float64, shape (n, k)
-        Fraction of the area of the Δ configuration space.
+        Reached fraction of the area of the Δ configuration space (all position differences), for each initial distance (row) and
+        number of moves (column).
     """
 
     distances: NDArray[np.float64]
@@ -43,14 +44,14 @@ class DiskFractions:
 
 
 def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = DIRECTIONS) -> DiskFractions:
-    """Return the fraction of all differences that 2, 4, ..., ``moves`` moves reach on a disk.
+    """Return the fraction of all position differences that 2, 4, ..., ``moves`` moves reach on a disk.
 
     Parameters
     ----------
     distances : array_like of float, shape (n,)
-        Initial distances of the particles in diameters, above 0 and at most 1.
+        Initial distances of the particles in diameters of the disk, above 0 and at most 1.
     moves, directions
-        As in `disk_reach`.
+        Number of moves and number of sampled directions, as in `disk_reach`.
 
     Raises
     ------
@@ -69,11 +70,12 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the initial distance from which two moves on a disk reach the largest fraction of all differences, and this fraction.
+    """Return the initial distance from which two moves on a disk reach most position differences, and the reached fraction.
 
     Notes
     -----
-    Source: paper W, section IV.F, which gives 0.373 at about 0.81.
+    The initial distance is in diameters of the disk. Section IV.F of paper W gives the fraction 0.373 at an initial distance of
+    about 0.81 diameters.
 
     Examples
     --------
@@ -89,15 +91,15 @@ def largest_two_move_fraction() -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class PolygonFractions:
-    """Growth of the reachable sets on a polygon from one start.
+    """Growth of the set of reachable position differences on a polygon, from one start.
 
     Parameters
     ----------
     workspace : ConvexWorkspace
     before : ndarray of float64, shape (2,)
-        The difference Δ at the start.
+        The position difference Δ at the start.
     sets : list of PolygonReach
-        The sets after 2, 4, 6, ... moves.
+        The reachable sets after 2, 4, 6, ... moves.
     """
 
     workspace: ConvexWorkspace
@@ -106,12 +108,12 @@ class PolygonFractions:
 
     @cached_property
     def fractions(self) -> NDArray[np.float64]:
-        """For each set, its fraction of the area of all differences; float64, shape (sets,)."""
+        """The area of each reachable set divided by the area of all position differences; float64, shape (sets,)."""
         return np.array([reach.fraction() for reach in self.sets])
 
     @cached_property
     def outlines(self) -> list[Points]:
-        """The outline of each set; float64, shape (n, 2)."""
+        """The outline of each reachable set; float64, shape (n, 2)."""
         corners = self.workspace.differences.vertices
         ahead = np.concatenate([_around(2 * DIRECTIONS), corners / np.linalg.norm(corners, axis=1)[:, None]])
         ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
@@ -119,18 +121,19 @@ class PolygonFractions:
 
     @property
     def moves(self) -> int | None:
-        """The smallest number of moves that reaches the fraction `FULL` of all differences, or None if no set does."""
+        """The smallest number of moves that reach the fraction `FULL` of all position differences, or None if no set does."""
         full = np.flatnonzero(self.fractions >= FULL)
         return self.sets[full[0]].moves if full.size else None
 
 
 def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int = 8, contacts: int = 33) -> PolygonFractions:
-    """Return the sets that two particles in a polygon reach in 2, 4, ..., ``moves`` moves, with their fractions of the area.
+    """Return the sets of position differences that two particles in a polygon reach in 2, 4, ..., ``moves`` moves.
 
     Parameters
     ----------
     workspace, before, moves, contacts
-        As in `polygon_reach`.
+        The polygon, the position difference at the start, the number of moves, and the number of sample points on each side, as in
+        `polygon_reach`.
 
     Raises
     ------
@@ -151,7 +154,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
 
 
 def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
-    """Return a set's extent in the directions of n unit vectors, from its sampled contacts; float64, shape (n,)."""
+    """Return the extent of a reachable set in the directions of n unit vectors; float64, shape (n,)."""
     radii = np.zeros(len(ahead))
     for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
         on = np.flatnonzero(depths >= 0)
@@ -164,19 +167,19 @@ def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
 
 
 def border_point(space: ConvexWorkspace, ahead: ArrayLike) -> Points:
-    """Return the point where a ray from the origin, which is inside, leaves a workspace; float64, shape (2,)."""
+    """Return the point at which a ray from the origin leaves a workspace that contains the origin; float64, shape (2,)."""
     unit = np.asarray(ahead, dtype=np.float64)
     return np.asarray(_ways(space, np.zeros((1, 2)), unit[None])[0, 0] * unit)
 
 
 def _around(count: int) -> Points:
-    """Return unit vectors of equally spaced directions."""
+    """Return ``count`` unit vectors with equally spaced directions."""
     angles = 2 * pi * (np.arange(count) + 0.5) / count
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)
 
 
 def _ways(workspace: ConvexWorkspace, points: Points, ahead: Points) -> NDArray[np.float64]:
-    """Return the distances from points to the wall in given directions; float64, shape (points, directions)."""
+    """Return the distance from each point to the wall in each given direction; float64, shape (points, directions)."""
     rates = ahead @ workspace.normals.T
     clear = np.maximum(workspace.wall_distances(points), 0.0)
     way = np.full((len(points), len(ahead)), np.inf)

@@ -1,4 +1,4 @@
-"""Paper W: two particles, one input, non-slip walls; figures 4, 8, 9 and 14 to 16."""
+"""Paper W (two particles, one shared input, walls without slip): recipes of figures 4, 8, 9 and 14 to 16."""
 
 from __future__ import annotations
 
@@ -43,9 +43,10 @@ CYCLES = (2, 4, 6, 8, 10, 12, 14)
 
 
 def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> Points:
-    """Return a difference of two points, shape (2,): a random direction, and 2 to 100 % of the distance to the border.
+    """Return a random position difference of two points in a workspace; float64, shape (2,).
 
-    The logarithm of the fraction of the distance is uniform, so short differences are as frequent as long ones.
+    The direction of the difference is uniform. The length is 2 to 100 % of the largest possible length in this direction, and its
+    logarithm is uniform, so that short lengths occur often.
     """
     angle, share = rng.uniform(0, 2 * pi), float(0.999 * 0.02 ** rng.uniform())
     border: Points = border_point(workspace.differences, (np.cos(angle), np.sin(angle)))
@@ -54,7 +55,7 @@ def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> P
 
 @measuring(*(f"share_{moves}" for moves in MOVES), "moves_to_fill")
 def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
-    """Return the fraction of all differences that moves reach on a regular polygon from a random initial difference."""
+    """Return the fractions of all position differences that moves reach on a regular polygon, from a random initial difference."""
     workspace = regular_polygon(sides)
     start = random_difference(np.random.default_rng(seed), workspace)
     filling = polygon_fractions(workspace, start, moves=MOVES[-1])
@@ -65,22 +66,22 @@ def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
 
 @measuring(*(f"share_{moves}" for moves in CYCLES))
 def disk_share(*, seed: int, distance: float) -> dict[str, float]:
-    """Return the fraction of all differences that moves reach on a disk. The result is deterministic."""
+    """Return the fractions of all position differences that moves reach on a disk; the seed has no effect."""
     return {f"share_{m}": float(share) for m, share in zip(CYCLES, disk_fractions([distance]).fractions[0], strict=True)}
 
 
 @measuring("length", "error")
 def antipodes(*, seed: int, toucher: str, cycles: int) -> dict[str, float]:
-    """Return how far from antipodal goals a plan with ``cycles`` cycles ends, and the length of the plan.
+    """Return the length of a plan with ``cycles`` cycles towards antipodal goals, and the distance from the goals at its end.
 
-    The result is deterministic.
+    The parameter ``seed`` has no effect, because the computation uses no random numbers.
     """
     swap = swap_antipodes(toucher=toucher, cycles=cycles)  # type: ignore[arg-type]  # refused there if it is no toucher
     return {"length": float(swap.lengths[-1]), "error": float(swap.errors[-1])}
 
 
 def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
-    """Return the claims for the fractions that the paper prints for an initial distance, in percent."""
+    """Return the claims for the fractions that paper W prints, in percent, for one initial distance."""
     (found,) = (row for row in table if row["distance"] == distance)
     claims = []
     for moves, text in PRINTED_FRACTIONS[distance].items():
@@ -98,7 +99,10 @@ def _shares(table: list[dict[str, Any]], distance: float) -> list[Claim]:
 
 
 def _outlines(sets: Iterable[tuple[float, int, NDArray[np.float64]]], first: str) -> Table:
-    """Return the outlines of sets as data: (sides or distance, moves, outline) for each set."""
+    """Return a table with the corners of the outlines of several sets.
+
+    Each element of ``sets`` is (number of sides or initial distance, number of moves, outline).
+    """
     rows = [[of, moves, round(float(x), 5), round(float(y), 5)] for of, moves, outline in sets for x, y in outline[::8]]
     return Table("outlines, every 8th corner", [first, "moves", "x", "y"], rows, shown=False)
 
@@ -189,9 +193,9 @@ def _fig14_sweeps(settings: Settings) -> list[Sweep]:
 
 
 def _alike(values: NDArray[np.float64]) -> float:
-    """Return the fraction of goals in the workspace that have the same value as their mirror images.
+    """Return the fraction of goals in the workspace whose cost equals the cost of their mirror image.
 
-    The mirror line passes through the starts.
+    The mirror line passes through the starts of both particles.
     """
     inside = np.isfinite(values)
     return float(np.mean(np.isclose(values, values.T, rtol=0, atol=1e-6)[inside & inside.T]))

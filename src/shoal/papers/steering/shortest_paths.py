@@ -1,4 +1,4 @@
-"""Paper W, section V: shortest paths that touch a wall (figures 11 and 12), and the worst case of a square (section IV.D)."""
+"""Paper W: shortest paths that touch a wall (section V, figures 11 and 12), and the worst case of a square (section IV.D)."""
 
 from __future__ import annotations
 
@@ -33,11 +33,12 @@ _TILT = 1e-9
 
 
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
-    """Return the shortest path of three moves in the unit square: length, toucher, contact, and whether it is a reflection.
+    """Return the shortest path of three moves in the unit square: its length, the toucher, its contact, and a flag.
 
-    The toucher (0 or 1) is the particle that touches a wall. To find the contact, its goal is reflected in the wall. While the wall
-    holds the toucher, the second move adjusts the other particle. If this is impossible at a contact, the contact is moved to the
-    nearest point at which it is possible, and the path is not a reflection. The result is None if no wall is suitable.
+    The toucher (0 or 1) is the particle that touches a wall. A reflection of the toucher's goal in the wall gives the contact.
+    While the wall holds the toucher, the second move adjusts the position of the other particle. If the second move is impossible
+    at the reflected contact, the contact moves to the nearest possible point. The flag is true if the toucher's path is a
+    reflection. The result is None if no wall allows a path of three moves.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -61,9 +62,9 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 
 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
-    """Return three moves: the first brings the toucher to the wall, and the third brings both particles to their goals.
+    """Return the three moves of a path: the toucher's move to the wall, an adjustment, and a translation to the goals.
 
-    The second move displaces the other particle until the particles' difference equals the goals' difference.
+    The adjustment displaces the other particle until the position difference of the particles equals that of the goals.
     """
     change = (goal[1] - goal[0]) - (start[1] - start[0])
     return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
@@ -71,7 +72,7 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return the final error of a reflected path for a random problem, and the difference of the path's two angles at the wall."""
+    """Return the final error of the shortest path for a random problem, and the difference of its two angles at the wall."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -124,7 +125,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _draw_reflection(axes: Axes, goal: Points) -> None:
-    """Draw a path of three moves, and the toucher's goal reflected in its wall."""
+    """Draw a path of three moves, and the mirror image of the toucher's goal in the touched wall."""
     path = shortest_crossing(START, goal)
     assert path is not None  # this goal has a path
     _, toucher, contact, _ = path
@@ -144,9 +145,9 @@ def _draw_reflection(axes: Axes, goal: Points) -> None:
 
 
 def _draw_touchers(axes: Axes, samples: int) -> float:
-    """Draw, for each goal of particle 1, which particle touches the wall on the shortest path.
+    """Draw a map that shows, for each goal of particle 1, which particle touches the wall on the shortest path.
 
-    Return the fraction of goals without a path.
+    The function returns the fraction of goals for which no path of three moves exists.
     """
     from matplotlib.colors import ListedColormap
 
@@ -166,13 +167,13 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from S to the unit circle at θ and on to E (equation 9)."""
+    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (equation 9)."""
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 
 
 def best_angle(s: float, e: float, beta: float) -> float:
-    """Return the angle θ of the shortest path, which a numerical search finds without a formula for θ."""
+    """Return the contact angle θ, in radians, of the shortest path via the unit circle, from a numerical search."""
     around = np.linspace(-pi, pi, 2001)
     near = around[np.argmin(length_by_contact(around, s, e, beta))]
     bounds = (near - 0.01, near + 0.01)
@@ -184,7 +185,11 @@ def best_angle(s: float, e: float, beta: float) -> float:
 
 @measuring("s", "e", "beta", "theta", "angles", "equation")
 def circle_check(*, seed: int) -> dict[str, float]:
-    """Return the best θ for random S and E, the difference of both angles at the contact, and the residual of θ's equation."""
+    """Return data of the shortest path between two random points S and E via the unit circle.
+
+    The data contain the contact angle θ, the difference of the path's two angles at the contact, and the residual of the equation
+    for θ in paper W.
+    """
     rng = np.random.default_rng(seed)
     s, e, beta = rng.uniform(0.1, 0.9), rng.uniform(0.1, 0.9), rng.uniform(-3.0, 3.0)
     theta = best_angle(s, e, beta)
@@ -256,7 +261,7 @@ def _fig12(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 @measuring("length", "moves")
 def corner_swap(*, seed: int, planner: str, inset: float) -> dict[str, float]:
-    """Return length and moves of a plan that exchanges two particles between opposite corners of the unit square."""
+    """Return the length and the number of moves of a plan that exchanges two particles near opposite corners of the unit square."""
     corners = np.array([(inset, inset), (1 - inset, 1 - inset)])
     episode = run(SteeringProblem(SQUARE, corners, corners[::-1], planner=planner, tolerance=1e-6))
     return {"length": float(episode.length), "moves": episode.moves}
@@ -264,7 +269,7 @@ def corner_swap(*, seed: int, planner: str, inset: float) -> dict[str, float]:
 
 @measuring("length", "moves")
 def near_walls(*, seed: int) -> dict[str, float | None]:
-    """Return length and moves of the plan of algorithm 1 for random starts and goals, preferably near walls and corners."""
+    """Return the length and the number of moves of algorithm 1's plan for random starts and goals, mostly near walls."""
     points = np.random.default_rng(seed).beta(0.4, 0.4, (2, 2, 2)).clip(0.001, 0.999)
     episode = run(SteeringProblem(SQUARE, points[0], points[1], planner="greedy", tolerance=1e-3))
     solved = str(episode.status) == "solved"
