@@ -308,10 +308,7 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return a random point for each particle, uniformly distributed in the workspace.
-
-        Particles with a radius lie completely inside the workspace and do not overlap.
-        """
+        """Return uniformly distributed random points in the workspace, such that particles with a radius do not overlap."""
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         low, high = workspace.bounds
         points: list[Points] = []

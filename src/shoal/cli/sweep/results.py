@@ -71,7 +71,7 @@ def summary(
 
     If some trials ended before their task was complete, the summary states the number of unfinished trials. For a measure that
     grows until the end of a trial, the summary then shows a restricted mean: every value above a cutoff counts as the cutoff. The
-    cutoff is the smallest value at which a trial ended unfinished.
+    cutoff of a restricted mean is the smallest value at which a trial ended unfinished.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store

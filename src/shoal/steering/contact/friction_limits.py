@@ -2,7 +2,7 @@
 
 The reaction of a wall on a particle lies inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is
 added to the position difference Δ, and a wall reaction on particle 1 is subtracted from Δ. A gauge is a measure of the length of
-the position difference Δ; its unit ball is a convex polygon. If no single wall reaction can increase a gauge of Δ, no plan can
+the position difference Δ, with a convex polygon as its unit ball. If no single wall reaction can increase a gauge of Δ, no plan can
 increase this gauge. A barrier is a closed curve in the space of the position differences Δ, around the zero vector and the initial
 Δ. No possible wall reaction moves the position difference Δ across a barrier. Each barrier belongs to one initial position
 difference Δ. The computation of a barrier starts at the initial position difference Δ and rotates in both directions, in small
@@ -32,14 +32,15 @@ _ANGLES = 3000  # number of corners of a barrier
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
     """Return why friction prevents a position difference ``before`` from changing to nearly ``after``, or None without a proof.
 
-    On a disk of radius r with the friction coefficient μ, no wall reaction increases a distance of two particles above 2 r sin(atan
-    μ). The distance of two particles on a disk therefore never exceeds the larger of 2 r sin(atan μ) and the initial distance,
-    where r is the radius and μ the friction coefficient. If the distance of two particles is above 2 r sin(atan μ), each rotation
-    of their position difference makes the distance shorter. On a polygon, the function uses several gauges (measures of the length
-    of the position difference) and a barrier (a closed curve that the position difference cannot cross). The unit ball of the first
-    gauge is a polygon whose sides have the walls' normals and the opposite vectors as normals. The unit ball of the second gauge is
-    the convex hull of the walls' normals and the opposite vectors. For polygons with four sides and friction coefficients up to 1,
-    the function uses two more gauges. The function ignores each gauge that a wall reaction can increase.
+    On a disk of radius r with the friction coefficient μ, no wall reaction increases a distance of two particles that is already
+    above 2 r sin(atan μ). The distance of two particles on a disk therefore never exceeds the larger of 2 r sin(atan μ) and the
+    initial distance, where r is the radius and μ the friction coefficient. If the distance of two particles on a disk is above 2 r
+    sin(atan μ), each rotation of their position difference makes the distance shorter. On a polygon, the function uses several
+    gauges (measures of the length of the position difference) and a barrier (a closed curve that the position difference cannot
+    cross). The first gauge is the largest scalar product of the position difference with a wall's normal or with its opposite
+    vector. The unit ball of the second gauge is the convex hull of the walls' normals and the opposite vectors. For polygons with
+    four sides and friction coefficients up to 1, the function uses two more gauges. The function ignores each gauge (length
+    measure) that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None

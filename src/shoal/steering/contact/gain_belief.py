@@ -55,8 +55,8 @@ class GainBelief:
     def learn(self, here: Points, there: Points, move: Points) -> None:
         """Update the estimate of the gain with an observed move of a particle without wall contact.
 
-        The method divides the distance travelled along the input by the length of the input. The quotient is the observed gain at
-        the midpoint of the particle's path.
+        As the observed gain at the midpoint of the particle's path, the method uses the distance travelled along the input divided
+        by the length of the input.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

@@ -23,9 +23,9 @@ class RegionWorld(SteeringWorld):
     As long as the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the
     edge. At a corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. At a corner with
     more than 180 degrees of free space, such as the corner of an obstacle, a particle is held only if both edges hold the particle.
-    At a corner of an obstacle, a particle therefore moves whenever the space in the direction of the displacement is free. During a
-    straight move, a particle stops at the first edge that holds the particle, and stays at this edge until the end of the move. A
-    stopped particle does not stop the other particles. Particles do not collide with each other.
+    At a corner with more than 180 degrees of free space, a particle therefore moves whenever the space in the direction of the
+    displacement is free. During a straight move, a particle stops at the first edge that holds the particle, and stays at this edge
+    until the end of the move. A stopped particle does not stop the other particles. Particles do not collide with each other.
 
     Parameters
     ----------

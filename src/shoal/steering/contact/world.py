@@ -42,7 +42,7 @@ class SteeringWorld(ABC):
         return self.check_state(points, what="start")
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return valid particle positions as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
+        """Check particle positions and return them as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
         state: Points = self.room.check_inside(points, what=what)
         return state
 
@@ -167,7 +167,7 @@ class ContactWorld(SteeringWorld):
         return np.concatenate([[1 - gradient @ self.workspace.middle], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Return valid particle positions as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
+        """Check particle positions and return them as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
         state = super().check_state(points, what=what)
         if self.radius:
             away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius

@@ -161,7 +161,7 @@ def contact_angles(radius: float, before: Points, after: Points) -> tuple[float,
 
     A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. From each contact on the arc, the
     vectors ``before`` and ``after`` both lead to points inside the disk. At each contact on the arc, the wall also holds particle 1
-    during the second move.
+    while the position difference changes from ``before`` to ``after``.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):

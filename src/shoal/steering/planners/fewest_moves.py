@@ -29,10 +29,10 @@ class FewestMoves:
     Among plans with the same number of moves, the planner prefers the shortest plan.
 
     A chain of m wall contacts takes 2 m + 1 moves. A single straight move can bring one particle to a wall and then adjust the
-    position of the other particle. Therefore fewer than 2 m + 1 moves are often enough for m wall contacts. The planner tries plans
-    of three moves in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs the
-    plans that almost succeed. Finally, the planner compares its plans with the plans of chains, and with plans that begin like a
-    chain.
+    position of the other particle. For m wall contacts, fewer than 2 m + 1 moves are therefore often enough. The planner tries
+    plans of three moves in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs
+    the plans that almost succeed. The planner compares the plans from its trials with the plans of chains, and with plans that
+    begin like a chain.
     """
 
     name = "fewest-moves"
@@ -80,7 +80,7 @@ class FewestMoves:
 
 
 def _finished(task: SteeringTask, plan: Points) -> Points | None:
-    """Return ``plan`` with its last moves replaced by three or four moves, or None if no such replacement saves moves."""
+    """Return ``plan`` with its last moves replaced by three or four moves, or None if no replacement saves moves."""
     states = task.world.play(task.start, plan)
     lasts = (3, 4) if len(plan) <= LONGEST else (3,)
     for total in range(lasts[0] + 1, len(plan)):

@@ -43,8 +43,8 @@ class Sampling:
 
     A manoeuvre brings one particle to a wall and then moves another particle. The second move of a manoeuvre corrects the relative
     positions of the particles completely or partly, or is random. The planner simulates each manoeuvre and adds the resulting state
-    to the search tree. When the relative positions are correct, the planner translates all particles around obstacles on the
-    shortest path without wall contact. With more than two particles, the planner sampling is experimental.
+    to the search tree. When the particles have the relative positions of their goals, the planner translates them around obstacles
+    on the shortest path without wall contact. With more than two particles, the planner sampling is experimental.
 
     Notes
     -----

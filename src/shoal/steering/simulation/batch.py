@@ -95,7 +95,7 @@ class SteeringBatch:
         Raises
         ------
         InvalidInputError
-            If a seed or the start of a new episode is invalid. After this error, all worlds are unchanged.
+            If a seed or the start of a new episode is invalid. After an error, all worlds are unchanged.
         """
         chosen, problem = self._chosen(where), self.problem
         rngs = world_generators(seed, chosen, len(self), self._rngs)

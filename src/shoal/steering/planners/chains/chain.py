@@ -106,7 +106,7 @@ class ChainQuery(StartAndGoal):
     friction : float
         Coefficient of friction of the walls. With infinite friction, a particle that is pushed into a wall never slides.
     margin : float
-        Minimum distance between the walls and the particle that touches no wall.
+        Minimum distance between the walls and the particle that touches no wall, in the units of `NormalizedWalls`.
     push : float
         Minimum component of each adjustment into the wall that holds the toucher, in the units of `NormalizedWalls`.
     rounds : ndarray of float64

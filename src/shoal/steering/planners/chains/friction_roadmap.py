@@ -62,7 +62,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
     """Return position differences on a path of turns with decreasing length from ``before`` to ``after``.
 
-    The result is empty if no such path exists, or if the position difference could turn without becoming shorter.
+    The result is empty if friction prevents a path to ``after``, or if the position difference could turn without becoming shorter.
     """
     large, small = float(np.hypot(*before)), float(np.hypot(*after))
     most = float(np.arctan(friction))

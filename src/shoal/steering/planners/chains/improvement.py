@@ -1,8 +1,8 @@
 """Improvement of chains of wall contacts: insert a cycle, remove a cycle or exchange a toucher, and shorten the chain again.
 
-The kinds of chains with more than three cycles are too many for a search through all of them. Therefore the planner finds long
-chains by inserting cycles into shorter chains. Some of the shortest plans are long chains that alternate between the two walls of a
-corner, or that follow a wall in small steps.
+Chains with more than three cycles have too many kinds for an exhaustive search. The planner finds long chains by inserting cycles
+into shorter chains. Some of the shortest plans are long chains that alternate between the two walls of a corner, or that follow a
+wall in small steps.
 """
 
 from __future__ import annotations

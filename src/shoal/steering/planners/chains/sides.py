@@ -27,7 +27,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved from the few walls of the first search to the nearest walls of the polygon.
+    """Return a chain whose contacts have moved from the few walls of ``few`` to the nearest walls of the whole polygon.
 
     The attribute ``length`` of the result is a copy of the length of ``chain``, not the exact length after the contacts have moved.
     """
@@ -71,7 +71,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved to neighbouring sides, as long as this makes the chain shorter."""
+    """Return a chain whose contacts have moved to neighbouring sides of the polygon as long as the chain became shorter."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

@@ -46,8 +46,8 @@ class Robust:
         """Run the closed loop, and return the moves that were sent and the resulting positions of the particles.
 
         In a world without noise, the method sends a short plan. If the short plan fails, the method restarts and runs the closed
-        loop with a small assumed noise. In a world without noise, the method also stores a remark about the noise that the closed
-        loop tolerates in ``apparatus``.
+        loop with a small assumed noise. In a world without noise, the method also stores in ``apparatus`` a remark about the noise
+        that the closed loop would tolerate.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()

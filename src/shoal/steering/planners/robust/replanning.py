@@ -89,7 +89,7 @@ class Replanning:
         return min(found, key=lambda plan: plan.cost)
 
     def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
-        """Yield translations to the goals, also around obstacles, the last plan, and the last plan without its first step."""
+        """Yield the last plan, the last plan without its first step, and translations to the goals, also around obstacles."""
         offset = (task.start - task.goal).mean(axis=0)
         for moves in [-offset[None], *self.translations.around(offset)]:
             if len(moves) <= task.max_moves:
