@@ -1,7 +1,8 @@
-"""Errata of the papers: what they print and what holds, each with a check that computes it.
+"""Errata of the papers: printed statements that are wrong, their corrections, and programs that check the corrections.
 
-``shoal reproduce --all`` runs the checks for its page of results; ``python -m docs.errata`` runs them and records what they find
-for the page of an installed Shoal, which has no checks beside it.
+The command ``shoal reproduce --all`` runs the checks, and shows the results on the page that it writes. The command ``python -m
+docs.errata`` runs the checks and records the results in the library. An installed Shoal without the folder ``docs`` shows the
+recorded results.
 """
 
 from __future__ import annotations
@@ -12,6 +13,6 @@ from . import algorithm_2, disks, mapping, one_dimension, polygons, search
 
 
 def check_all() -> list[Erratum]:
-    """Run all checks, in the order of the papers: M and its draft D, W, H."""
+    """Run the checks of all errata, ordered by paper (M with its draft D, W, H), and return the checked errata."""
     parts = (one_dimension, mapping, polygons, algorithm_2, disks, search)
     return [check() for part in parts for check in part.CHECKS]

@@ -1,4 +1,4 @@
-"""Run the checks of all errata; record what they find, and write the page of the documentation."""
+"""Run the checks of all errata, record the results in the library, and write the page of errata."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from shoal.papers.errata import Erratum, record
 PAGE = Path(__file__).parent / "index.md"
 HEAD = """# Errata of the papers
 
-This page is for people who compare their own numbers with the four papers. The page lists the statements in the papers that are
-wrong or need a remark. For each statement, a program checks the correction and computes the numbers under "Result". The
-folder `docs/errata` of the repository contains the programs, and `shoal reproduce --all` runs them. `python -m docs.errata`
-writes this page.
+This page is for people who compare their own numbers with the four papers on which Shoal is based. The page lists statements in
+the papers that are wrong or need a remark. For each statement, a program checks the correction and computes the numbers under
+"Result". The folder `docs/errata` of the repository contains these programs. The command `shoal reproduce --all` runs the
+programs, and the command `python -m docs.errata` writes this page.
 
 | letter | paper | errata |
 |---|---|---|
@@ -30,7 +30,7 @@ PAPERS = {
 
 
 def page(errata: Iterable[Erratum]) -> str:
-    """Return the text of the page."""
+    """Return the Markdown text of the page of errata."""
     errata = list(errata)
     papers = [set(re.findall(r"\b[MDWH]\b", one.source[:12])) for one in errata]
     rows = (f"| {letter} | {title} | {sum(letter in named for named in papers)} |\n" for letter, title in PAPERS.items())

@@ -1,4 +1,4 @@
-"""Erratum of paper W, algorithm 2: the algorithm as printed, with each of its two faults mended, and with both."""
+"""Erratum of paper W about algorithm 2: the algorithm as printed, with one of its two errors corrected, and with both corrected."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ def _across(a: Vector, b: Vector) -> float:
 
 
 def _inside(corners: Vector, point: Vector) -> bool:
-    """Tell whether a point lies in a convex polygon, counter-clockwise."""
+    """Return whether a point lies in a convex polygon with corners in counter-clockwise order."""
     following = np.roll(corners, -1, axis=0)
     return all(_across(end - start, point - start) >= -1e-12 for start, end in zip(corners, following, strict=True))
 
 
 def _cut(corners: Vector, heights: Vector, level: float) -> list[Vector]:
-    """Return where the line of points of one height meets the outline."""
+    """Return the points of a polygon's outline whose height above an edge is ``level``; ``heights`` are those of the corners."""
     points, count = [], len(corners)
     for k in range(count):
         u, v = heights[k] - level, heights[(k + 1) % count] - level
@@ -34,7 +34,7 @@ def _cut(corners: Vector, heights: Vector, level: float) -> list[Vector]:
 
 
 def _below(heights: Vector, level: float, first: int, step: int, last: int) -> list[int]:
-    """Return the corners below a height, from one of them onwards round the polygon."""
+    """Return the indices of the corners below the height ``level``, from the corner ``first`` onwards round the polygon."""
     found, k = [], first % len(heights)
     while heights[k] < level and k != last:
         found.append(k)
@@ -43,9 +43,10 @@ def _below(heights: Vector, level: float, first: int, step: int, last: int) -> l
 
 
 def _piece(corners: Vector, i: int, s: Vector, *, line3: bool, line11: bool) -> Vector | None:
-    """Return the polygon D of one edge, lines 3 to 11; None where the line (p'_i, p'_i+1) misses the polygon.
+    """Return the polygon D of one edge (lines 3 to 11 of algorithm 2), or None if the line (p'_i, p'_i+1) misses the polygon.
 
-    With ``line3`` p'_i is p_i + s_a - s_b, b the particle nearer to the edge; with ``line11`` chains meet the other end.
+    With ``line3``, p'_i is p_i + s_a - s_b, where b is the particle nearer to the edge and a is the other particle. With
+    ``line11``, the two chains of corners exchange the points that line 11 subtracts from them.
     """
     following = (i + 1) % len(corners)
     a, b = corners[i], corners[following]
@@ -74,7 +75,7 @@ def _piece(corners: Vector, i: int, s: Vector, *, line3: bool, line11: bool) -> 
 
 
 def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
-    """Tell which points an outline goes round, an odd number of times if it crosses itself."""
+    """Return which points lie inside an outline: points that the outline encloses an odd number of times."""
     x, y = points.T
     found = np.zeros(len(points), dtype=np.bool_)
     for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
@@ -85,12 +86,13 @@ def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
 
 @erratum(
     "paper W, algorithm 2",
-    "line 3 sets p'_i = s1 + s2 - p_i. Line 11 subtracts p'_i from the chain [l_i ... p_i] and p'_i+1 from the chain "
-    "[p_i+1 ... l_i+1]",
-    "line 3 must set p'_i = p_i + s_a - s_b, where b is the particle nearer to the edge and a is the other particle. Line 11 must "
-    "subtract p'_i+1 from the first chain and p'_i from the second chain. The algorithm must skip edges that b cannot touch",
-    "a program computes the overlap (intersection over union) of the algorithm's set and the exact set, in 4 polygons with "
-    "6 random starts each",
+    "line 3 sets p'_i = s1 + s2 - p_i, where s1 and s2 are the positions of the particles and p_i is a corner of the polygon. "
+    "Line 11 subtracts p'_i from the chain of corners [l_i ... p_i], and p'_i+1 from the chain of corners [p_i+1 ... l_i+1]",
+    "line 3 must set p'_i = p_i + s_a - s_b, where s_b is the position of the particle nearer to the edge, and s_a is the "
+    "position of the other particle. Line 11 must subtract p'_i+1 from the chain [l_i ... p_i], and p'_i from the chain [p_i+1 "
+    "... l_i+1]. Algorithm 2 must skip edges that the particle nearer to the edge cannot touch",
+    "a program computes the overlap (intersection over union) of the set of differences from algorithm 2 and the exact set, in "
+    "4 polygons with 6 random starts each",
 )
 def _algorithm() -> tuple[str, bool]:
     from shoal.steering import open_workspace, polygon, polygon_reach, regular_polygon
@@ -112,4 +114,6 @@ def _algorithm() -> tuple[str, bool]:
                 shares[line3, line11].append(float(np.sum(told & exact) / np.sum(told | exact)))
     names = ("as printed", "with line 3 corrected", "with line 11 corrected", "with both lines corrected")
     words = [f"{100 * min(shares[w]):.0f} to {100 * max(shares[w]):.0f} % {name}" for name, w in zip(names, ways, strict=True)]
-    return "the overlap is " + ", ".join(words), min(shares[ways[3]]) > 0.99 and all(np.mean(shares[way]) < 0.5 for way in ways[:3])
+    return "the overlap of both sets is " + ", ".join(words), min(shares[ways[3]]) > 0.99 and all(
+        np.mean(shares[way]) < 0.5 for way in ways[:3]
+    )

@@ -1,4 +1,4 @@
-"""How a check becomes an erratum that was checked."""
+"""The decorator that turns a function that computes numbers into the check of an erratum."""
 
 from __future__ import annotations
 
@@ -8,18 +8,18 @@ from shoal.papers.errata import Erratum
 
 Check = Callable[[], Erratum]
 Numbers = Callable[[], tuple[str, bool]]
-"""Returns the numbers of a check, and whether they show the erratum."""
+"""A function that computes the numbers of an erratum. It returns a text with the numbers, and whether they confirm the erratum."""
 
 
 def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Numbers], Check]]:
-    """Return what makes a decorator of (source, printed, holds, check); it enters the function it decorates into ``checks``."""
+    """Return a function of (source, printed, holds, check) that makes a decorator. The decorator adds a check to ``checks``."""
 
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:
         def register(function: Numbers) -> Check:
             def checked() -> Erratum:
                 try:
                     found, shown = function()
-                except Exception as error:  # the other checks are run
+                except Exception as error:  # the other checks must still run
                     found, shown = f"the check failed: {type(error).__name__}: {error}", False
                 return Erratum(source, printed, holds, check, found, bool(shown))
 

@@ -1,4 +1,4 @@
-"""elect-particle cell by cell, as paper M prints it and as it must be: sets of cells, and nothing of the package's own policies."""
+"""The algorithm elect-particle as printed in paper M and as corrected, on plain sets of cells, without Shoal's own policies."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ def _next(cell: Cell, step: Cell) -> Cell:
 
 @dataclass(frozen=True)
 class FreeCells:
-    """The free cells of a map, (row, column)."""
+    """The free cells of a map, each as (row, column)."""
 
     free: frozenset[Cell]
 
     @classmethod
     def of(cls, name: str) -> FreeCells:
-        """Return those of a generated map."""
+        """Return the free cells of a generated map, given by its name."""
         from shoal.swarm.maps.open import open_map
 
         return cls(frozenset((int(row), int(column)) for row, column in open_map(name).cells))
 
     def moved(self, particles: frozenset[Cell], step: Cell) -> dict[Cell, Cell]:
-        """Return where each particle goes: those ahead first, so that a train moves together and a queue stays."""
+        """Return the cell of each particle after a move under the move rule block, by the cell of the particle before the move."""
         stays: set[Cell] = set()
         to: dict[Cell, Cell] = {}
         for cell in sorted(particles, key=lambda c: -(c[0] * step[0] + c[1] * step[1])):
@@ -39,7 +39,7 @@ class FreeCells:
 
 
 def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> list[Cell]:
-    """Return the steps from the nearest source to the nearest frontier cell, through cells known to be free."""
+    """Return the steps of a shortest path from any source cell to a frontier cell, through cells that are known to be free."""
     came: dict[Cell, tuple[Cell, Cell] | None] = dict.fromkeys(sources)
     queue = list(sources)
     for cell in queue:
@@ -61,10 +61,11 @@ def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> 
 
 
 def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = False, handover: bool = False) -> bool:
-    """Tell whether an episode of elect-particle ends; if a state comes again it never does, as nothing is random after the start.
+    """Return whether an episode of elect-particle ends. If a state repeats, the episode never ends.
 
-    With ``whole`` the elected particle's path is played to its end before another is made, else one is made at every move; with
-    ``handover`` a particle that stands where the elected one should be becomes the elected one.
+    The moves are random only at the start, so an episode with a repeated state repeats its moves for ever. With ``whole``, the
+    elected particle follows a path to its end before the algorithm makes a new path. Without ``whole``, the algorithm makes a new
+    path at every move. With ``handover``, a particle that blocks the elected particle becomes the elected particle.
     """
     rng = random.Random(seed)
     places = frozenset(rng.sample(sorted(ground.free), particles))
@@ -89,5 +90,5 @@ def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = Fa
         wanted = _next(elected, step)
         elected = wanted if handover and wanted in places else to[elected]
         opened, walls = opened | (tried & places), walls | (tried - places)
-        if tried:  # what is known has grown: no state from before can come again
+        if tried:  # the set of known cells has grown, so no earlier state can repeat
             seen.clear()

@@ -1,7 +1,8 @@
-"""Which competitive ratio an explorer of regions without holes can keep: a search through all that it may do and may meet.
+"""The best competitive ratio for the exploration of regions without holes, by a search over all strategies and regions.
 
-The explorer of section III.B.1 of paper M: it starts in a cell, sees which neighbours of its cell are free, must visit all cells
-and come back. Its tour is compared with the shortest one of somebody who knows the region.
+The explorer (paper M, section III.B.1) starts in a cell of an unknown region. The explorer sees which neighbours of its cell are
+free. The explorer must visit all cells of the region and return to the start. The competitive ratio is the length of the explorer's
+tour, divided by the length of a shortest closed tour through all cells of the region.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ def _beside(cell: Cell) -> list[Cell]:
 
 
 def family(most: int) -> list[tuple[Region, int]]:
-    """Return all regions without holes of up to so many cells around each start, with the length of the shortest closed tour."""
+    """Return pairs of a start and a region without holes of at most ``most`` cells, with the length of a shortest closed tour."""
     level = {frozenset([START])}
     regions = []
     for size in range(most):
         for region in sorted(level, key=sorted):
             if _is_simple(region):
-                best = _shortest(region)  # a closed tour is as long from whichever cell it starts
+                best = _shortest(region)  # the length of a closed tour does not depend on its start
                 regions += [(_from(region, start), best) for start in sorted(region)]
         if size + 1 < most:
             level = {
@@ -39,12 +40,12 @@ def family(most: int) -> list[tuple[Region, int]]:
 
 
 def _from(region: Region, start: Cell) -> Region:
-    """Return a region, moved so that a cell of it comes to lie at `START`."""
+    """Return a region, shifted so that the cell ``start`` lies at `START`."""
     return frozenset((row - start[0], column - start[1]) for row, column in region)
 
 
 def _is_simple(region: Region) -> bool:
-    """Tell whether all cells around a region hang together, corners included."""
+    """Return whether a region has no holes: all cells around the region are connected by sides or corners."""
     rows, columns = zip(*region, strict=True)
     around = {(r, c) for r in range(min(rows) - 1, max(rows) + 2) for c in range(min(columns) - 1, max(columns) + 2)} - region
     queue = [min(around)]
@@ -58,7 +59,7 @@ def _is_simple(region: Region) -> bool:
 
 
 def _shortest(region: Region) -> int:
-    """Return the length of the shortest closed tour of all cells."""
+    """Return the length of a shortest closed tour through all cells of a region, in moves."""
     states, steps = {(START, frozenset([START]))}, 0
     seen = set(states)
     while (START, region) not in states:
@@ -69,7 +70,7 @@ def _shortest(region: Region) -> int:
 
 
 def guaranteed(regions: list[tuple[Region, int]], over: int, under: int) -> bool:
-    """Tell whether some way to explore makes at most ``over / under`` of the shortest tour on every region."""
+    """Return whether one strategy explores every region with at most ``over / under`` times the length of a shortest tour."""
     limits = [best * over // under for _, best in regions]
     game = _Game([region for region, _ in regions], limits)
     return game.kept(tuple(range(len(regions))), frozenset([START]), START, 0)
@@ -77,9 +78,10 @@ def guaranteed(regions: list[tuple[Region, int]], over: int, under: int) -> bool
 
 @dataclass
 class _Game:
-    """The explorer against all regions that agree with what it has seen.
+    """A game between an explorer and an opponent who chooses among all regions that agree with the cells seen so far.
 
-    Each of its choices is a cell that it has seen and not visited, reached by a shortest way through cells that it knows.
+    In each move, the explorer chooses a cell that it has seen but not visited, and goes there on a shortest path through known
+    cells.
     """
 
     regions: list[Region]
@@ -87,7 +89,7 @@ class _Game:
     known: dict[tuple[tuple[int, ...], frozenset[Cell], Cell], tuple[int, int]] = field(default_factory=dict)
 
     def kept(self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int) -> bool:
-        """Tell whether the limits can be kept by an explorer that enters a cell, for each thing that it may see there."""
+        """Return whether an explorer that enters a cell can keep the limits, for all possible states of the neighbouring cells."""
         answers: dict[tuple[bool, ...], list[int]] = {}
         for number in possible:
             answers.setdefault(tuple(there in self.regions[number] for there in _beside(cell)), []).append(number)
@@ -114,7 +116,7 @@ class _Game:
 
 
 def _ways(cell: Cell, seen: set[Cell]) -> dict[Cell, int]:
-    """Return how far it is to each cell that has been seen, through such cells."""
+    """Return the distance in moves from a cell to each seen cell, along paths through seen cells."""
     ways, queue = {cell: 0}, [cell]
     for here in queue:
         for there in _beside(here):

@@ -1,4 +1,4 @@
-"""Errata of mapping and coverage in two dimensions: paper M, section III.B, and the data of Fig. 10."""
+"""Errata of paper M about mapping and coverage in two dimensions: section III.B and the data of Fig. 10."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ erratum = into(CHECKS)
 
 
 def _episodes(place: Any, *, trials: int = 1, **fields: Any) -> Any:
-    """Return episodes of closest-frontier, or of another policy, on a map."""
+    """Return episodes on a map, by default of the policy closest-frontier."""
     from shoal.lab import run_trials
     from shoal.swarm import SwarmProblem
 
@@ -28,7 +28,8 @@ def _episodes(place: Any, *, trials: int = 1, **fields: Any) -> Any:
 @erratum(
     "paper M, section III.B.1",
     "depth-first search with one particle maps m free cells in at most 2 (m - 1) moves",
-    "depth-first search takes at most 2 (m - 1) moves plus one move for each wall cell that it probes",
+    "depth-first search with one particle maps m free cells in at most 2 (m - 1) moves, plus one move for each wall cell that "
+    "the particle tests",
     "a program runs three episodes of depth-first search on each of three maps",
 )
 def _probes() -> tuple[str, bool]:
@@ -42,50 +43,54 @@ def _probes() -> tuple[str, bool]:
         walls = [len(episode.final()[1].obstacles) for episode in played]
         fits &= all(tree < episode.moves <= tree + found for episode, found in zip(played, walls, strict=True))
         words.append(
-            f"on {name}, the episodes take up to {max(e.moves for e in played)} moves; 2 (m - 1) = {tree}, and with the walls "
-            f"the bound is {tree + max(walls)}"
+            f"on the map {name}, the episodes take up to {max(e.moves for e in played)} moves, the printed bound is "
+            f"{tree} moves, and the "
+            f"bound with the walls is {tree + max(walls)} moves"
         )
     return "; ".join(words), fits
 
 
 @erratum(
     "paper M, section III.B.1",
-    "the best competitive ratio on simple grid graphs is 7/6",
-    "later papers prove that the best ratio is at least 13/11 and at most 5/4 (for lengths up to a constant)",
-    "a program tries all strategies that explore a region and return, for all starts in all regions of up to 7 cells "
-    "without holes. The program decides whether one strategy achieves a given ratio for all regions and starts",
+    "for maps without holes (simple grid graphs), the best possible competitive ratio of an exploration strategy is 7/6",
+    "later papers prove that the best possible competitive ratio for maps without holes is at least 13/11 and at most 5/4 "
+    "(apart from an additive constant)",
+    "a program tries all strategies that explore a map and return to the start, for all starts in all maps of up to 7 cells "
+    "without holes. The program decides whether a single strategy achieves a given competitive ratio for all maps and starts",
 )
 def _simple_grid_graphs() -> tuple[str, bool]:
     regions = family(7)
     kept = {text: guaranteed(regions, over, under) for text, over, under in (("7/6", 7, 6), ("5/4", 5, 4))}
-    words = ", and ".join(f"{'one' if found else 'no'} strategy achieves the ratio {text}" for text, found in kept.items())
-    return f"over all {len(regions)} pairs of a region and a start, {words}", kept == {"7/6": False, "5/4": True}
+    words = ", and ".join(
+        f"{'one' if found else 'no'} strategy achieves the competitive ratio {text}" for text, found in kept.items()
+    )
+    return f"over all {len(regions)} pairs of a map and a start, {words}", kept == {"7/6": False, "5/4": True}
 
 
 @erratum(
     "paper M, algorithm 2",
-    "the elected particle goes to its nearest frontier cell",
-    "if another particle blocks the elected particle, the blocking particle must become the elected particle. If the "
-    "elected particle stays the same, the algorithm of the text, which chooses a new path at each move, can repeat itself "
-    "forever",
-    "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program"
-    " uses a new path at each move (as in the text) or complete paths (as in algorithm 2)",
+    "the elected particle moves to the nearest frontier cell",
+    "if another particle blocks the elected particle, the blocking particle must become the elected particle. Without this "
+    "handover, the algorithm in the text of paper M, which chooses a new path at each move, can repeat the same moves for ever",
+    "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program "
+    "simulates three versions of the algorithm: a new path at each move (as in the text), complete paths (as in algorithm 2), "
+    "and a new path at each move with the handover",
 )
 def _handover() -> tuple[str, bool]:
     ground = FreeCells.of("maze:9x7")
     ended = [sum(plays(ground, seed, **way) for seed in range(30)) for way in ({}, {"whole": True}, {"handover": True})]
     words = ("with a new path at each move", "with complete paths", "with a new path at each move and the handover")
-    found = ", ".join(f"{count} {way}" for count, way in zip(ended, words, strict=True))
-    return f"of the 30 episodes, these numbers end: {found}", ended[0] < 30 == ended[2]
+    found = ", ".join(f"{count} end {way}" for count, way in zip(ended, words, strict=True))
+    return f"of the 30 episodes of each version, {found}", ended[0] < 30 == ended[2]
 
 
 @erratum(
     "paper M, algorithm 3",
-    "BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell it returns if several are "
-    "equally near",
-    "the choice among equally near cells changes the number of moves. On a line, the search order up, down, left, right takes "
-    "a quarter fewer moves than the order left, up, right, down",
-    "a program runs 60 episodes of 50 particles on line:500 with each of these two orders, from the same seeds",
+    "the function BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell the function returns "
+    "if several frontier cells are equally near",
+    "the choice among equally near frontier cells changes the number of moves. In a row of cells, the search order up, down, "
+    "left, right needs a quarter fewer moves than the search order left, up, right, down",
+    "a program runs 60 episodes of 50 particles on the map line:500 with each of the two search orders, from equal seeds",
 )
 def _ties() -> tuple[str, bool]:
     from shoal.lab.statistics import compare
@@ -97,50 +102,59 @@ def _ties() -> tuple[str, bool]:
     found = compare(*moves)
     less = found.difference
     words = (
-        f"the order up, down, left, right takes {-less.mean:.1f} moves fewer [{-less.high:.1f}, {-less.low:.1f}] than the other "
-        f"order; the ratio of the moves is {found.ratio:.2f}"
+        f"the search order up, down, left, right takes {-less.mean:.1f} moves fewer than the order left, up, right, "
+        "down (95 % interval "
+        f"{-less.high:.1f} to {-less.low:.1f}), and {found.ratio:.2f} times the moves"
     )
     return words, less.high < 0 and found.ratio < 0.8
 
 
 @erratum(
     "paper M, theorem 2",
-    "closest-frontier needs at most m (m + 1) / 2 moves for m free cells",
-    "closest-frontier needs at most m (3m + 1) moves. The printed sum omits the walls, which are also frontier cells",
-    "a program runs episodes with one particle in straight corridors of 1 to 6 cells",
+    "the policy closest-frontier needs at most m (m + 1) / 2 moves to map m free cells",
+    "the policy closest-frontier needs at most m (3m + 1) moves to map m free cells. The printed sum omits the walls, which are "
+    "also frontier cells",
+    "a program runs episodes with one particle in rows of 1 to 6 free cells",
 )
 def _theorem() -> tuple[str, bool]:
     rows = [(m, _episodes(f"line:{m}", particles=1)[0].moves) for m in range(1, 7)]
     words = ", ".join(f"{moves} ({m * (m + 1) // 2})" for m, moves in rows)
-    return f"the episodes take these numbers of moves, with the printed bound in brackets: {words}", all(
+    return f"in rows of 1 to 6 cells, the episodes take these numbers of moves, with the printed bound in brackets: {words}", all(
         m * (m + 1) // 2 < moves <= m * (3 * m + 1) for m, moves in rows
     )
 
 
 @erratum(
     "paper M, data of Fig. 10",
-    "coverage with a particle in every cell takes 1 move",
-    "coverage takes 0 moves, because all cells are already visited. Mapping takes 4 moves",
-    "a program runs one episode of coverage and one episode of mapping on a rectangle of 9 by 7 cells",
+    "coverage with a particle in every free cell takes 1 move",
+    "coverage with a particle in every free cell takes 0 moves, because the particles already occupy all cells. Mapping with a "
+    "particle in every free cell takes 4 moves",
+    "a program runs one episode of coverage and one episode of mapping on a rectangle of 9 by 7 cells, with a particle in every "
+    "cell",
 )
 def _full() -> tuple[str, bool]:
     from shoal.swarm.maps.open import open_map
 
     workspace = open_map("rectangle:9x7")
     cover, mapped = (_episodes(workspace, task=task, particles=workspace.n_free)[0].moves for task in ("coverage", "mapping"))
-    return f"coverage takes {cover} moves, and mapping takes {mapped} moves", (cover, mapped) == (0, 4)
+    return f"with a particle in every cell, coverage takes {cover} moves, and mapping takes {mapped} moves", (cover, mapped) == (
+        0,
+        4,
+    )
 
 
 @erratum(
     "paper M, Fig. 10",
-    "in subset coverage, particles visit 10 % of the free cells",
-    "the published numbers fit a share of 20 %. On the authors' map, which Shoal does not contain, a share of 20 % takes "
-    "874, 100 and 9.2 moves for n = 100, 1000 and 4000, and a share of 10 % takes 714, 82 and 7.8 moves. The numbers of "
-    "moves in the paper for n = 100, 1000 and 4000 are 836, 99 and 9.3. On generated vessels with n = 4000, the published "
-    "number also fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided "
-    "by the published moves of coverage, fit a share of 10 %",
-    "a program runs episodes of closest-frontier with coverage, and with subset coverage of 10 % and of 20 % of the cells. The "
-    "program runs 120 episodes for each case on three maps of vessels, and 40 episodes for each case on a maze and on a rectangle",
+    "in subset coverage, the particles must visit 10 % of the free cells",
+    "the published numbers of moves fit subset coverage of 20 % of the free cells. On the authors' map, which Shoal does not "
+    "contain, subset coverage of 20 % takes 874, 100 and 9.2 moves for n = 100, 1000 and 4000 particles. On the authors' map, "
+    "subset coverage of 10 % takes 714, 82 and 7.8 moves for n = 100, 1000 and 4000 particles. The paper prints 836, 99 and 9.3 "
+    "moves for n = 100, 1000 and 4000 particles. On generated vessels with n = 4000 particles, the published number of moves "
+    "also fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided by the "
+    "published moves of coverage, fit a share of 10 %",
+    "a program runs episodes of the policy closest-frontier with coverage of all free cells, and with subset coverage of 10 % "
+    "and of 20 % of the free cells. The program runs 120 episodes for each case on three maps of vessels, and 40 episodes for "
+    "each case on a maze and on a rectangle",
 )
 def _subset() -> tuple[str, bool]:
     kinds = {
@@ -163,15 +177,18 @@ def _subset() -> tuple[str, bool]:
             there = part.mean[part.x == n][0] / whole.mean[whole.x == n][0]
             as_a_tenth &= n < 4000 or bool(abs(tenth - there) < abs(fifth - there))
             words.append(
-                f"on {kind} at n = {n}, the ratio is {tenth:.2f} at 10 %, {fifth:.2f} at 20 %, and {there:.2f} as published"
+                f"With {n} particles on {kind}, the ratio is {tenth:.2f} for 10 % of the cells, {fifth:.2f} for 20 % "
+                "of the cells, and "
+                f"{there:.2f} as published"
             )
-    assert part.std is not None  # the file has them
+    assert part.std is not None  # the file has standard deviations
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials
     tenths, fifths = moves["vessels", 4000, "10 %"], moves["vessels", 4000, "20 %"]
     spans = [f"{middle:.1f} ± {half:.1f}" for middle, half in (tenths, fifths, (mean, 2 * error))]
-    last = "On vessels at n = 4000, subset coverage takes {} moves at 10 %, {} moves at 20 %, and {} moves as published".format(
-        *spans
-    )
+    last = (
+        "With 4000 particles on vessels, subset coverage takes {} moves for 10 % of the cells, {} moves for 20 % of the cells, and "
+        "{} moves as published"
+    ).format(*spans)
     as_a_fifth = tenths[0] + tenths[1] < mean - 2 * error and abs(fifths[0] - mean) < fifths[1] + 2 * error
     ratio = "the ratio is the number of moves of subset coverage, divided by the number of moves of coverage"
-    return f"{ratio}; {'; '.join(words)}. {last}", bool(as_a_fifth and as_a_tenth)
+    return f"{ratio}. {'. '.join(words)}. {last}", bool(as_a_fifth and as_a_tenth)

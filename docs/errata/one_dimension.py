@@ -1,4 +1,4 @@
-"""Errata of one dimension: papers M and D, section III.A, and what their figures 5 and 6 show."""
+"""Errata of papers M and D about one dimension: section III.A and figures 5 and 6."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def _placements(cells: int, particles: int) -> list[tuple[int, ...]]:
 
 
 def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
-    """Return moves until both ends are found, and until every cell has been visited, too; by moving particles one by one."""
+    """Return two numbers of moves of a plain simulation: until both ends are found, and until all cells are also visited."""
     particles, visited = list(start), {*start}
     moves, boundary = 0, 0
     for step in (-1, 1):
@@ -48,9 +48,10 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
 
 @erratum(
     "paper D, eq. 2",
-    "the mean number of moves to find both ends is 3(1+m)/(1+n)",
-    "the mean is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in paper M, eq. 2",
-    "a program simulates all placements of n = 3 particles in m = 9 cells, particle by particle",
+    "the mean number of moves with which n particles find both ends of a row of m cells is 3(1+m)/(1+n)",
+    "the mean number of moves to find both ends is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in paper M, eq. 2, where C(m,n) is the "
+    "binomial coefficient",
+    "a program simulates all placements of n = 3 particles in a row of m = 9 cells, particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -59,20 +60,20 @@ def _boundary() -> tuple[str, bool]:
     counted = Fraction(sum(_played(m, p)[0] for p in _placements(m, n)), comb(m, n))
     exact, printed = Line(m, n).boundary.exact, Fraction(3 * (1 + m), 1 + n)
     return (
-        f"the mean is {float(counted):.5f} in the simulation, {float(exact):.5f} by the exact formula, and "
-        f"{float(printed):.5f} by paper D",
+        f"the mean number of moves to find both ends is {float(counted):.5f} in the simulation, {float(exact):.5f} by the exact "
+        f"formula, and {float(printed):.5f} by the formula of paper D",
         counted == exact != printed,
     )
 
 
 @erratum(
     "papers M, D, section III.A.2",
-    "full coverage takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions "
-    "of the first and the last particle, and g is the largest gap",
-    "full coverage takes p moves to the left, and then the larger of two numbers of moves: the moves to the right end, and "
-    "the moves that close all gaps. If closing all gaps takes more moves than the way to the right end, the printed formula "
-    "counts too many moves",
-    "a program simulates all placements of n = 3 particles in m = 12 cells, particle by particle",
+    "visiting all m cells of a row takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves. In the formula, p and p' are the "
+    "positions of the first and the last particle, and g is the largest gap between particles",
+    "visiting all m cells of a row takes p moves to the left, and then the larger of two numbers of moves: the moves to the "
+    "right end, and the moves to the right that close all gaps between particles. If closing all gaps takes more moves than "
+    "reaching the right end, the printed formula counts too many moves",
+    "a program simulates all placements of n = 3 particles in a row of m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
@@ -81,7 +82,9 @@ def _coverage() -> tuple[str, bool]:
     counted = Fraction(sum(_played(m, p)[1] for p in _placements(m, n)), comb(m, n))
     mean = Line(m, n).coverage
     return (
-        f"the mean is {float(counted):.4f} in the simulation, {float(mean.exact):.4f} by the exact formula, and "
+        f"the mean number of moves to visit all cells is {float(counted):.4f} in the simulation, "
+        f"{float(mean.exact):.4f} by the exact "
+        f"formula, and "
         f"{float(mean.printed):.4f} by the printed formula",
         counted == mean.exact < mean.printed,
     )
@@ -89,38 +92,40 @@ def _coverage() -> tuple[str, bool]:
 
 @erratum(
     "paper M, Fig. 6 and the data of Fig. 7",
-    "full coverage of m = 1000 cells by n = 100 particles takes 60.7 moves",
-    "full coverage takes 58.74 moves. The published data count a gap as the difference of two positions, so each gap is one"
-    " cell too large",
-    "a program compares the exact mean with the published curve at m = 5000",
+    "full coverage of a row of m = 1000 cells by n = 100 particles takes 60.7 moves on average",
+    "full coverage of 1000 cells by 100 particles takes 58.74 moves on average. The published data count a gap as the "
+    "difference of two positions, so each gap is one cell too large",
+    "a program compares the exact mean number of moves with the published curve for rows of m = 5000 cells",
 )
 def _published_coverage() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
 
     line, curve = Line(1000, 100), published_curve("line-full-coverage-m5000.csv")
-    assert curve.std is not None  # the file has them
+    assert curve.std is not None  # the file has standard deviations
     there = {int(n): (float(mean), float(std)) for n, mean, std in zip(curve.x, curve.mean, curve.std, strict=True)}
-    mean, error = there[1000][0], there[1000][1] / 2000**0.5  # 2000 trials a point
+    mean, error = there[1000][0], there[1000][1] / 2000**0.5  # 2000 trials for each point of the curve
     other = Line(5000, 1000)
     exact, theirs = float(other.coverage.exact), float(other.published_coverage)
     found = (
-        f"for m = 1000, the exact mean is {float(line.coverage.exact):.2f}, and the mean with gaps as differences of positions is "
-        f"{float(line.published_coverage):.2f}. "
+        f"for m = 1000 cells and n = 100 particles, the exact mean is {float(line.coverage.exact):.2f} moves, and "
+        "the mean with gaps as "
+        f"differences of positions is {float(line.published_coverage):.2f} moves. "
     )
     found += (
-        f"For m = 5000, n = 1000, the exact mean is {exact:.2f}, the mean with gaps as differences of positions is {theirs:.2f}, "
-        f"and the published mean is {mean} ± {error:.2f}"
+        f"For m = 5000 cells and n = 1000 particles, the exact mean is {exact:.2f} moves, the mean with gaps as "
+        "differences of positions "
+        f"is {theirs:.2f} moves, and the published mean is {mean} ± {error:.2f} moves"
     )
     return found, abs(float(line.published_coverage) - 60.7) < 0.1 and abs(theirs - mean) < 3 * error < mean - exact
 
 
 @erratum(
     "paper M, section III.A.3",
-    "a search with scans after 1, 2, 4, ... moves takes at most log2 D scans",
-    "the search takes at most log2 D + 3 scans, including the scan at the start. If D is a power of 2, the search takes "
-    "exactly log2 D + 3 scans, because it needs D + 1 moves",
-    "a program simulates the search for all D from 1 to 4096. The program also simulates a second search with 1, 2, 4, ... moves "
-    "between its scans",
+    "a search for a wall at distance D, with scans after 1, 2, 4, ... moves, makes at most log2 D scans",
+    "a search with scans after 1, 2, 4, ... moves makes at most log2 D + 3 scans, including the scan at the start. If D is a "
+    "power of 2, the search makes exactly log2 D + 3 scans, because finding a wall at distance D takes D + 1 moves",
+    "a program simulates the search with scans after 1, 2, 4, ... moves for all distances D from 1 to 4096. The program also "
+    "simulates a search that makes 1, 2, 4, ... moves between its scans",
 )
 def _doubling() -> tuple[str, bool]:
     def scans(distance: int, *, between: bool) -> int:
@@ -132,30 +137,32 @@ def _doubling() -> tuple[str, bool]:
 
     over = {way: max(scans(d, between=way) - np.log2(d) for d in range(1, 4097)) for way in (False, True)}
     powers = {scans(2**k, between=False) - k for k in range(1, 13)}
-    found = f"with scans after 1, 2, 4, ... moves, the search takes at most log2 D + {over[False]:g} scans; "
-    found += f"with 1, 2, 4, ... moves between scans, the search takes at most log2 D + {over[True]:g} scans"
+    found = f"with scans after 1, 2, 4, ... moves, a search makes at most log2 D + {over[False]:g} scans; "
+    found += f"with 1, 2, 4, ... moves between scans, a search makes at most log2 D + {over[True]:g} scans"
     return found, over[False] == 3 and powers == {3}
 
 
 @erratum(
     "papers M, D, section III.A.2",
-    "there are C(m-n, n+1) configurations of the gaps",
-    "there are C(m, n) configurations",
-    "a program lists the gaps of all placements of 3 particles in 8 cells",
+    "n particles in a row of m cells have C(m-n, n+1) configurations of the gaps, where C is the binomial coefficient",
+    "n particles in a row of m cells have C(m, n) configurations of the gaps",
+    "a program lists the gaps of all placements of n = 3 particles in a row of m = 8 cells",
 )
 def _configurations() -> tuple[str, bool]:
     m, n = 8, 3
     gaps = {tuple(np.diff([0, *p, m + 1]).tolist()) for p in _placements(m, n)}
-    return f"the list has {len(gaps)} configurations, as C(8, 3) = {comb(m, n)}; the printed C(5, 4) is {comb(m - n, n + 1)}", len(
-        gaps
-    ) == comb(m, n) != comb(m - n, n + 1)
+    return (
+        f"the list contains {len(gaps)} configurations, as C(8, 3) = {comb(m, n)}; the printed C(5, 4) is {comb(m - n, n + 1)}",
+        len(gaps) == comb(m, n) != comb(m - n, n + 1),
+    )
 
 
 @erratum(
     "paper M, Fig. 5",
-    "the mean largest gap of 10 particles in 1000 cells is 273.9 (Monte Carlo)",
-    "the mean is 272.80, by a closed formula",
-    "a program computes the exact distribution of the largest of all 11 gaps, and compares its mean with 100,000 random placements",
+    "the mean largest gap of 10 particles in a row of 1000 cells is 273.9 cells (Monte Carlo)",
+    "the mean largest gap of 10 particles in a row of 1000 cells is 272.80 cells, by a closed formula",
+    "a program computes the exact distribution of the largest of all 11 gaps. The program compares the mean of the distribution "
+    "with the mean of 100,000 random placements",
 )
 def _largest_gap() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line, sample
@@ -164,21 +171,24 @@ def _largest_gap() -> tuple[str, bool]:
     exact, drawn = float(line.largest_gap_distribution.mean), sample(line, 100_000, workers=1)
     error = drawn.standard_error("largest_gap")
     mean = float(drawn.largest_gap.mean())
-    return f"the mean is {exact:.2f} exactly, and {mean:.2f} ± {error:.2f} over the random placements", abs(
-        mean - exact
-    ) < 4.5 * error and abs(exact - 272.80) < 0.005
+    return (
+        f"the exact mean largest gap is {exact:.2f} cells, and the mean over the random placements is {mean:.2f} ± "
+        f"{error:.2f} cells",
+        abs(mean - exact) < 4.5 * error and abs(exact - 272.80) < 0.005,
+    )
 
 
 @erratum(
     "paper M, Fig. 6",
-    "the caption of the figure states n = 10",
-    "the data of the figure belong to n = 100",
-    "a program computes the value of eq. 2 for both numbers of particles",
+    "the caption of Fig. 6 states that the figure shows n = 10 particles",
+    "the data of Fig. 6 belong to n = 100 particles",
+    "a program computes the mean number of moves to find both ends of a row of 1000 cells (paper M, eq. 2), for 10 and for 100 "
+    "particles",
 )
 def _caption() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
 
     ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
-    return f"eq. 2 gives {ten:.1f} for n = 10 and {hundred:.1f} for n = 100; the figure shows 29.8", abs(
+    return f"eq. 2 of paper M gives {ten:.1f} moves for n = 10 and {hundred:.1f} moves for n = 100; Fig. 6 shows 29.8 moves", abs(
         hundred - 29.8
     ) < 0.1 < abs(ten - 29.8)

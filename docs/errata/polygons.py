@@ -1,4 +1,4 @@
-"""Errata of two particles in a polygon: paper W, algorithm 1 and sections IV.A to IV.D and V.A."""
+"""Errata of paper W about two particles in a polygon: algorithm 1, sections IV.A to IV.D, and section V.A."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ Vector = NDArray[np.float64]
 
 @erratum(
     "paper W, section IV.A",
-    "the Δ configuration space of a polygon with n sides has 2n sides. For a regular polygon with even n, the space has n sides",
-    "the space has 2n sides minus two for each pair of parallel sides, whether the polygon is regular or not",
-    "for four polygons, a program counts the corners of the convex hull of all differences of two corners",
+    "the Δ configuration space of a polygon with n sides has 2n sides. For a regular polygon with even n, the Δ configuration "
+    "space has n sides",
+    "the Δ configuration space of any convex polygon with n sides has 2n sides, minus two sides for each pair of parallel sides "
+    "of the polygon",
+    "for four polygons, a program counts the corners of the convex hull of all differences between two corners of the polygon",
 )
 def _sides() -> tuple[str, bool]:
     from scipy.spatial import ConvexHull
@@ -30,16 +32,17 @@ def _sides() -> tuple[str, bool]:
     for name, (corners, parallel) in shapes.items():
         points = np.array(corners, dtype=np.float64)
         found = len(ConvexHull((points[:, None] - points).reshape(-1, 2)).vertices)
-        words.append(f"{found} for the {name}")
+        words.append(f"{found} corners for the {name}")
         fits &= found == 2 * len(corners) - 2 * parallel
-    return f"the numbers of corners are {', '.join(words)}; by the paper, they are 6, 8, 8, 8", fits
+    return f"the Δ configuration space has {', '.join(words)}; by the printed rule, it has 6, 8, 8 and 8 corners", fits
 
 
 @erratum(
     "paper W, algorithm 1, lines 10 and 12",
-    "a translation moves both particles to their goals, or one particle to the next wall",
-    "if a particle touches a wall, the particle must first move a little off the wall, because the wall would hold the particle",
-    "a program simulates 1000 translations along the left wall of a square, with one particle on this wall",
+    "a translation moves both particles to their goals, or moves one particle to the next wall",
+    "if a particle touches a wall, a small move must first take the particle off the wall, because the wall would hold the "
+    "particle during the translation",
+    "a program simulates 1000 translations along the left wall of a square, with one particle on the left wall",
 )
 def _lift() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace
@@ -51,7 +54,7 @@ def _lift() -> tuple[str, bool]:
         start = np.array([[0.0, rng.uniform(0.1, 0.9)], rng.uniform(0.1, 0.9, 2)])
         move = np.array([0.0, rng.uniform(-0.8, 0.8)])
         if not 0 < min(start[:, 1] + move[1]) < max(start[:, 1] + move[1]) < 1:
-            continue  # another wall would stop one
+            continue  # another wall would stop a particle
         played += 1
         plain, lifted = [move], [np.array([lift, 0.0]), move - (lift, 0.0)]
         for k, moves in enumerate((plain, lifted)):
@@ -60,17 +63,20 @@ def _lift() -> tuple[str, bool]:
             kept[k] += off < 1e-9
             worst[k] = max(worst[k], off)
     found = (
-        f"as printed, {kept[0]} of 1000 translations end at their goals, with errors up to {worst[0]:.2f}; if the "
-        f"particle first moves 1e-6 off the wall, {kept[1]} do"
+        f"as printed, {kept[0]} of 1000 translations end at their goals, with errors up to {worst[0]:.2f} times the "
+        "side of the square; "
+        f"if the particle first moves 1e-6 off the wall, {kept[1]} of 1000 translations end at their goals"
     )
     return found, kept[1] == 1000 and kept[0] == 0
 
 
 @erratum(
     "paper W, section IV.C",
-    "a square needs at most five moves by algorithm 1",
-    "four moves of algorithm 1 do not reach the whole Δ configuration space. The unreached part is a corner with the area |Δx Δy|",
-    "a program computes the exact set that four moves reach from Δ = (0.27, 0.11)",
+    "in a square, algorithm 1 needs at most five moves",
+    "in a square, four moves of algorithm 1 do not reach all differences of the Δ configuration space. The differences that "
+    "four moves do not reach lie at a corner of the space and have the area |Δx Δy|, the product of the components of the "
+    "initial difference",
+    "a program computes the exact set of differences that four moves reach from the initial difference Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -78,14 +84,18 @@ def _square() -> tuple[str, bool]:
 
     workspace = open_workspace("square")
     left = 4 * (1 - float(polygon_fractions(workspace, (0.27, 0.11), moves=4).fractions[1]))  # type: ignore[arg-type]  # a polygon
-    return f"the unreached area is {left:.4f}; |Δx Δy| = {0.27 * 0.11:.4f}", abs(left - 0.27 * 0.11) < 0.003
+    return f"the differences that four moves do not reach have the area {left:.4f}, and |Δx Δy| is {0.27 * 0.11:.4f}", abs(
+        left - 0.27 * 0.11
+    ) < 0.003
 
 
 @erratum(
     "paper W, section IV.D",
-    "four moves reach all differences in a regular triangle and in any acute triangle",
-    "four moves reach all differences only from some starts. Six moves were enough in every tested triangle",
-    "a program computes the exact reachable sets from 8 random starts in each of 4 acute triangles. The first triangle is regular",
+    "four moves reach all differences Δ in a regular triangle and in any acute triangle",
+    "in an acute triangle, four moves reach all differences Δ only from some starts. In every tested triangle, six moves were "
+    "enough",
+    "a program computes the exact sets of differences that moves reach, from 8 random starts in each of 4 acute triangles. The "
+    "first of the 4 triangles is regular",
 )
 def _triangles() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -103,15 +113,16 @@ def _triangles() -> tuple[str, bool]:
         f"in the four triangles, four moves reach all differences from {', '.join(map(str, four))} of 8 starts. From the other "
         f"starts, four moves miss up to {100 * missed:.1f} % of the differences"
     )
-    return f"{found}. At most six moves are needed", four[0] < 8 and sum(four) < 30 and most == 6
+    return f"{found}. Six moves reach all differences from every start", four[0] < 8 and sum(four) < 30 and most == 6
 
 
 @erratum(
     "paper W, section IV.D",
-    "six moves reach all differences in regular polygons with up to eight sides, and eight moves with up to thirteen sides",
-    "six moves are enough for up to six sides. Polygons with seven or eight sides may need eight moves. A polygon with ten "
-    "sides needs ten moves if the particles start close together",
-    "a program computes the exact reachable sets from one start in each of four polygons",
+    "in regular polygons with up to eight sides, six moves reach all differences Δ. In regular polygons with up to thirteen "
+    "sides, eight moves reach all differences Δ",
+    "in regular polygons with up to six sides, six moves reach all differences Δ. Regular polygons with seven or eight sides "
+    "may need eight moves. A regular polygon with ten sides needs ten moves if the particles start close together",
+    "a program computes the exact sets of differences that moves reach, from one start in each of four regular polygons",
 )
 def _polygons() -> tuple[str, bool]:
     from shoal.papers.steering.reachable_fraction import polygon_fractions
@@ -121,15 +132,20 @@ def _polygons() -> tuple[str, bool]:
     for sides, start, claimed in ((6, (0.13, 0.06), 6), (7, (0.13, 0.06), 6), (8, (0.13, 0.06), 6), (10, (0.002, 0.001), 8)):
         filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
-        words.append(f"with {sides} sides, {claimed} moves reach {share:.2f} % and {filling.moves} moves reach all differences")
+        words.append(
+            f"with {sides} sides, the printed {claimed} moves reach {share:.2f} % of the differences, and "
+            f"{filling.moves} moves reach "
+            "all differences"
+        )
         needed.append(filling.moves)
     return "; ".join(words), needed == [6, 8, 8, 10]
 
 
 def _nearest_contacts(start: Vector, goal: Vector, toucher: int) -> tuple[Vector, Vector, NDArray[np.bool_]]:
-    """Return for the left wall of a square the reflected contact, the nearest that can be used, and whether one can.
+    """Return contact points on the left wall of a square: the reflected one, the nearest usable one, and whether one is usable.
 
-    ``start`` and ``goal`` float64, shape (n, 2, 2); the others shape (n,), contacts as heights on that wall.
+    The arrays ``start`` and ``goal`` are float64 of shape (n, 2, 2). The returned arrays have the shape (n,), and contact points
+    are y coordinates on the left wall.
     """
     mine, other = toucher, 1 - toucher
     before, after = start[:, other] - start[:, mine], goal[:, other] - goal[:, mine]
@@ -142,17 +158,18 @@ def _nearest_contacts(start: Vector, goal: Vector, toucher: int) -> tuple[Vector
 
 
 def _turned(points: Vector) -> Vector:
-    """Return points of the unit square turned by a quarter."""
+    """Return points of the unit square, rotated by 90 degrees about its centre."""
     return np.stack([points[..., 1], 1 - points[..., 0]], axis=-1)
 
 
 @erratum(
     "paper W, section V.A",
-    "the contact with a wall lies on the particle's shortest path to its goal by way of this wall. If this contact does not allow "
-    "the adjustment, the wall is discarded",
-    "the plan must use the contact that is nearest to this one and allows the adjustment. With the nearest contact, three moves "
-    "reach more goals, and reach some goals by a shorter path",
-    "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the paper discards",
+    "the planner uses the contact point on the particle's shortest path to its goal by way of the wall. If this contact point "
+    "does not allow the adjustment, the planner discards the wall",
+    "if the contact point on the shortest path does not allow the adjustment, the planner must use the nearest contact point on "
+    "the wall that allows the adjustment. With the nearest contact point, three moves solve more problems, and solve some "
+    "problems with a shorter plan",
+    "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the printed rule discards",
 )
 def _discarded() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, open_workspace
@@ -180,8 +197,8 @@ def _discarded() -> tuple[str, bool]:
     solved = np.isfinite(best).sum(axis=1)
     shorter = int(np.sum((best[0] < best[1] - 1e-12) & np.isfinite(best[1])))
     found = (
-        f"three moves solve {solved[0]} problems with the nearest contact, and {solved[1]} problems as printed; "
-        f"{shorter} plans are shorter with the nearest contact; "
+        f"three moves solve {solved[0]} problems with the nearest contact point, and {solved[1]} problems with the printed rule; "
+        f"{shorter} plans are shorter with the nearest contact point than with the printed rule; "
     )
     return f"{found}{reached} of {played} discarded plans reach their goals", solved[0] > solved[
         1
