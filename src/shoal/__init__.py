@@ -7,7 +7,7 @@ The function `run` runs a problem of any part (swarm, steering or search) and re
 >>> episode.status.done, bool(episode.verify())
 (True, True)
 
-Names are imported when they are first used, so that ``import shoal`` is fast.
+Shoal imports each public name when it is first used. Therefore the statement ``import shoal`` takes little time.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Entry point: the command ``shoal``, and ``python -m shoal``."""
+"""Entry point of Shoal's command line: the command ``shoal``, and ``python -m shoal``."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from shoal.core.interruption import begin
 
 
 def main() -> NoReturn:
-    """Run one command and exit with its code. Ctrl-C prints one line, even while modules are loading."""
+    """Run one command of Shoal and exit with its exit code. After Ctrl-C, print one line and stop."""
     begin()
     from shoal.cli import main as command
 

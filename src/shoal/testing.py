@@ -1,7 +1,7 @@
-"""Conformance tests for third-party worlds, tasks, policies and tours; all built-in objects of Shoal pass the tests.
+"""Conformance tests for third-party worlds, tasks, policies and tours. Shoal's built-in objects pass all conformance tests.
 
-Each check runs the tested object on small random maps. At the first violation, a check raises ``AssertionError`` with one sentence.
-You can call the checks from your own tests:
+Each check runs the tested object on small random maps. At the first violation of the object's contract, a check raises
+``AssertionError`` with one sentence. Call the checks from your own tests:
 
     from shoal.testing import check_policy
 
@@ -31,7 +31,7 @@ ALL_RULES = ("block", "merge", "tilt")
 
 
 def sample_workspaces(rng: Generator, *, count: int = 12) -> Iterator[GridWorkspace]:
-    """Yield small random maps: corridors, rooms, caves, 3-D maps, and maps about as wide as a machine word (64 cells)."""
+    """Yield small random workspaces: corridors, rooms, caves, 3-D maps, and maps about as wide as a machine word (64 cells)."""
     shapes: Sequence[tuple[int, ...]] = [(1, 9), (7, 1), (5, 6), (9, 12), (3, 63), (2, 64), (3, 65), (2, 3, 4), (6, 6)]
     for index in range(count):
         shape = shapes[index % len(shapes)]
@@ -46,16 +46,16 @@ def _starts(workspace: GridWorkspace, rng: Generator) -> Any:
 
 
 def check_world(world_type: Any = GridWorld, *, rules: Sequence[str] = ALL_RULES, seed: int = 0) -> None:
-    """Check that the methods ``initial`` and ``step`` of a world satisfy the contract of `shoal.swarm.GridWorld`.
+    """Check a world's methods ``initial`` and ``step`` against the contract of `shoal.swarm.GridWorld`.
 
-    The check tests five properties of a world. The number of particles is constant, and no particle enters a wall. A step changes
-    none of its arguments. A repetition of a step gives the same result. Except under the move rule ``tilt``, a step displaces the
-    mean position of the particles by at most one cell. A mirrored map with mirrored commands gives mirrored states.
+    The check of a world tests five properties. A step never adds or removes particles, and never moves a particle into a wall. A
+    step changes none of its arguments. A repetition of a step gives an equal result. Except under the move rule ``tilt``, a step
+    displaces the mean position of the particles by at most one cell. Mirrored commands on a mirrored map give mirrored states.
 
     Parameters
     ----------
     world_type : callable
-        The class of the world, or a function (workspace, rule) -> world.
+        A class or function that is called with a workspace and a move rule and returns a world.
     rules : sequence of str
     seed : int
 
@@ -94,7 +94,7 @@ def _mirrored(cells: Any, workspace: GridWorkspace) -> Any:
 
 
 def check_task(task: str | Task, *, seed: int = 0) -> None:
-    """Check a task: its known cells agree with the true map, known cells stay known, and ``update`` changes no argument.
+    """Check a task: known cells agree with the true map, known cells stay known, and ``update`` changes no argument.
 
     Parameters
     ----------
@@ -124,16 +124,16 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
 
 
 def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
-    """Check a policy: it ends each episode, sends valid commands, stores nothing in itself, and repeats its decisions.
+    """Check a policy: it must end every episode, send valid commands, store no data in itself, and repeat its decisions.
 
     Parameters
     ----------
     policy : str or Policy
     rules : sequence of str, optional
-        Move rules to test. By default, the rules in the attribute ``policy.rules``, or all rules if the policy has no such
-        attribute.
+        Move rules to test. The default is ``policy.rules``. For a policy without the attribute ``rules``, the default is all move
+        rules.
     max_moves : int
-        Maximum number of moves of an episode; a longer episode counts as endless, which is a violation.
+        Maximum number of moves. An episode with more moves is a violation of the contract.
     seed : int
 
     Raises
@@ -175,7 +175,7 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check a tour maker: its tours visit every True cell exactly once, one component after another, and are repeatable.
+    """Check a tour maker: each tour must visit every True cell once, finish one component before the next, and be repeatable.
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
     Raises
     ------
     AssertionError, InvalidInputError
-        AssertionError for a violation; InvalidInputError if a tour leaves out cells or visits cells outside the mask.
+        AssertionError for a violation; InvalidInputError if a tour leaves out a True cell or visits a False cell.
     """
     rng = np.random.default_rng(seed)
     shapes = [(1, 1), (1, 9), (7, 1), (2, 2), (3, 3), (5, 6), (8, 8), (9, 12), (3, 65), (24, 31)]

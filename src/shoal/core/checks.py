@@ -1,4 +1,4 @@
-"""Checks of arguments. Each check returns the checked value or raises an error whose message is one sentence."""
+"""Checks of the arguments of functions. Each check returns the checked value, or raises an error with a one-sentence message."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ if TYPE_CHECKING:
     from pydantic import ValidationError
 
 LARGEST_TEXT = 200_000_000
-"""Maximum size of a text file in bytes. Larger files are refused before they are read."""
+"""Maximum size of a text file, in bytes. Shoal refuses a larger text file before reading it."""
 
 FARTHEST = 1e100
-"""Largest absolute value of a coordinate, small enough that areas do not overflow."""
+"""Largest absolute value of a coordinate. Coordinates up to `FARTHEST` give areas that do not overflow."""
 
 LARGEST_WKT = 20_000_000
-"""Maximum length of well-known text in characters."""
+"""Maximum length of a region in well-known text (WKT), in characters."""
 
 DEEPEST = 50
 """Maximum nesting depth of lists and objects in a JSON or TOML file."""
 
 
 def check_integer(value: Any, *, what: str, least: float = -inf, most: float = inf) -> int:
-    """Return a whole number as an int. NumPy integers are accepted, booleans are refused.
+    """Check a whole number, and return it as an int. Accept NumPy integers and refuse booleans.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def check_number(
 ) -> float:
     """Return a number as a float after checking its range.
 
-    The number must be at least ``least``, at most ``most``, more than ``above``, and less than ``below``.
+    The checked number must be at least ``least``, at most ``most``, more than ``above``, and less than ``below``.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def check_number(
 
 
 def check_bool(value: Any, *, what: str) -> bool:
-    """Return a boolean, or refuse any other type.
+    """Check that a value is a boolean, and return the value.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def check_bool(value: Any, *, what: str) -> bool:
 
 
 def check_text(value: Any, *, what: str) -> str:
-    """Return a string, or refuse any other type.
+    """Check that a value is a string, and return the value.
 
     Raises
     ------
@@ -109,7 +109,7 @@ def check_text(value: Any, *, what: str) -> str:
 
 
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
-    """Return a text that is one of ``choices``. The error message suggests the nearest choice.
+    """Check that a text is one of ``choices``, and return the text. The error message suggests the nearest choice.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
 
 
 def check_points(points: Any, *, what: str, dimensions: int, count: int | None = None) -> NDArray[np.float64]:
-    """Return points as a float64 array of shape (count, dimensions). The absolute value of each coordinate is at most `FARTHEST`.
+    """Return points as a float64 array of shape (count, dimensions). Refuse a coordinate whose absolute value exceeds `FARTHEST`.
 
     Raises
     ------
@@ -151,7 +151,7 @@ def check_points(points: Any, *, what: str, dimensions: int, count: int | None =
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
-    """Refuse a path that does not lead to a file. Refuse also an empty file and a file of more than ``most`` bytes.
+    """Refuse a path without a file, a path to an empty file, and a path to a file of more than ``most`` bytes.
 
     Raises
     ------
@@ -172,12 +172,12 @@ def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
 
 
 def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
-    """Return the text of a UTF-8 file.
+    """Read a UTF-8 file and return its text.
 
     Raises
     ------
     InvalidInputError
-        If the file is not UTF-8 text. The message names the line of the first wrong byte.
+        Raised if the file is not UTF-8 text. The error message contains the line number of the first wrong byte.
     """
     check_file(path, what=what, most=most)
     try:
@@ -188,12 +188,12 @@ def read_text(path: Path, *, what: str, most: int = LARGEST_TEXT) -> str:
 
 
 def decode_text(raw: bytes, *, where: str) -> str:
-    """Decode UTF-8 bytes to a text.
+    """Decode UTF-8 bytes and return the text.
 
     Raises
     ------
     InvalidInputError
-        If the bytes are not UTF-8 text. The message names the line of the first wrong byte.
+        Raised if the bytes are not UTF-8 text. The error message contains the line number of the first wrong byte.
     """
     try:
         text = raw.decode("utf-8-sig")
@@ -207,12 +207,12 @@ def decode_text(raw: bytes, *, where: str) -> str:
 
 
 def parse_json(text: str, *, where: str) -> Any:
-    """Parse a JSON text. Lists and objects may be nested to at most `DEEPEST` levels.
+    """Parse a JSON text. Refuse lists and objects that are nested more than `DEEPEST` levels deep.
 
     Raises
     ------
     InvalidInputError
-        If the text is not JSON. The message names the line and the column.
+        Raised if the text is not JSON. The error message contains the line and the column of the error.
     """
     try:
         found = json.loads(text)
@@ -228,9 +228,7 @@ def parse_json(text: str, *, where: str) -> Any:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return a polygon or multipolygon from its well-known text.
-
-    Other geometry types are refused because they can nest without limit.
+    """Return a polygon or multipolygon from its well-known text. Refuse all other types of geometry.
 
     Raises
     ------
@@ -270,7 +268,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return one sentence about the first error that Pydantic found, with the field's path. Parts in ``without`` are left out."""
+    """Return one sentence about Pydantic's first error, with the field's path except the components in ``without``."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])
@@ -297,7 +295,7 @@ def suggestion(word: Any, known: Iterable[str]) -> str:
 
 
 def shortened(value: Any) -> str:
-    """Return a value as it appears in a message: one line of at most 80 characters."""
+    """Return a value as a text for error messages: one line of at most 80 characters."""
     try:
         return " ".join(repr(value).split())[:80]
     except ValueError:  # a whole number with more digits than Python can print
@@ -305,7 +303,7 @@ def shortened(value: Any) -> str:
 
 
 def range_text(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return a number's range in words, such as "from 0 to 1" or "1 or more". Without limits, the text is empty.
+    """Return a number's range in words, such as "from 0 to 1" or "1 or more". Return an empty text for a range without limits.
 
     Examples
     --------
@@ -320,20 +318,23 @@ def range_text(least: float, most: float, above: float = -inf, below: float = in
 
 
 def _ranged(least: float, most: float, above: float = -inf, below: float = inf) -> str:
-    """Return a number's range as the continuation of a message, such as " from 0 to 1" or ", 1 or more"."""
+    """Return a number's range as the end of an error message, such as " from 0 to 1" or ", 1 or more"."""
     text = range_text(least, most, above, below)
     return f" {text}" if text.startswith("from") else f", {text}" if text else ""
 
 
 def _plain(number: float) -> str:
-    """Return a number as a text. Whole numbers keep all their digits."""
+    """Return a number as a text. Keep all digits of whole numbers."""
     return shortened(number) if isinstance(number, int) else f"{number:g}"
 
 
 def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
-    """Return the seed and the random generator of each chosen world of a batch. A world whose seed is None keeps its generator.
+    """Return the seed and the random generator of each chosen world of a batch.
 
-    ``seed`` is None, a sequence with a number or None for each world, or a number to which each world adds its index.
+    A world with the seed None keeps its random generator.
+
+    ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a number, the seed of each world
+    is the sum of ``seed`` and the world's index.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:

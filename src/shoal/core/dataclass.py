@@ -1,4 +1,4 @@
-"""Dataclasses whose ``__repr__`` is one line even if their fields hold large arrays."""
+"""Dataclasses with a one-line ``__repr__``, even for fields that hold large arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _VALUE = 120  # number of characters shown of any other value
 
 
 class _Brief(reprlib.Repr):
-    """Short text form of values: dtype and shape of large arrays, and the first entries of collections."""
+    """A short ``repr`` of values: it shows the dtype and shape of a large array, and the first entries of a collection."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -33,7 +33,7 @@ _brief = _Brief().repr
 
 
 def one_line(thing: Any) -> str:
-    """Return a dataclass or named tuple as one line of text, for its ``__repr__``.
+    """Return the ``__repr__`` of a dataclass or named tuple: one line of text.
 
     Examples
     --------
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
 else:
 
     def dataclass(cls=None, /, *, repr=True, **options):  # noqa: A002 - as in dataclasses
-        """Apply `dataclasses.dataclass` to a class. A class without a ``__repr__`` of its own gets `one_line` as ``__repr__``."""
+        """Apply `dataclasses.dataclass` to a class. If the class defines no ``__repr__``, use `one_line` as its ``__repr__``."""
 
         def made(cls):
             if repr and "__repr__" not in vars(cls):

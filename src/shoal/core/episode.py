@@ -13,34 +13,34 @@ from shoal.core.dataclass import dataclass
 
 
 class Status(StrEnum):
-    """How an episode ended. The property `done` is true only for ``complete`` and ``solved``."""
+    """The way in which an episode ended. The property `done` is true only for the statuses ``complete`` and ``solved``."""
 
     COMPLETE = "complete"
-    """All cells that robots or particles can reach were mapped, covered or searched."""
+    """Swarm and search: the particles or robots mapped, covered or searched all cells that they can reach."""
     SOLVED = "solved"
     """Steering: every particle is within the tolerance of its goal."""
     STALLED = "stalled"
-    """The policy could make no more progress."""
+    """Swarm: the policy could make no more progress."""
     LIMIT = "limit"
     """The episode reached its maximum number of moves."""
     INTERRUPTED = "interrupted"
-    """The user or a signal stopped the episode."""
+    """The user, or a signal to the process, stopped the episode."""
     UNREACHABLE = "unreachable"
     """Steering: no sequence of moves leads to the goals."""
     APPROACHABLE = "approachable"
-    """Steering: moves can come arbitrarily close to the goals but not reach them. This plan ends outside the tolerance."""
+    """Steering: moves can bring the particles arbitrarily close to their goals, but the plan ends outside the tolerance."""
     INCOMPLETE = "incomplete"
-    """Search: some cell was never searched, or a working robot does not know that all cells were searched."""
+    """Search: no robot searched some cell, or a working robot does not know that the search is complete."""
 
     @property
     def done(self) -> bool:
-        """Return whether the task is done."""
+        """Return whether the status means that the task is done."""
         return self in (Status.COMPLETE, Status.SOLVED)
 
 
 @dataclass(frozen=True)
 class Verification:
-    """The result of `Episode.verify`. ``bool(verification)`` is true if the replay gave the same episode.
+    """The result of `Episode.verify`. ``bool(verification)`` is true if the replay agrees with the episode.
 
     Parameters
     ----------
@@ -57,19 +57,19 @@ class Verification:
 
 
 class Episode(ABC):
-    """One run of a problem. ``bool(episode)`` is true if its task was done.
+    """One run of a problem. ``bool(episode)`` is true if the task of the episode was done.
 
-    Each part (swarm, steering, search) adds attributes of its own. Every episode has these attributes:
+    Each part (swarm, steering, search) adds attributes of its own. Episodes of all parts have the following attributes:
 
-    - ``problem``: the `Problem` that was run, as the user declared it.
+    - ``problem``: the `Problem` of the run, as the user declared it.
     - ``status``: a `Status`.
-    - ``seed``: int; the same problem and seed give the same episode.
-    - ``seconds``: float; computing time in seconds, without the time for compiling kernels.
-    - ``versions``: the versions of Shoal and its libraries, see `shoal.core.version.versions`.
+    - ``seed``: int; equal problems with equal seeds give equal episodes.
+    - ``seconds``: float; computing time of the run in seconds, without the time for compiling kernels.
+    - ``versions``: the versions of Shoal and its libraries, as `shoal.core.version.versions` returned them.
     """
 
     part: ClassVar[str]
-    """The part's name: "swarm", "steering" or "search"."""
+    """The name of the episode's part: "swarm", "steering" or "search"."""
 
     problem: Any
     status: Status
@@ -83,42 +83,42 @@ class Episode(ABC):
     @property
     @abstractmethod
     def reason(self) -> str:
-        """Return one sentence that explains the status."""
+        """Return one sentence that explains the status of the episode."""
 
     @property
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name: all measures that sweeps store, and further numbers about the result.
+        """Return the metrics of the episode by name: all measures that sweeps store, and further numbers about the result.
 
-        Values are numbers, texts or None.
+        The value of a metric is a number, a text or None.
         """
 
     @abstractmethod
     def report(self) -> dict[str, Any]:
-        """Return the JSON object that the command prints with ``--json``."""
+        """Return the JSON object that Shoal's commands print for an episode with the option ``--json``."""
 
     @abstractmethod
     def verify(self) -> Verification:
-        """Replay the episode from its problem and its commands, and compare every stored value."""
+        """Replay the episode from its problem and commands, and compare the replay with every stored value of the episode."""
 
     @abstractmethod
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode to a file, from which `load` reads it again. A failed write leaves no partial file."""
+        """Write the episode to a file that `load` can read. A failed write leaves no partial file."""
 
     @classmethod
     @abstractmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> Self:
-        """Read an episode that `save` wrote. An episode that needs third-party code is refused unless ``trust`` is true."""
+        """Read an episode that `save` wrote. If ``trust`` is false, refuse an episode that needs third-party code."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.sentence}>"
 
     def _repr_html_(self) -> str:
-        """Return the HTML that a notebook shows. Only this method imports the views, because they are a higher layer."""
+        """Return the HTML code that a notebook shows for the episode."""
         shown: str = import_module("shoal.views").notebook_page(self)
         return shown
 
     @property
     def sentence(self) -> str:
-        """Return one sentence that contains the status and the reason."""
+        """Return one sentence with the status of the episode and the reason for the status."""
         return f"{self.status}: {self.reason}"

@@ -1,8 +1,8 @@
 """The exceptions that Shoal raises for bad input.
 
 Every exception is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The message of
-an exception is one sentence with the expected value, the given value and the location of the given value. If a planner finds no
-plan, the status of the episode reports this, and no exception is raised.
+an exception is one sentence with the expected value, the given value and the location of the given value. A planner that finds no
+plan raises no exception: the status of the episode reports the failure.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from typing import Any
 
 LONGEST_ECHO = 200
-"""Maximum length in characters of one word or quotation in a message, because input from files can be of any length."""
+"""Maximum length of one word or quotation in an error message, in characters. Texts from input files can be of any length."""
 
 _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECHO + 1},}}")
 
@@ -21,7 +21,7 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 class ShoalError(Exception):
     """Base class of all exceptions that Shoal raises on purpose.
 
-    Words of a message that are longer than `LONGEST_ECHO` characters are shortened.
+    The constructor shortens each word of the error message that is longer than `LONGEST_ECHO` characters.
     """
 
     def __init__(self, *arguments: Any) -> None:
@@ -42,7 +42,7 @@ class UnknownNameError(ShoalError, LookupError):
 
 @contextmanager
 def errors_at(where: object) -> Iterator[None]:
-    """Put ``where`` in front of the message of an `InvalidInputError` or `UnknownNameError` that the block raises."""
+    """Put ``where`` in front of the message of an `InvalidInputError` or `UnknownNameError` raised inside the ``with`` block."""
     try:
         yield
     except (InvalidInputError, UnknownNameError) as error:
@@ -50,11 +50,11 @@ def errors_at(where: object) -> Iterator[None]:
 
 
 class OutputError(ShoalError, OSError):
-    """Raised if a result cannot be written."""
+    """Raised if Shoal cannot write an output file."""
 
 
 class MissingExtraError(ShoalError, ImportError):
-    """Raised if an optional dependency (an extra) is needed but not installed."""
+    """Raised if a function needs an optional dependency (an extra) that is not installed."""
 
 
 class RigError(ShoalError, ConnectionError):

@@ -1,4 +1,4 @@
-"""Atomic output files: each file is written under a temporary name and then renamed."""
+"""Atomic writing of output files: Shoal writes each output file under a temporary name and then renames it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.core.interruption import half_written
 
 
 def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
-    """Return the path of an output file, if its suffix is one of the given suffixes.
+    """Return the path of an output file. Refuse a path whose suffix is not one of ``suffixes``.
 
     Raises
     ------
@@ -31,14 +31,15 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` with the same suffix.
+    """Yield a temporary path with the folder and the suffix of ``path``.
 
-    If the block succeeds, the temporary file is renamed to ``path``. Otherwise it is removed.
+    If the ``with`` block succeeds, the temporary file is renamed to ``path``. If the ``with`` block fails, the temporary file is
+    removed.
 
     Raises
     ------
     OutputError
-        If the folder is not writable or the disk is full. No partial file remains.
+        Raised if the folder is not writable, or if the disk is full. A failed write leaves no partial file.
     """
     target = Path(path)
     temporary: Path | None = None
@@ -87,12 +88,12 @@ def write_json(path: str | os.PathLike[str], value: Any, *, indent: int | None =
 
 
 def users_cache() -> Path:
-    """Return the folder in which Shoal caches files of this user: ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``."""
+    """Return the folder of Shoal's cache for the current user: ``$XDG_CACHE_HOME/shoal`` or ``~/.cache/shoal``."""
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")) / "shoal"
 
 
 def _mode(path: Path) -> int:
-    """Return the permissions of the file that is replaced. A new file gets the user's default permissions."""
+    """Return the permissions of the existing file at ``path``. If no file exists, return the user's default permissions."""
     try:
         return stat.S_IMODE(path.stat().st_mode)
     except FileNotFoundError:

@@ -1,8 +1,8 @@
-"""How a command ends after Ctrl-C, after SIGTERM, or after its terminal is closed.
+"""The end of a command after Ctrl-C, after SIGTERM, or after the user closes the terminal.
 
-While the modules of a command are loading, a signal ends the command at once. Later, a signal raises KeyboardInterrupt, so that
-the command can clean up. Compiled code can delay a KeyboardInterrupt for minutes, because Python handles signals only between its
-own instructions. Therefore a thread also waits for signals and ends the command shortly after a signal.
+While the modules of a command are loading, a signal ends the command at once. After loading, a signal raises KeyboardInterrupt, so
+that the command can clean up. Compiled code can delay a KeyboardInterrupt for minutes, because Python handles signals only between
+Python instructions. Therefore a second thread waits for signals and ends the command soon after a signal.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ if TYPE_CHECKING:  # a command imports this module first, so this module imports
     from types import FrameType
 
 GRACE = 0.7
-"""Seconds between a signal and the forced end of a command."""
+"""Time between a signal and the forced end of a command, in seconds."""
 
 half_written: set[Path] = set()
-"""Files to remove if the command is ended at once."""
+"""Unfinished files to remove at the forced end of a command."""
 
 _KNOTS = ("importlib._bootstrap", "numba.", "llvmlite.", "shoal.jit.", "weakref")
 _running: list[str] = []  # "command" while a command runs, "patient" while the process must not be ended at once
@@ -32,7 +32,7 @@ _begun: list[bool] = []
 
 
 def begin() -> None:
-    """Start handling the signals that end a process. Call this function at the start of a command."""
+    """Start handling the signals that end a process. Every command of Shoal calls `begin` first."""
     if _begun or threading.current_thread() is not threading.main_thread():
         return
     _begun.append(True)
@@ -52,7 +52,7 @@ def begin() -> None:
 
 @contextmanager
 def command_running() -> Iterator[None]:
-    """Let signals raise KeyboardInterrupt inside the block, instead of ending the process at once."""
+    """Let signals raise KeyboardInterrupt inside the ``with`` block. Outside the block, a signal ends the process at once."""
     _running.append("command")
     try:
         yield
@@ -62,7 +62,7 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Prevent a forced end of the process while the block stops other processes or hardware."""
+    """Prevent the forced end of the process inside the ``with`` block, which may stop other processes or hardware."""
     _running.append("patient")
     try:
         yield
@@ -72,9 +72,9 @@ def patient() -> Iterator[None]:
 
 @contextmanager
 def interruption_held() -> Iterator[None]:
-    """Delay Ctrl-C until the block has ended. Use this block for short calls of libraries that do not survive an interruption.
+    """Delay Ctrl-C until the ``with`` block has ended. Use the ``with`` block for short library calls that must not be interrupted.
 
-    For example, an interrupted write of a zip archive raises an unrelated error when the archive is closed, or loses the Ctrl-C.
+    For example, Ctrl-C during the writing of a zip archive may be lost, or may cause an unrelated error when the archive is closed.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):
@@ -91,7 +91,7 @@ def interruption_held() -> Iterator[None]:
 
 
 def end(text: str = "shoal: interrupted\n") -> None:
-    """End the process and its workers now: print one line, exit with code 130, and remove partial files."""
+    """End the process and its worker processes now: print ``text``, remove partial files, and exit with code 130."""
     workers = sys.modules.get("multiprocessing")
     for worker in workers.active_children() if workers else ():
         worker.terminate()
@@ -113,7 +113,7 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Return whether a frame runs code that hides a KeyboardInterrupt: an import, the compiler or a callback."""
+    """Return whether a stack frame runs code that hides a KeyboardInterrupt: an import, the compiler or a callback."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True

@@ -1,7 +1,4 @@
-"""Notices to the user from a running function of the library.
-
-The command line interface prints these notices on stderr.
-"""
+"""Notices from running functions of Shoal to the user. The command line interface prints notices on stderr."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ _told: set[str] = set()
 
 
 def tell_once(text: str) -> None:
-    """Send a sentence to every listener. Each sentence is sent only once per process."""
+    """Send a notice of one sentence to every listener, unless this process has already sent an equal notice."""
     if listeners and text not in _told:
         _told.add(text)
         for listener in listeners:

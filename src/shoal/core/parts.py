@@ -14,10 +14,10 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.problem import Problem, check_known
 
 PARTS = ("swarm", "search", "steering")
-"""The parts in the order in which `problem_for` tries them."""
+"""The parts of Shoal, in the order in which `problem_for` tries the parts."""
 
 LARGEST_PROBLEM = 20_000_000
-"""Maximum size of a problem file in bytes."""
+"""Maximum size of a problem file, in bytes."""
 
 _LARGEST_EPISODE = 2**31
 
@@ -25,14 +25,14 @@ _LARGEST_EPISODE = 2**31
 def problem_type(part: str) -> type[Problem]:
     """Return the problem class of a part.
 
-    The part is imported only inside this function, because each part imports heavy libraries.
+    The function `problem_type` imports the part on its first call, because each part imports heavy libraries.
     """
     found: type[Problem] = getattr(importlib.import_module(f"shoal.{part}.problem"), f"{part.capitalize()}Problem")
     return found
 
 
 def problem_of(data: Mapping[str, Any], *, where: str = "problem") -> Problem:
-    """Build a problem from a mapping of its fields. The entry ``kind`` names the part.
+    """Build a problem from a mapping of its fields. The entry ``kind`` of the mapping names the part: swarm, steering or search.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def _type_named_in(data: Any, *, where: str) -> type[Problem]:
 
 
 def read_problem(path: str | os.PathLike[str]) -> Any:
-    """Return the JSON data of a problem file.
+    """Read a problem file and return its JSON data.
 
     Raises
     ------
@@ -64,13 +64,13 @@ def read_problem(path: str | os.PathLike[str]) -> Any:
 
 
 def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Problem:
-    """Read a problem file (JSON) of any part. See `problem_of` for the format.
+    """Read a problem from a JSON file. `problem_of` explains the format of problem files.
 
     Parameters
     ----------
     path : path
     trust : bool
-        Whether code that the file names as MODULE:ATTRIBUTE may run.
+        Whether Shoal may run code that the file names as MODULE:ATTRIBUTE.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
     Raises
     ------
     InvalidInputError
-        If no part has all given fields.
+        Raised if no part has all given fields.
 
     Examples
     --------
@@ -112,10 +112,10 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     Parameters
     ----------
     problem : SwarmProblem, SteeringProblem or SearchProblem, or a place
-        A problem, or a map, workspace or region as a name, a path or an object. An array is a map. For a place, ``fields`` contains
-        the other fields of the problem.
+        A problem, or a place: a map, workspace or region, given as a name, a path or an object. An array counts as a map. If
+        ``problem`` is a place, ``fields`` contains the other fields of the problem.
     seed : int
-        Seed of the random numbers. The same problem and seed give the same episode.
+        Seed of the random numbers. Two runs with equal problems and equal seeds give equal episodes.
     **fields
         Fields of the problem. The options ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are also
         valid for a swarm.
@@ -123,12 +123,12 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     Returns
     -------
     Episode
-        The result. ``bool(episode)`` is true if the task was done.
+        The record of the run. ``bool(episode)`` is true if the run completed the task of the problem.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the problem cannot be solved with the requested options. Shoal never replaces a requested policy or planner by another.
+        Raised if the requested options do not fit the problem. Shoal never replaces a requested policy or planner by another one.
 
     Examples
     --------
@@ -155,12 +155,12 @@ def load(path: str | os.PathLike[str], *, trust: bool = False) -> Episode:
     ----------
     path : path
     trust : bool
-        Whether third-party code that the file names, such as a task MODULE:ATTRIBUTE, may be imported and run.
+        Whether Shoal may import and run third-party code that the file names, such as a task given as MODULE:ATTRIBUTE.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or not an episode.
+        Raised if the file is missing or damaged, or does not contain an episode.
     """
     source = Path(path)
     part = "swarm"

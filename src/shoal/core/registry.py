@@ -1,6 +1,6 @@
 """Registries map names to objects: built-in names, or ``module:attribute`` for third-party objects.
 
-Options may follow a name, as in ``subset-coverage:fraction=0.2``.
+A name may be followed by options, as in ``subset-coverage:fraction=0.2``.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 _FOLDERS: list[str] = []
-"""Folders that are searched for the user's modules after Python's own search path."""
+"""Folders with modules of the user, which Shoal searches after Python's own search path."""
 _FROM_FOLDERS: list[str] = []
-"""Modules that were found in these folders."""
+"""Names of the modules that Shoal found in the folders added by `look_in`."""
 _NAMED: set[str] = set()
-"""All modules that the user named, for any location of their files."""
+"""Names of all modules that the user named as ``module:attribute``, wherever the files of the modules are."""
 
 
 def look_in(folder: str) -> None:
-    """Add a folder to the search for ``module:attribute``. Python's own search path keeps priority.
+    """Add a folder to the search for modules of the user. Shoal first searches Python's own search path.
 
-    A file ``email.py`` in the current folder therefore does not replace Python's module ``email``.
+    For example, a file ``email.py`` in the added folder does not replace Python's module ``email``.
 
     Examples
     --------
@@ -44,21 +44,21 @@ def look_in(folder: str) -> None:
 
 
 def users_modules() -> tuple[list[str], list[str]]:
-    """Return the folders that `look_in` added, and the modules found there.
+    """Return the folders that `look_in` added, and the names of the modules found in these folders.
 
-    Both lists are the arguments of `load_users_modules` in a worker process.
+    A worker process passes the list of folders and the list of modules to `load_users_modules`.
     """
     return list(_FOLDERS), list(_FROM_FOLDERS)
 
 
 def named_modules() -> dict[str, str]:
-    """Return the source file of each module that was named as ``module:attribute``. Installed packages are left out."""
+    """Return the source file of each module that the user named as ``module:attribute``, except installed packages."""
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
 
 
 def digest_of_module(name: str) -> str:
-    """Return a digest of the source file of a module, or an empty text if this process cannot import the module."""
+    """Return a digest of a module's source file. If the current process cannot import the module, return an empty text."""
     import hashlib
 
     with suppress(Exception, SystemExit), open(_imported(name).__file__ or "", "rb") as file:
@@ -67,12 +67,12 @@ def digest_of_module(name: str) -> str:
 
 
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
-    """Import the modules that the user named in the main process. An import error is reported only when the module is used.
+    """Import the modules that the user named in the main process. Report a failed import only when the module is used.
 
     Parameters
     ----------
     folders, modules : list of str
-        The values that `users_modules` returned.
+        The two lists that `users_modules` returned in the main process.
     """
     for folder in folders:
         look_in(folder)
@@ -82,7 +82,7 @@ def load_users_modules(folders: list[str], modules: list[str]) -> None:
 
 
 def _imported(name: str) -> ModuleType:
-    """Import a module that the user named. The user's folders are on the search path only during this import."""
+    """Import a module that the user named. Add the user's folders to Python's search path only during the import."""
     _NAMED.add(name)
     added = [folder for folder in _FOLDERS if folder not in sys.path]
     sys.path.extend(added)
@@ -104,11 +104,11 @@ class Registry(Generic[T]):
     Parameters
     ----------
     kind : str
-        The kind of the objects, for error messages, such as "policy".
+        The kind of the registered objects, such as "policy". Error messages name the kind of the object.
     open_to_others : bool
-        Whether ``module:attribute`` is also valid as a name.
+        Whether the registry also accepts names of third-party objects (``module:attribute``).
     functions : bool
-        Whether the objects are functions. Options in a name are then keyword arguments of the function.
+        Whether the registered objects are functions. The options in the name of a function are the function's keyword arguments.
 
     Examples
     --------
@@ -145,12 +145,12 @@ class Registry(Generic[T]):
         return name in self._items
 
     def get(self, name: str) -> T:
-        """Return the object registered as ``name``, or the object at ``module:attribute``.
+        """Return the object that is registered as ``name``, or the object ``module:attribute`` that ``name`` refers to.
 
         Raises
         ------
         UnknownNameError
-            If no such object exists. The message suggests the nearest name.
+            Raised if no object has the given name. The error message suggests the nearest registered name.
         """
         if name in self._items:
             return self._items[name]
@@ -180,7 +180,7 @@ class Registry(Generic[T]):
 def name_of(thing: Any, registry: Registry[Any]) -> str:
     """Return the name that recreates an object: its registered name with options, or ``module:attribute``.
 
-    For an object without such a name, return a description. Such a description cannot recreate the object.
+    If no name recreates the object, return a description of the object.
 
     Examples
     --------
@@ -207,7 +207,7 @@ def name_of(thing: Any, registry: Registry[Any]) -> str:
 
 
 def _is_made_by(thing: Any, kind: Any) -> bool:
-    """Return whether a call of the class without arguments makes an object equal to the given one."""
+    """Return whether calling the class ``kind`` without arguments makes an object equal to ``thing``."""
     try:
         return bool(vars(kind()) == vars(thing))
     except (TypeError, ValueError):
@@ -215,18 +215,18 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 
 
 def configured(registry: Registry[Any], text: str) -> Any:
-    """Return the object for ``NAME`` or ``module:attribute``. Options follow as ``NAME:option=value,option=value``.
+    """Return the object for a name with options, such as ``NAME:option=value`` or ``module:attribute:option=value``.
 
-    In the options, a value without ``option=`` sets the first option. Each option sets a parameter of the class or
-    function. The value is converted to the parameter's annotated type, or to the type of its default. For a parameter without
-    annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
+    Options are separated by commas. A value without ``option=`` sets the first option. Each option sets one parameter of the class
+    or function. Shoal converts the value of an option to the annotated type of the parameter, or to the type of the parameter's
+    default. For a parameter without annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
 
     Raises
     ------
     UnknownNameError
-        If no object has the given name.
+        Raised if no object has the given name.
     InvalidInputError
-        If the option does not exist, its value is invalid, or the third-party class raises an error.
+        Raised if an option does not exist, the value of an option is invalid, or the third-party class raises an error.
 
     Examples
     --------
@@ -302,14 +302,14 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
 
 
 def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` that imports a package's names on first use, so that importing the package is fast.
+    """Return a function ``__getattr__`` for a package that imports each public name of the package on first use.
 
     Parameters
     ----------
     package : str
         The ``__name__`` of the package.
     homes : mapping of str to tuple of str
-        The names in each module. The module is given relative to the package.
+        The public names of each module. Module names are relative to the package.
 
     Examples
     --------

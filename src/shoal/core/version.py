@@ -10,7 +10,7 @@ __version__ = "0.1.0"
 
 @cache
 def versions() -> dict[str, str]:
-    """Return the versions of Shoal, Python, NumPy and Numba in this process.
+    """Return the versions of Shoal, Python, NumPy and Numba in the current process.
 
     Examples
     --------
@@ -25,7 +25,7 @@ def versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of all code on which results depend. Processes with equal digests compute equal results."""
+    """Return a digest of all code on which results depend. Two processes with equal digests compute equal results."""
     import hashlib  # both imports are slow
     from pathlib import Path
 

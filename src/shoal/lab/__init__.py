@@ -1,6 +1,6 @@
 """Experiments with many runs: trials of one problem, and sweeps over many problems.
 
-Results do not depend on the number of workers.
+The results of trials do not depend on the number of workers.
 """
 
 from __future__ import annotations

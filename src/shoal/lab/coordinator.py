@@ -1,4 +1,4 @@
-"""Run a sweep: distribute missing trials to workers, commit their results, and recover from dead workers."""
+"""Run a sweep: distribute missing trials to workers, commit the results of trials, and recover from the death of workers."""
 
 from __future__ import annotations
 
@@ -44,24 +44,25 @@ def run_sweep(
     on_progress: OnProgress | None = None,
     batch_seconds: float = BATCH_SECONDS,
 ) -> SweepStatus:
-    """Run a sweep, or its missing trials, and write the results to a store.
+    """Run all missing trials of a sweep, and write the results to a store.
 
     Parameters
     ----------
     sweep : Sweep
     store : path
-        The store file, which is created if it does not exist. The store may contain other sweeps too.
+        Path of the store file, which is created if it does not exist. The store may also contain other sweeps.
     workers : int, optional
-        Number of processes on this machine. The default is one process per processor. With 0, all trials run in this process.
+        Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
+        run in the current process.
     dask : str, optional
-        Address of a Dask scheduler, whose workers replace processes on this machine.
+        Address of a Dask scheduler. The scheduler's workers then run all trials, in place of processes on the local machine.
     extend : bool
-        Whether to accept a sweep that only adds trials or points to the stored sweep of the same name.
+        Whether the sweep may add trials or points to a stored sweep with an equal name.
     on_progress : callable, optional
-        Function that receives a `SweepProgress` after every batch.
+        Function that `run_sweep` calls with a `SweepProgress` after every batch of trials.
     batch_seconds : float
-        Desired duration of a batch in seconds. The results of each batch are committed together. Results do not depend on this
-        value.
+        Desired duration of a batch of trials, in seconds. Shoal commits the results of a batch together. Results do not depend on
+        the duration of batches.
 
     Returns
     -------
@@ -70,16 +71,17 @@ def run_sweep(
     Raises
     ------
     InvalidInputError
-        If the stored sweep of this name differs, another process runs it, no trial of a point can run, or a worker has other
-        versions. An error inside a trial raises no exception. It is stored as the failure of the trial.
+        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. Also raised if the
+        trials of a point cannot run, or if the versions of software on a worker differ from the versions of the current process. An
+        error inside a trial does not raise an exception: the store records the trial as failed.
     OutputError
-        If the store cannot be written. Committed results are kept.
+        Raised if Shoal cannot write the store. The store keeps all results that are already committed.
     MissingExtraError
 
     Warns
     -----
     MixedVersionsWarning
-        If existing rows were written by other versions of Shoal, Python, NumPy or Numba.
+        Issued if other versions of Shoal, Python, NumPy or Numba wrote existing rows of the sweep.
 
     Examples
     --------
@@ -129,12 +131,12 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """Check that every point of a sweep can run. Return the digests of the files that the points open.
+    """Check that every point of a sweep can run. Return a digest of each map, workspace and region of the points.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If a point cannot run. The message gives the values of the first such point.
+        Raised if a point cannot run. The error message gives the axis values of the first point that cannot run.
     """
     inputs: dict[str, str] = {}
     for point in distinct_places(sweep.points):
@@ -151,7 +153,7 @@ def prepare(sweep: Sweep) -> dict[str, str]:
 
 
 def _load_kernels(sweep: Sweep) -> None:
-    """Compile or load the kernels that a sweep needs, so that not all workers compile them at the same time."""
+    """Compile or load the kernels of a sweep, so that the workers need not all compile the kernels at the same time."""
     for point in sweep.points:
         if isinstance(point.problem, SwarmProblem):
             from shoal.swarm.run import load_kernels
@@ -161,7 +163,7 @@ def _load_kernels(sweep: Sweep) -> None:
 
 @dataclass
 class _Job:
-    """A batch that a worker is processing."""
+    """A batch of trials that a worker is processing."""
 
     batch: Batch
     deaths: int = 0
@@ -170,7 +172,7 @@ class _Job:
 
 @dataclass
 class _Run:
-    """One run of a sweep: the batches in progress, and the measured duration of trials."""
+    """One run of a sweep, with the measured durations of its trials."""
 
     sweep: Sweep
     store: Store
@@ -187,7 +189,7 @@ class _Run:
     began: float = field(default_factory=time.monotonic)
 
     def all(self, gaps: list[Gap]) -> None:
-        """Run all missing trials."""
+        """Run all missing trials of the sweep."""
         self.done = self.sweep.total - sum(gap.stop - gap.first for gap in gaps)
         self._tell()
         suspects = self._give_out(self._batches(_rounds(gaps)), at_once=2)
@@ -197,9 +199,9 @@ class _Run:
                 self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
 
     def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
-        """Run batches, up to ``at_once`` per worker, or one in total if it is 0.
+        """Run batches of trials: at most ``at_once`` per worker at the same time, or one in total if ``at_once`` is 0.
 
-        Return the batches whose workers died too often.
+        Return the batches during which workers died too often.
         """
         pending: dict[Future[Answer], _Job] = {}
         again: deque[_Job] = deque()
@@ -226,7 +228,7 @@ class _Run:
                 (suspects if job.deaths >= most else again).append(job)
 
     def _collect(self, pending: dict[Future[Answer], _Job], ready: Iterable[Future[Answer]]) -> Iterator[_Job]:
-        """Commit finished batches. Yield batches that were lost with their worker."""
+        """Commit finished batches. Yield the batches that must run again, for example after the death of a worker."""
         broken = False
         for future in ready:
             job = pending.pop(future)
@@ -249,9 +251,9 @@ class _Run:
             self._tell()
 
     def _doubts(self, job: _Job, answer: Answer) -> bool:
-        """Return whether another worker should repeat a batch, because all trials of the batch failed.
+        """Return whether another worker should repeat a batch. Another worker repeats a batch if all trials of the batch failed.
 
-        If the other worker succeeds, the first worker gets no more batches.
+        If trials of the batch succeed on the second worker, the first worker gets no more batches.
         """
         first, job.doubted = job.doubted, answer
         if first is None:
@@ -279,7 +281,7 @@ class _Run:
             self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
     def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
-        """Divide the missing trials into batches of about the desired duration, by the durations that were measured so far."""
+        """Divide the missing trials into batches of about the desired duration, by means of the measured durations of trials."""
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
         for gap in gaps:
@@ -303,9 +305,9 @@ class _Run:
 
 
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
-    """Yield the missing trials in rounds over all points, so that each point gets early results.
+    """Yield the missing trials in rounds over all points of the sweep, so that each point gets early results.
 
-    Each round is four times as large as the round before.
+    After each round, the number of yielded trials per point is four times as large as after the previous round.
     """
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:
@@ -321,7 +323,7 @@ def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
 
 
 def _singles(batch: Batch) -> Iterator[Batch]:
-    """Yield a separate batch for each trial of a batch."""
+    """Divide a batch into batches of a single trial."""
     for piece in batch.pieces:
         for trial in range(piece.first, piece.stop):
             yield Batch(batch.sweep_seed, (Piece(piece.point, piece.problem, piece.seeds, trial, trial + 1, piece.place),))

@@ -1,4 +1,4 @@
-"""Executors for trials, all with the interface `concurrent.futures.Executor`."""
+"""Executors that run trials on several workers. All executors have the interface `concurrent.futures.Executor`."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from shoal.core.registry import load_users_modules, users_modules
 
 
 def default_workers() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors that the current process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def make_executor(workers: int, *, compiled: bool) -> Executor:
-    """Return an executor with the given number of workers.
+    """Return an executor with ``workers`` threads or processes.
 
-    For compiled episodes, threads are enough, because compiled code releases the interpreter lock. Threads also start faster than
+    Compiled episodes run in threads, because compiled code releases Python's interpreter lock, and threads start faster than
     processes. Policies written in Python run in processes.
     """
     if compiled:
@@ -28,7 +28,7 @@ def make_executor(workers: int, *, compiled: bool) -> Executor:
 
 
 def begin_worker(folders: list[str], modules: list[str]) -> None:
-    """Initialize a worker: ignore Ctrl-C, which a terminal sends to all processes, and import the user's modules."""
+    """Initialize a worker process: ignore Ctrl-C, which a terminal sends to all processes, and import the user's modules."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     load_users_modules(folders, modules)
 

@@ -1,4 +1,4 @@
-"""Statistics of trials: means with confidence intervals, paired comparisons, effect sizes."""
+"""Statistics of trials: means with confidence intervals, paired comparisons, and effect sizes."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ RESAMPLES = 2000
 
 @dataclass(frozen=True)
 class Estimate:
-    """A mean and its confidence interval.
+    """The mean of a sample, and the confidence interval of the mean.
 
     Parameters
     ----------
     mean : float
     low, high : float
-        Ends of the confidence interval; NaN for a single value.
+        Lower and upper end of the confidence interval. Both ends are NaN for a sample of one value.
     std : float
-        Sample standard deviation; NaN for a single value.
+        Sample standard deviation, or NaN for a sample of one value.
     count : int
     level : float
-        Confidence level.
+        Confidence level of the interval, above 0 and below 1.
     method : str
-        "t", "log" or "bootstrap".
+        Method that gave the confidence interval: "t", "log" or "bootstrap".
     """
 
     mean: float
@@ -49,26 +49,26 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Paired comparison of a measure for two settings a and b, whose trials have the same seeds.
+    """Paired comparison of a measure for two settings a and b. The two trials of a pair have equal seeds.
 
     Parameters
     ----------
     difference : Estimate
-        Estimate of the mean of b - a.
+        Estimate of the mean difference: the value for b minus the value for a.
     ratio : float
-        Mean of b divided by the mean of a.
+        Mean of the values for b divided by the mean of the values for a.
     effect : float
-        Cohen's d of paired values: the mean of the differences, divided by their standard deviation. The value is 0 if all
-        differences are 0, and infinite if all differences are equal but not 0.
+        Effect size: Cohen's d of paired values, which is the mean of the differences divided by the standard deviation of the
+        differences. The effect size is 0 if all differences are 0, and infinite if all differences are equal but not 0.
     smaller : float
-        Fraction of the pairs in which b is smaller. A pair of equal values counts one half.
+        Fraction of the pairs in which the value for b is smaller than the value for a. A pair of equal values counts one half.
     p_value : float
         P-value of Wilcoxon's two-sided signed-rank test, or 1 if all differences are 0.
     unfinished : int
-        Number of pairs in which at least one trial ended before its task was done.
+        Number of pairs in which at least one of the two trials did not complete its task.
     bound : float, optional
-        Upper limit of the compared values: the smallest value at which an unfinished trial ended. Larger values count as this
-        value.
+        Upper limit of the compared values: the smallest value at which an unfinished trial ended. In the comparison, a value above
+        ``bound`` counts as ``bound``.
     """
 
     difference: Estimate
@@ -84,7 +84,7 @@ class Comparison:
 
     @property
     def note(self) -> str:
-        """The number of unfinished pairs, and the limit ``bound`` of the values, in brackets; empty if all pairs are finished."""
+        """Text with the number of unfinished pairs and the limit of the values. The text is empty if all pairs are finished."""
         if not self.unfinished:
             return ""
         restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"
@@ -97,16 +97,17 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     Parameters
     ----------
     values : array_like of float, shape (n,)
-        At least one finite value.
+        Values of the sample: one or more finite numbers.
     level : float
-        Confidence level, above 0 and below 1.
+        Confidence level of the interval, above 0 and below 1.
     method : str
-        "t": Student's interval, for means of many values or of normally distributed values. "log": Student's interval of the
-        logarithm of the mean. By the delta method, its standard error is std / (mean * sqrt(n)). The interval never extends below
-        zero, and covers the mean of skewed values more often than "t". "bootstrap": the bias-corrected and accelerated bootstrap.
-        "auto": "log" if no value is below zero, as for counts and times, otherwise "t".
+        Method for the confidence interval. "t" is Student's interval, which suits many values or normally distributed values. "log"
+        is Student's interval of the logarithm of the mean. For n values with the standard deviation std, the delta method gives the
+        logarithm of the mean a standard error of std / (mean * sqrt(n)). The interval of "log" never extends below zero, and covers
+        the mean of skewed values more often than the interval of "t". "bootstrap" is the bias-corrected and accelerated bootstrap.
+        "auto" means "log" if no value is below zero, as for counts and times, and "t" if some value is below zero.
     seed : int
-        Seed of the bootstrap.
+        Seed of the random numbers in the bootstrap.
 
     Raises
     ------
@@ -131,7 +132,7 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
 
 
 def _interval(array: NDArray[np.float64], std: float, level: float, method: Method, seed: int) -> tuple[float, float]:
-    """Return the ends of the interval of values that are not all equal."""
+    """Return the ends of the confidence interval for values that are not all equal."""
     from scipy import stats
 
     mean, count = float(array.mean()), len(array)
@@ -159,14 +160,14 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
 
 
 def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare two rows of values. The k-th value of one setting and the k-th value of the other must come from the same seed.
+    """Compare the values of two settings a and b. The k-th values of a and b must come from trials with one common seed.
 
     Parameters
     ----------
     a, b : array_like of float, shape (n,)
-        The values, at least two in each row.
+        Values of the two settings: at least two values for each setting.
     level, method, seed
-        As in `estimate`.
+        Options ``level``, ``method`` and ``seed`` of the function `estimate`.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Summaries of a sweep: means and numbers of completed trials at each point, and comparisons between the values of paired axes."""
+"""Summaries of a sweep: means and numbers of completed trials at each point, and comparisons of points with equal seeds."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ class Row:
     Parameters
     ----------
     values : dict
-        Values of the axes by name.
+        Values of the sweep's axes at the point, by axis name.
     estimate : Estimate or None
-        Estimate of the mean. The estimate is None if no trial has the measure. It is also None if the measure grows until the task
-        is done and no trial completed its task.
+        Estimate of the mean of the measure. The estimate is None if no trial has the measure. The estimate is also None if the
+        measure grows until the task is done, and no trial completed its task.
     missing : int
-        Number of trials without the measure, because they have not yet run, have failed, or returned None.
+        Number of trials that have not yet run, have failed, or returned None as the measure.
     counted : int
-        Number of trials with the measure.
+        Number of trials that have the measure.
     completed : int or None
-        Number of these trials whose task is done, or None if trials have no status.
+        Number of trials that have the measure and completed their task. ``completed`` is None if trials have no status.
     bound : float or None
-        Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. The bound
-        is the smallest value at which an unfinished trial ended, and a larger value counts as the bound. The true mean is larger
-        than this restricted mean.
+        Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. ``bound``
+        is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``.
+        Therefore the true mean is larger than the estimated mean.
     """
 
     values: dict[str, Any]
@@ -67,15 +67,15 @@ class Measured:
     Parameters
     ----------
     values : dict
-        Values of the axes by name.
+        Values of the sweep's axes at the point, by axis name.
     trials : dict of int to float
-        Values by trial number. Trials without a number as their value are left out.
+        Value of the measure by trial number. Trials without a numeric value are omitted.
     unfinished : set of int
-        Trials whose task was not done.
+        Numbers of the trials that did not complete their task.
     has_status : bool
         Whether trials have a status.
     censored : bool
-        Whether the measure grows until the task is done. The value of an unfinished trial is then a lower bound.
+        Whether the measure grows until the task is done. For a growing measure, the value of an unfinished trial is a lower bound.
     """
 
     values: dict[str, Any]
@@ -87,13 +87,13 @@ class Measured:
     def bound(self) -> float | None:
         """Return the smallest value at which an unfinished trial ended.
 
-        The result is None if all trials are finished, or if the measure does not grow until the task is done.
+        Return None if all trials are finished, or if the measure does not grow until the task is done.
         """
         return min((self.trials[trial] for trial in self.unfinished), default=None) if self.censored else None
 
 
 def measured(store: Store, name: str, measure: str) -> list[Measured]:
-    """Return the measured values at each point of a sweep in order. No third-party code is imported.
+    """Return the values of a measure at each point of a sweep, in the order of the points. Import no third-party code.
 
     Raises
     ------
@@ -127,15 +127,15 @@ def measured(store: Store, name: str, measure: str) -> list[Measured]:
 
 
 def first_measure(measures: Sequence[str]) -> str:
-    """Return the measure that a summary shows by default."""
+    """Return the name of the measure that a summary shows by default."""
     return next((name for name in ("moves", "share") if name in measures), next(iter(measures), ""))
 
 
 def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
-    """Return the mean of a measure with its interval at each point of a sweep.
+    """Return the mean of a measure, with a confidence interval, at each point of a sweep.
 
-    For a measure that grows until the task is done, unfinished trials give only lower bounds. The estimate is then a restricted
-    mean, and the field ``bound`` of the row contains its limit.
+    For a measure that grows until the task is done, an unfinished trial gives a lower bound of its value. The estimate of a growing
+    measure is a restricted mean: values above ``bound`` count as ``bound``. Each row has a field ``bound``.
 
     Raises
     ------
@@ -154,24 +154,24 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
 
 
 def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
-    """Return the values of trials, limited to the bound."""
+    """Return the values of trials. A value above ``bound`` is replaced by ``bound``."""
     return [point.trials[trial] if bound is None else min(point.trials[trial], bound) for trial in trials]
 
 
 def compare_along(
     store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
-    """Compare the values of a paired axis with its first value, for each combination of the other axes.
+    """Compare each value of a paired axis with the first value of the axis, for each combination of the other axes.
 
     Returns
     -------
     list of (values of the other axes, first value, other value, Comparison)
-        The comparison is None if fewer than two trials exist for both values, or if no trial completed its task.
+        The comparison is None if fewer than two trials have results for both values of the axis, or if no trial completed its task.
 
     Raises
     ------
     InvalidInputError
-        If the axis is not paired, because its points then have different seeds.
+        Raised if the axis is not paired. Points along an axis that is not paired have different seeds.
     UnknownNameError
     """
     paired = store.stored(name).form.paired
@@ -194,9 +194,9 @@ def _without(values: dict[str, Any], axis: str) -> dict[str, Any]:
 
 
 def _compared(first: Measured, second: Measured, level: float, method: Method) -> Comparison | None:
-    """Compare two points by the trials that both have.
+    """Compare two points of a sweep by the trials that have results at both points.
 
-    Return None if there are fewer than two such trials, or if no trial of these points completed its task.
+    Return None if fewer than two trials have results at both points, or if no trial completed its task.
     """
     both = sorted(first.trials.keys() & second.trials.keys())
     unfinished = [trial for trial in both if trial in first.unfinished or trial in second.unfinished]

@@ -1,4 +1,4 @@
-"""Run trials: the same problem many times, each trial with its own random generator."""
+"""Run trials: run one problem many times, each time with another random generator."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shoal.swarm.run import run
 from shoal.swarm.simulation.loop import OnMoves
 
 OnTrial = Callable[[int], None]
-"""Function that is called with the number of finished trials."""
+"""Function that `run_trials` calls with the number of finished trials."""
 
 
 def run_trials(
@@ -30,22 +30,23 @@ def run_trials(
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
 ) -> list[SwarmEpisode]:
-    """Run ``trials`` episodes of one problem.
+    """Run ``trials`` trials of one swarm problem, and return their episodes.
 
     Parameters
     ----------
     problem : SwarmProblem
     trials : int
-        Number of trials, at least 1. Trial k uses the generator of (seed, k) for any number of workers. Several trials of a policy
-        written in Python run in processes that import the policy again. Therefore the policy must be in a module, or the script
-        must have the guard that multiprocessing requires.
+        Number of trials, at least 1. Trial k uses the random generator for (seed, k), for any number of workers. Several trials of
+        a policy written in Python run in worker processes, which import the policy again. Therefore the policy must be in a module,
+        or the script must have the guard that Python's multiprocessing requires.
     workers : int, optional
-        Number of trials that run at once. The default is one per processor.
+        Number of trials that run at the same time. The default is one trial per processor.
     seed : int
     on_trial : callable, optional
-        Function that receives the number of finished trials.
+        Function that `run_trials` calls with the number of finished trials.
     on_moves : callable, optional
-        Function that receives the progress of the first trial, as in `shoal.swarm.run.run`, if it runs in this process.
+        Function that is called with the numbers of moves made and frontier cells left in the first trial, if the first trial runs
+        in the current process.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def run_trials(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid.
+        Raised if an argument is invalid.
 
     Examples
     --------
@@ -89,7 +90,7 @@ def run_trials(
 
 
 def _check_importable(policy: Any) -> None:
-    """Refuse a policy that other processes cannot import."""
+    """Refuse a policy that worker processes cannot import."""
     try:
         pickle.dumps(policy)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -105,7 +106,7 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return a progress function for a trial in a thread. The function ends the trial if the other trials were stopped."""
+    """Return the function ``on_moves`` for a trial in a thread. ``on_moves`` ends the trial after ``stop`` is set."""
 
     def watch(moves: int, frontier: int) -> None:
         if stop.is_set():
@@ -124,7 +125,7 @@ def _finished(
     watch: Callable[[int], OnMoves] | None,
     seed: int,
 ) -> Iterator[tuple[int, SwarmEpisode]]:
-    """Yield (trial, episode) in the order in which trials finish. At most ``at_once`` trials wait at the same time."""
+    """Yield (trial number, episode) in the order in which trials finish. Submit at most ``at_once`` trials at the same time."""
     pending: dict[Future[SwarmEpisode], int] = {}
     following = 0
     while following < trials or pending:

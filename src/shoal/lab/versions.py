@@ -1,4 +1,4 @@
-"""The versions on which results may depend: Shoal, its code, and the libraries for computation."""
+"""The versions on which results may depend: Shoal, the libraries for computation, and a digest of Shoal's code."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ from shoal.core.version import code_digest, versions
 
 
 class MixedVersionsWarning(UserWarning):
-    """Other versions of Shoal or its libraries wrote the existing rows of a sweep."""
+    """Warning that other versions of Shoal or its libraries wrote the existing rows of a sweep."""
 
 
 def worker_versions() -> dict[str, str]:
-    """Return the versions on which this process's results depend, and a digest of Shoal's code."""
+    """Return the versions on which results of the current process depend, and a digest of Shoal's code."""
     return versions() | {"code": code_digest()}
 
 
 def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
-    """Refuse a worker whose versions differ from those of this process.
+    """Refuse a worker whose versions differ from the versions of the current process.
 
     Raises
     ------
@@ -31,7 +31,7 @@ def check_versions(theirs: Mapping[str, str], *, worker: str) -> None:
 
 
 def written(found: Mapping[str, str]) -> str:
-    """Return versions as the text that a store contains.
+    """Return a set of versions as the text that a store contains.
 
     Examples
     --------
@@ -42,7 +42,7 @@ def written(found: Mapping[str, str]) -> str:
 
 
 def parsed(text: str) -> dict[str, str]:
-    """Return the versions from a store's text.
+    """Return the set of versions that a text in a store describes.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def parsed(text: str) -> dict[str, str]:
 def told_apart(texts: Iterable[str]) -> dict[str, str]:
     """Return a short name for each of several sets of versions.
 
-    The name contains Shoal's version, and the versions of libraries that differ between the sets.
+    Each name contains Shoal's version, and the versions of all libraries that differ between the sets.
 
     Examples
     --------
@@ -70,7 +70,7 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return the number of rows per set of versions, or an empty text if all rows have the versions of this process.
+    """Return a text with the number of rows per set of versions, or an empty text if no other versions wrote rows.
 
     Examples
     --------

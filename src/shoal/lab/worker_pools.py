@@ -1,4 +1,4 @@
-"""Workers of a sweep: local processes or a Dask cluster, both as `concurrent.futures.Executor`. The pool survives dead workers."""
+"""Pools of workers for a sweep: local processes, or a Dask cluster. A pool survives the death of workers."""
 
 from __future__ import annotations
 
@@ -23,33 +23,33 @@ from shoal.lab.versions import check_versions, worker_versions
 
 
 class WorkerPool(Protocol):
-    """Workers of a sweep: an executor, which is replaced if the death of a worker has broken it."""
+    """The workers of a sweep. If the death of a worker breaks the pool's executor, the pool makes a new executor."""
 
     @property
     def workers(self) -> int:
-        """Current number of workers."""
+        """Current number of workers in the pool."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker, if possible not in the worker ``apart_from``."""
+        """Call a function in a worker of the pool. If possible, avoid the worker ``apart_from``."""
 
     def has_others(self, worker: str) -> bool:
-        """Return whether other workers may be able to run a trial that fails in the given worker."""
+        """Return whether the pool has other workers that may succeed in a trial that fails in ``worker``."""
 
     def set_aside(self, worker: str) -> None:
         """Send no more batches to a worker."""
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether an error shows that a worker died. Replace the executor if it is broken."""
+        """Return whether an error shows that a worker died. Replace a broken executor."""
 
     def close(self, *, at_once: bool) -> None:
-        """Release the workers."""
+        """Release all workers of the pool."""
 
 
 class _OneMachine:
-    """Workers on one machine. They all have the same environment, so no worker fails for reasons of its own."""
+    """Workers on one machine. All workers share one environment, so that no worker fails for a reason of its own."""
 
     def has_others(self, worker: str) -> bool:
-        """Return False, because there are no other workers."""
+        """Return False, because all workers on one machine are alike."""
         return False
 
     def set_aside(self, worker: str) -> None:
@@ -57,12 +57,12 @@ class _OneMachine:
 
 
 class InProcess(_OneMachine):
-    """No workers: all trials run in this process, one after another."""
+    """A pool without workers: all trials run in the current process, one after another."""
 
     workers = 1
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call the function immediately."""
+        """Call the function immediately in the current process."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments))
@@ -80,7 +80,7 @@ class InProcess(_OneMachine):
 
 @dataclass
 class Processes(_OneMachine):
-    """Worker processes on this machine. The worker processes end when the coordinator ends, even after a crash.
+    """Worker processes on the local machine. The worker processes end when the coordinator of the sweep ends or crashes.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Processes(_OneMachine):
             raise
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker."""
+        """Call a function in a worker of the pool."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             try:
@@ -119,14 +119,14 @@ class Processes(_OneMachine):
             return future
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether a worker died. A worker's death breaks the executor, and the next call of `submit` creates a new one."""
+        """Return whether a worker died. The death of a worker breaks the executor, so that `submit` must make a new one."""
         if not isinstance(error, BrokenExecutor):
             return False
         self.close(at_once=True)
         return True
 
     def close(self, *, at_once: bool) -> None:
-        """Let the workers finish, or end them immediately."""
+        """Wait until all workers have finished. If ``at_once`` is true, end all workers immediately."""
         pool, self._pool = self._pool, None
         if pool is not None:
             if at_once:
@@ -136,9 +136,9 @@ class Processes(_OneMachine):
 
 @contextmanager
 def _interruptions_kept() -> Iterator[None]:
-    """Delay Ctrl-C inside the block. Processes started in the block never receive it.
+    """Delay Ctrl-C inside the ``with`` block. Processes that start inside the ``with`` block never receive Ctrl-C.
 
-    A terminal sends Ctrl-C to all processes. A worker that has not yet begun to ignore Ctrl-C would print a traceback.
+    A terminal sends Ctrl-C to all processes. A starting worker, which does not yet ignore Ctrl-C, would print a traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -148,7 +148,7 @@ def _interruptions_kept() -> Iterator[None]:
 
 
 def _end_with_parent(folders: list[str], modules: list[str]) -> None:
-    """Initialize a worker so that it ends when its coordinator has ended. Otherwise it would wait for work forever."""
+    """Initialize a worker process so that the worker ends after its coordinator has ended, instead of waiting for work forever."""
     begin_worker(folders, modules)
     parent = multiprocessing.parent_process()
     if parent is not None:
@@ -166,12 +166,12 @@ class Cluster:
     Parameters
     ----------
     address : str
-        Address of the scheduler, "tcp://HOST:PORT".
+        Address of the Dask scheduler, such as "tcp://HOST:PORT".
 
     Raises
     ------
     InvalidInputError
-        If no scheduler answers, there are no workers, or a worker has other versions than this process.
+        Raised if no scheduler answers, if the cluster has no workers, or if a worker has other versions than the current process.
     MissingExtraError
     """
 
@@ -195,7 +195,7 @@ class Cluster:
         self._executor = self._client.get_executor(pure=False, retries=0)
 
     def _check_workers(self, address: str) -> None:
-        """Before any work, check that the workers have the same versions as this process."""
+        """Check that the versions of all workers equal the versions of the current process."""
         if not self.workers:
             raise InvalidInputError(f"dask: expected workers at {address}, got none (start some: dask worker {address})")
         for worker, theirs in self._client.run(worker_versions, on_error="return").items():
@@ -208,9 +208,9 @@ class Cluster:
             self._share(name, file)
 
     def _share(self, name: str, file: str) -> None:
-        """Check that all workers have the same source of a module as this process.
+        """Check that the source of a module is equal in all workers and in the current process.
 
-        If a worker lacks the module, send the module to it.
+        If a worker does not have the module, send the module to the worker.
         """
         ours = digest_of_module(name)
         for attempt in range(2):
@@ -228,11 +228,11 @@ class Cluster:
 
     @property
     def workers(self) -> int:
-        """The number of threads that all workers have at present."""
+        """Current number of threads of all workers in the cluster."""
         return sum(self._client.nthreads().values())
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker."""
+        """Call a function in a worker of the pool."""
         executor = self._executor
         if apart_from:
             others = self._addresses(apart_from, same=False)
@@ -241,38 +241,39 @@ class Cluster:
         return future
 
     def has_others(self, worker: str) -> bool:
-        """Return whether there are other workers now."""
+        """Return whether the cluster currently has workers other than ``worker``."""
         return bool(self._addresses(worker, same=False))
 
     def set_aside(self, worker: str) -> None:
-        """Retire a worker. The pending batches of this worker go to other workers."""
+        """Retire a worker. Dask moves the pending batches of the retired worker to other workers."""
         if addresses := self._addresses(worker, same=True):
             self._client.retire_workers(addresses, close_workers=True)
 
     def _addresses(self, worker: str, *, same: bool) -> list[str]:
-        """Return the addresses of the worker of a name, or of all other workers."""
+        """Return the addresses of the worker with the name ``worker`` or, if ``same`` is false, of all other workers."""
         names = self._client.run(worker_name, on_error="ignore")
         return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether Dask has given up a batch because its workers died. Before that, Dask itself retries the batch."""
+        """Return whether Dask has given up a batch because workers died during the batch. Dask gives up after several attempts."""
         return isinstance(error, self._killed)
 
     def close(self, *, at_once: bool) -> None:
-        """Disconnect from the cluster. The cluster keeps running."""
+        """Disconnect from the Dask cluster. The Dask cluster itself keeps running."""
         self._executor.shutdown(wait=not at_once)
         self._client.close()
 
 
 def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
-    """Return the workers of a sweep.
+    """Return a pool of workers for a sweep.
 
     Parameters
     ----------
     workers : int, optional
-        Number of processes on this machine. The default is one process per processor. With 0, all trials run in this process.
+        Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
+        run in the current process.
     dask : str, optional
-        Address of a Dask scheduler, whose workers replace processes on this machine.
+        Address of a Dask scheduler. The scheduler's workers then run all trials, in place of processes on the local machine.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The studio's web application: its pages, files, answers, jobs, and a websocket for events."""
+"""The studio's web application, which serves pages, files, answers and jobs, and sends events over a websocket."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from shoal.studio.jobs.queue import JobQueue
 from shoal.studio.preview import Preview
 
 WAITING = 1000
-"""Maximum number of messages that wait for a slow browser.
+"""Maximum number of messages that may wait for a slow browser.
 
-If there are more, the websocket is closed, and the browser connects again.
+If more messages are waiting, the studio closes the websocket, and the browser connects again.
 """
 
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".html": "text/html", ".svg": "image/svg+xml"}
@@ -37,7 +37,7 @@ _STATIC = {"static": resources.files("shoal.studio") / "static", "player": resou
 
 
 class Studio:
-    """The application for one folder.
+    """The web application of the studio for one folder.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class Studio:
         self.previews = {False: Preview(str(self.folder.root)), True: Preview(str(self.folder.root))}  # quick, and slow
 
     def tell(self, message: dict[str, Any]) -> None:
-        """Send a message to all browsers."""
+        """Send a message to all connected browsers."""
         for listener in list(self._listeners):
             if listener.qsize() > WAITING:
                 self._listeners.discard(listener)
@@ -60,7 +60,7 @@ class Studio:
                 listener.put_nowait(message)
 
     async def close(self) -> None:
-        """Stop all jobs and processes."""
+        """Stop all jobs and all processes of the studio."""
         for listener in self._listeners:
             listener.put_nowait({"lost": True})
         await asyncio.gather(*(preview.close() for preview in self.previews.values()), self.queue.close())
@@ -68,15 +68,15 @@ class Studio:
     # ---- requests ----
 
     async def page(self, request: Request) -> Response:
-        """Return the page."""
+        """Return the HTML page of the studio."""
         return _static("static/index.html")
 
     async def static(self, request: Request) -> Response:
-        """Return a script or style of the studio or of the player."""
+        """Return a script or a style sheet of the studio or of the player."""
         return _static(request.url.path.lstrip("/"))
 
     async def player(self, request: Request) -> Response:
-        """Return the page of a player, without an episode."""
+        """Return the HTML page of a player, without an episode."""
         from shoal.views.player import served_page
 
         part = check_choice(request.path_params["part"], what="part", choices=PARTS)
@@ -86,15 +86,15 @@ class Studio:
         return Response(page, media_type="text/html")
 
     async def start(self, request: Request) -> Response:
-        """Return the initial data of the page."""
+        """Return the initial data of the studio's page."""
         told = {"folder": self.folder.root.name, "version": __version__, "jobs": self.queue.all_told()}
         return JSONResponse(told | await asyncio.shield(self.forms) | {"files": await asyncio.to_thread(self.folder.files)})
 
     @cached_property
     def forms(self) -> asyncio.Future[dict[str, Any]]:
-        """Return the declarations from which pages make their forms.
+        """Return the declarations of fields, from which pages make their forms.
 
-        The declarations are computed when the server starts, while the browser also starts.
+        The server computes the declarations of fields during its start, while the browser also starts.
         """
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 
@@ -112,24 +112,24 @@ class Studio:
         return {"schemas": schemas, "maps": maps}
 
     async def files(self, request: Request) -> Response:
-        """Return the files of the folder."""
+        """Return the list of files in the folder."""
         return JSONResponse(await asyncio.to_thread(self.folder.files))
 
     async def file(self, request: Request) -> Response:
-        """Return one file for download or display. The browser must not run it as a page of the studio."""
+        """Return one file for download or display. A header forbids the browser to run the file as a page of the studio."""
         path = self.folder.path(request.path_params["name"])
         if not path.is_file():
             raise InvalidInputError("file: expected a file of the folder, got no such file")
         return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
 
     async def take(self, request: Request) -> Response:
-        """Store an uploaded file."""
+        """Store an uploaded file in the folder."""
         name = await self.folder.take(request.path_params["name"], request.stream())
         self.tell({"files": True})
         return JSONResponse({"file": name})
 
     async def ask(self, request: Request) -> Response:
-        """Answer a question."""
+        """Answer a question of a page."""
         what, about = request.path_params["what"], await _json(request)
         answer = await self.previews[about.get("slow") is True].ask(what, about)
         if what in ("sketch", "save", "draw"):
@@ -137,11 +137,11 @@ class Studio:
         return JSONResponse(answer)
 
     async def jobs(self, request: Request) -> Response:
-        """Return the jobs."""
+        """Return the newest jobs, and the number of jobs in each state."""
         return JSONResponse({"jobs": self.queue.all_told(), "counts": self.queue.store.counts()})
 
     async def add_job(self, request: Request) -> Response:
-        """Queue a job."""
+        """Add a job to the queue."""
         given = await _json(request)
         spec = given.get("spec")
         if not isinstance(spec, dict):
@@ -149,12 +149,12 @@ class Studio:
         return JSONResponse(self.queue.add(given.get("kind"), spec, urgent=given.get("urgent") is True))
 
     async def cancel_job(self, request: Request) -> Response:
-        """Cancel a job."""
+        """Cancel the job whose number the request contains."""
         self.queue.cancel(int(request.path_params["number"]))
         return JSONResponse({})
 
     async def live(self, socket: WebSocket) -> None:
-        """Send a browser the events of jobs and files, and the pieces of the job that it watches."""
+        """Send a browser the events of jobs and files, and the pieces of all episodes that the browser watches."""
         await socket.accept()
         listener: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
         watched: set[int] = set()
@@ -189,7 +189,7 @@ class Studio:
 
 
 async def _json(request: Request) -> dict[str, Any]:
-    """Return the JSON object in a request."""
+    """Return the JSON object in the body of a request."""
     if request.headers.get("content-type") != "application/json":
         raise InvalidInputError("expected JSON")
     try:
@@ -214,7 +214,7 @@ def _static(name: str) -> Response:
 
 
 def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Awaitable[Response]]:
-    """Return a handler of requests that answers errors with one sentence."""
+    """Return a request handler that answers an error with one sentence."""
 
     async def handled(request: Request) -> Response:
         try:
@@ -230,7 +230,7 @@ def _refused(handler: Callable[[Request], Awaitable[Response]]) -> Callable[[Req
 
 
 def application_of(studio: Studio) -> Starlette:
-    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must stand between this application and the network."""
+    """Return the ASGI application of a studio. `shoal.studio.guard.Guard` must protect the application from the network."""
 
     @asynccontextmanager
     async def life(_app: Starlette) -> AsyncIterator[None]:

@@ -1,4 +1,4 @@
-"""The folder of a studio. Paths from a browser never lead out of the folder, and files that are too large are not decoded."""
+"""The folder of a studio. Paths from a browser cannot lead out of the folder, and pictures that are too large are refused."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
-"""Maximum number of pixels of a picture in the studio. The command line can open larger pictures."""
+"""Maximum number of pixels in a picture that the studio opens. The command line can open larger pictures."""
 
 PAPERS = "papers"
-"""Subfolder for the reproduced figures of the papers."""
+"""Name of the subfolder for reproduced figures of the papers."""
 
 MOST_LISTED = 2000
 SHAPEFILE = (".shp", ".shx", ".dbf", ".prj", ".cpg")
-"""The suffixes of a Shapefile, which consists of several files of one name."""
+"""File suffixes of a Shapefile, which consists of several files with a common stem."""
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 KINDS = {
@@ -40,7 +40,7 @@ _TAKEN = tuple({suffix for suffixes in KINDS.values() for suffix in suffixes})
 
 
 class Folder:
-    """The folder that a studio serves, and the names of its files.
+    """The folder that a studio serves. The methods of `Folder` convert the names of files to paths inside the folder.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ class Folder:
         self.root = Path(root).resolve()
 
     def path(self, name: str) -> Path:
-        """Return the path of a file in the folder by its name. The file need not exist yet.
+        """Return the path of the file with the given name in the folder. The file need not exist yet.
 
         Raises
         ------
         InvalidInputError
-            If the path is hidden or outside the folder, also through a link.
+            Raised if the path is hidden, or if it leads out of the folder, directly or through a link.
         """
         parts = Path(name).parts
         bad = not name or "\0" in name or "\\" in name or len(name) > 500 or Path(name).is_absolute()
@@ -79,7 +79,7 @@ class Folder:
         return found
 
     def check_fields(self, data: Mapping[str, Any]) -> None:
-        """Refuse a problem's fields that name files outside the folder, or pictures that are too large.
+        """Refuse fields of a problem that name files outside the folder or pictures that are too large.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Folder:
                     check_pixels(self.path(text))
 
     def files(self) -> list[dict[str, Any]]:
-        """Return the files with their names, kinds, sizes in bytes and times, newest first."""
+        """Return the files of the folder, newest first, with the name, purpose, size in bytes and time of each file."""
         found: list[dict[str, Any]] = []
         for where, folders, names in os.walk(self.root):
             folders[:] = [name for name in folders if name[0] != "."]
@@ -119,7 +119,7 @@ class Folder:
         return sorted(found, key=lambda one: -float(one["time"]))[:MOST_LISTED]
 
     def new_name(self, stem: str, suffix: str) -> str:
-        """Return an unused name: the given stem, or the stem with a number."""
+        """Return an unused file name, which consists of the stem, a number if necessary, and the suffix."""
         plain = "".join(letter if letter.isalnum() or letter in "-_" else "-" for letter in stem).strip("-")[:60] or "file"
         # an existing file of another Shapefile is not used as a part of this one
         family = SHAPEFILE if suffix == ".shp" else (suffix,)
@@ -130,14 +130,14 @@ class Folder:
         return free + suffix
 
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> str:
-        """Write an uploaded file under its own name or one with a number. Return the name.
+        """Write an uploaded file to the folder. If another file has the name, add a number to the name. Return the new file's name.
 
         A failed write leaves no partial file.
 
         Raises
         ------
         InvalidInputError
-            If the name is not a file type of Shoal, or the file is a picture that is too large.
+            Raised if the suffix is not the suffix of a file type that Shoal reads, or if the file is a picture that is too large.
         OutputError
         """
         plain = Path(name.replace("\\", "/")).name
@@ -154,12 +154,12 @@ class Folder:
 
 
 def purpose_of(name: str) -> str | None:
-    """Return the purpose of a file (such as map or episode) that its name indicates, or None."""
+    """Return the purpose of a file, such as map or episode, as indicated by the file name. For other files, return None."""
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 
 
 def check_pixels(path: Path) -> None:
-    """Refuse a picture of more than `MOST_PIXELS`. Only its header is read.
+    """Refuse a picture of more than `MOST_PIXELS` pixels, after reading the header of the file and no pixels.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Forms and copies. A form is the JSON schema of a problem's declarations. A copy is a problem as code, command or file."""
+"""Forms and copies. A form is the JSON schema of a problem's fields. A copy is a problem as Python code, a command or a file."""
 
 from __future__ import annotations
 
@@ -30,9 +30,8 @@ _COMMANDS = {"steering": "steer", "search": "search"}
 def schema_of(kind: type[Problem]) -> dict[str, Any]:
     """Return the JSON schema of a class with declared fields: a problem, a vehicle, or the options of missions.
 
-    Each property has four entries that JSON Schema does not define: ``unit``, ``place`` (true for the map, workspace or region),
-    ``repeated``, and ``names``. The entry ``names`` lists the possible names of a field whose value is a name with options after a
-    colon.
+    A property may have four entries that JSON Schema does not define: ``unit``, ``place`` (true for the map, workspace or region),
+    ``repeated``, and ``names``. The entry ``names`` lists the built-in names of a field whose value is a name, such as a policy.
 
     Examples
     --------
@@ -71,7 +70,7 @@ def _property(declared: Declaration) -> dict[str, Any]:
 
 
 def _as_in_forms(text: str) -> str:
-    """Return the help of an option for a form: with field names in place of flags, without parts for the command only.
+    """Return the help text of an option for a form. Replace flags by field names, and omit parts that concern the command line.
 
     Examples
     --------
@@ -84,7 +83,7 @@ def _as_in_forms(text: str) -> str:
 
 
 def checked_problem(data: Any, folder: Folder) -> Problem:
-    """Return the problem that a browser describes. A problem with files outside the folder or with third-party code is refused.
+    """Return the problem that a browser describes. Refuse a problem with files outside the folder or with third-party code.
 
     Raises
     ------
@@ -96,9 +95,10 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
 
 
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
-    """Return the object that a form's fields describe.
+    """Return the object that the fields of a form describe.
 
-    A field that is a text is parsed as on the command line; see `schema_of` and `checked_problem`.
+    The function parses the text of a field as on the command line. The function refuses files outside the folder, and third-party
+    code.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
 
 
 def checked_seed(about: Mapping[str, Any]) -> int:
-    """Return the seed from a browser, 0 by default. Large seeds arrive as texts, because numbers in a browser have only 53 bits.
+    """Return the seed from a browser, or 0 without a seed. A large seed arrives as text, because numbers in browsers have 53 bits.
 
     Raises
     ------
@@ -129,12 +129,12 @@ def checked_seed(about: Mapping[str, Any]) -> int:
 
 
 def copies_of(problem: Problem, *, seed: int) -> dict[str, str]:
-    """Return texts with which a user gets the same result outside the studio: ``python``, ``command`` and ``file``."""
+    """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a run outside the studio."""
     return {"python": as_python(problem, seed=seed), "command": as_command(problem, seed=seed), "file": as_file(problem)}
 
 
 def as_python(problem: Problem, *, seed: int) -> str:
-    """Return a script that runs a problem.
+    """Return a Python script that runs a problem.
 
     Examples
     --------
@@ -162,7 +162,7 @@ def as_python(problem: Problem, *, seed: int) -> str:
 def as_command(problem: Problem, *, seed: int) -> str:
     """Return the command line that runs a problem.
 
-    If a field cannot be written as text, the command reads the file ``problem.json``.
+    If some field cannot be written as text, the command reads the problem from the file ``problem.json``.
 
     Examples
     --------
@@ -183,7 +183,7 @@ def as_command(problem: Problem, *, seed: int) -> str:
 
 
 def mission_words(options: Problem) -> list[str]:
-    """Return the words that set the options of missions on the command line."""
+    """Return the words of a command line that set the options of missions."""
     return [shlex.quote(word) for word in _flags(options, _fields(options))]
 
 
@@ -201,7 +201,7 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
-    """Return whether the command line can express a value. If it can, the text of the value is parsed to the same value."""
+    """Return whether the command line can express a value: whether parsing the text of the value gives an equal value."""
     if declared.type is not object:
         return True
     try:
@@ -212,7 +212,7 @@ def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
 
 
 def as_file(problem: Problem) -> str:
-    """Return the problem file as JSON. Commands accept this file in place of a map, workspace or region."""
+    """Return the text of a problem file in JSON. Commands accept a problem file in place of a map, workspace or region."""
     return json.dumps(problem.to_dict(), indent=1, allow_nan=False) + "\n"
 
 

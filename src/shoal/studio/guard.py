@@ -18,13 +18,13 @@ Send = Callable[[Message], Awaitable[None]]
 Application = Callable[[MutableMapping[str, Any], Receive, Send], Awaitable[None]]
 
 LARGEST_BODY = 2 * 2**20
-"""Maximum size in bytes of a request's body, except uploads."""
+"""Maximum size of the body of a request, except an upload, in bytes."""
 
 LARGEST_UPLOAD = 512 * 2**20
-"""Maximum size in bytes of an uploaded file."""
+"""Maximum size of an uploaded file, in bytes."""
 
 SLOWEST = 10.0
-"""Maximum number of seconds between two pieces of a request's body, and until a request is complete."""
+"""Maximum time in seconds between two pieces of a request's body. A new connection must send a request within `SLOWEST` seconds."""
 
 MOST_CONNECTIONS = 200
 MOST_SOCKETS = 16
@@ -43,7 +43,7 @@ _KEPT_PRIVATE = {
 
 
 class _RefusedError(Exception):
-    """A refused request with its status and a sentence."""
+    """Raised to refuse a request. The error contains the HTTP status and a sentence for the user."""
 
     def __init__(self, status: int, sentence: str) -> None:
         super().__init__(sentence)
@@ -51,19 +51,19 @@ class _RefusedError(Exception):
 
 
 class Guard:
-    """The protection of the studio as one ASGI middleware.
+    """The protection of the studio: an ASGI middleware that checks every request.
 
     Parameters
     ----------
     application : callable
-        The protected application.
+        The ASGI application that the middleware protects.
     port : int
-        Port of the server. Requests for any other host, and requests from pages of other sites, are refused.
+        Port of the server. The middleware refuses requests for other hosts or ports, and requests from pages of other sites.
 
     Attributes
     ----------
     token : str
-        Secret in the address that is opened first. The server exchanges it for a cookie.
+        Secret text in the first address that the browser opens. In exchange for the secret text, the server sets a cookie.
     """
 
     def __init__(self, application: Application, port: int) -> None:
@@ -134,7 +134,7 @@ class Guard:
 
 
 def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
-    """Return headers by name. A header that occurs twice with different values is refused."""
+    """Return the headers of a request by name. A header that occurs twice with different values gets an invalid value."""
     found: dict[bytes, bytes] = {}
     for name, value in scope["headers"]:
         found[name] = value if found.get(name, value) == value else b"\x00"
@@ -142,7 +142,7 @@ def _headers(scope: MutableMapping[str, Any]) -> dict[bytes, bytes]:
 
 
 def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], receive: Receive) -> Receive:
-    """Return a ``receive`` that refuses a body while it arrives, if it is too large or too slow."""
+    """Return a function ``receive`` that refuses the body of a request if the body is too large or arrives too slowly."""
     most = LARGEST_UPLOAD if scope["method"] == "PUT" else LARGEST_BODY
     told = headers.get(b"content-length", b"0")
     came, whole = 0, False
@@ -167,7 +167,7 @@ def _limited(scope: MutableMapping[str, Any], headers: dict[bytes, bytes], recei
 
 
 def _private(send: Send, host: str) -> Send:
-    """Return a ``send`` that adds the headers that all answers have."""
+    """Return a function ``send`` that adds the security headers to every answer."""
 
     async def private(message: Message) -> None:
         if message["type"] == "http.response.start":
@@ -190,15 +190,15 @@ async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) 
 class LimitedConnection(H11Protocol):
     """A server connection with limits on the number of connections and on idle time.
 
-    If there are too many connections, the oldest connection without a request is closed. If all connections have requests, the
-    newest one is closed.
+    If too many connections are open, the server closes the oldest connection without a request. If too many connections are open
+    and all connections have requests, the server closes the newest connection.
     """
 
     open_now = 0
     silent: ClassVar[dict[LimitedConnection, None]] = {}  # oldest first
 
     def connection_made(self, transport: Any) -> None:
-        """Accept a connection, and close a connection if there are too many."""
+        """Accept a new connection. If the server then has too many connections, close one of them."""
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)
@@ -214,12 +214,12 @@ class LimitedConnection(H11Protocol):
             self.transport.abort()
 
     def handle_websocket_upgrade(self, event: Any) -> None:
-        """Stop counting the connection, because the guard counts websockets separately."""
+        """Stop counting a connection that becomes a websocket. The class `Guard` counts websockets."""
         self._left()
         super().handle_websocket_upgrade(event)
 
     def connection_lost(self, error: Exception | None) -> None:
-        """Remove the connection."""
+        """Stop counting a connection that has ended."""
         self._left()
         super().connection_lost(error)
 

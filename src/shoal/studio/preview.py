@@ -1,6 +1,6 @@
-"""Processes for quick answers. Each process runs permanently and caches opened files.
+"""Processes for the quick answers of the studio. Each process runs permanently and caches opened files.
 
-If the process ends, the studio starts a new one.
+If a process for quick answers ends, the studio starts a new one.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ from shoal.core.errors import InvalidInputError, ShoalError
 from shoal.studio.jobs.processes import Worker
 
 PATIENCE = 60.0
-"""Maximum seconds for an answer. If a process takes longer, it is ended."""
+"""Maximum time for a quick answer, in seconds. The studio ends a process that takes longer than `PATIENCE` seconds."""
 
 
 class Preview:
-    """A process that answers quick questions, one after the other.
+    """A process that answers the quick questions of pages, one after another.
 
     Parameters
     ----------
     root : str
-        Path of the folder.
+        Path of the studio's folder.
     """
 
     def __init__(self, root: str) -> None:
@@ -32,12 +32,12 @@ class Preview:
         self._numbers = count()
 
     async def ask(self, what: str, about: dict[str, Any]) -> Any:
-        """Return the answer to a question of `shoal.studio.answers`.
+        """Return the answer to a question of a page. `shoal.studio.answers` contains all questions.
 
         Raises
         ------
         InvalidInputError
-            If the process reports an error, ends, or takes too long. The message is one sentence.
+            Raised if the process reports an error, ends, or takes longer than `PATIENCE`. The error message is one sentence.
         """
         async with self._turn:
             if self._worker is None:
@@ -64,7 +64,7 @@ class Preview:
         return value
 
     async def close(self) -> None:
-        """End the process."""
+        """End the process for quick answers."""
         worker, self._worker = self._worker, None
         if worker is not None:
             worker.kill()

@@ -1,4 +1,4 @@
-"""The server of the studio: it serves a folder at 127.0.0.1 until it is stopped."""
+"""The server of the studio, which serves a folder at the address 127.0.0.1 until the user stops it."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from shoal.studio.guard import Guard, LimitedConnection
 from shoal.studio.jobs.store import FILE
 
 PORT = 8790
-"""Default port of the studio. If this port is in use, any free port is used."""
+"""Default port of the studio. If the default port is in use, the server chooses a free port."""
 
 
 def listening(port: int | None) -> socket.socket:
-    """Return a socket that listens only at 127.0.0.1.
+    """Return a socket that listens at the address 127.0.0.1. Other machines cannot connect to the socket.
 
     Raises
     ------
     OutputError
-        If the requested port is in use.
+        Raised if the requested port is in use.
     """
     for wanted in (PORT, 0) if port is None else (port,):
         # With the protocol named asyncio lets its connections send at once; else the second part of each answer waits 40 ms.
@@ -45,24 +45,24 @@ def listening(port: int | None) -> socket.socket:
 
 
 def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: bool = True, say: Callable[[str], None]) -> None:
-    """Serve a folder until Ctrl-C.
+    """Serve a folder until the user presses Ctrl-C.
 
     Parameters
     ----------
     root : path
-        The folder, which is created if it does not exist. The folder contains the whole state of the studio.
+        Path of the folder, which is created if it does not exist. The folder contains all data of the studio.
     port : int, optional
     browser : bool
-        Whether to open a browser.
+        Whether to open the studio in a browser.
     say : callable
-        Function that receives the address.
+        Function that `serve` calls with the address of the studio.
 
     Raises
     ------
     InvalidInputError
-        If the path is not a folder, or another studio uses it.
+        Raised if the path is not a folder, or if another studio uses the folder.
     OutputError
-        If the port is in use or the folder is not writable.
+        Raised if the requested port is in use, or if the folder is not writable.
     """
     folder = Path(root).resolve()
     try:

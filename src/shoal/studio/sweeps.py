@@ -1,4 +1,4 @@
-"""Sweeps from a browser: their forms, their checks, and their texts as Python, as commands and as a file."""
+"""Sweeps that a browser describes: the forms of sweeps, the checks of sweeps, and copies as Python code, commands and files."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import schema_of
 
 PLAYED = tuple(kind for kind in KINDS if kind != "function")
-"""Kinds of problems that the studio can sweep.
+"""Kinds of problems for which the studio can run sweeps.
 
-Functions are excluded, because they are third-party code. Only the command line runs such code.
+The kind "function" is excluded, because a browser must not start third-party code.
 """
 
 
 def sweep_forms(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the fields that sweeps can vary: for each kind of problem, the schema of the problem and the measures of a trial."""
+    """Return the forms of sweeps: for each kind of problem, the schema of the fields and the measures of a trial."""
     made = {kind: trial_problem_type(kind) for kind in PLAYED}
     return {kind: {"schema": schema_of(one), "measures": list(one.measures)} for kind, one in made.items()}
 
 
 def checked_sweep(text: str, folder: Folder) -> Sweep:
-    """Return the sweep that TOML from a browser describes.
+    """Return the sweep that a TOML text from a browser describes.
 
-    A sweep with files outside the folder or with third-party code is refused.
+    The function refuses a sweep with files outside the folder or with third-party code.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the TOML is invalid. The message names the line and the field.
+        Raised if the TOML text is invalid. The error message contains the line and the field.
     """
     return sweep_in(text, where="sweep", check=partial(_check, folder))
 
@@ -60,7 +60,7 @@ def _check(folder: Folder, data: Mapping[str, Any]) -> None:
 
 
 def sweep_copies(sweep: Sweep, store: str, text: str) -> dict[str, str]:
-    """Return texts with which a user gets the same results outside the studio: ``python``, ``command`` and ``file``."""
+    """Return the texts ``python``, ``command`` and ``file``, with which a user can repeat a sweep outside the studio."""
     measure, axis = first_measure(sweep.measures), next(iter(sweep.paired), None)
     file = store.removesuffix(".sqlite") + ".toml"
     shown = f" --compare {axis}" * bool(axis)

@@ -1,4 +1,4 @@
-"""Imports of all common libraries and kernels, for the process from which the other processes are forked."""
+"""Imports of all common libraries and kernels, for the process from which all other studio processes are forked."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.swarm.run import load_kernels
 
 
 def _load() -> None:
-    """Load the kernels of the default policy and of plans for two particles, and all other kernels that a run needs."""
+    """Load the kernels that a run with the default policy needs, and the kernels for steering two particles."""
     for policy in ("best", "closest-frontier"):
         problem = SwarmProblem([[1, 1]], particles=1, policy=policy)
         load_kernels(problem)

@@ -1,6 +1,6 @@
 """Mapping and coverage by a swarm of particles on a grid. One command moves all particles.
 
-The names of this package are imported on first use.
+The package `shoal.swarm` imports each public name when it is first used.
 """
 
 from __future__ import annotations

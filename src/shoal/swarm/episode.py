@@ -1,4 +1,4 @@
-"""SwarmEpisode: one run of a swarm, with or without noise, simulated or on a rig. An episode contains all data for a replay."""
+"""SwarmEpisode: the record of one run of a swarm, simulated or on a rig. An episode contains all data for a replay."""
 
 from __future__ import annotations
 
@@ -37,35 +37,38 @@ REASONS = {
 
 @dataclass(frozen=True, eq=False)
 class SwarmEpisode(WithTrace, Episode):
-    """One run of a policy on a task, with all data for an exact replay.
+    """The record of one run of a swarm problem, with all data for an exact replay.
 
     Parameters
     ----------
     problem : SwarmProblem
         The problem as the user declared it. The place of the problem is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
-        Cells of the particles at the start.
+        Cells of the particles at the start of the episode.
     trace : Trace
-        The effect of each command.
+        The effect of each command of the episode.
     status : Status
-        "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every reachable cell beside a free cell
-        is classified. With noise, "stalled" means that some reachable cells beside free cells are undecided.
+        The status at the end: "complete", "stalled", "limit" or "interrupted". With noise, "complete" means that every reachable
+        cell beside a free cell is classified. With noise, "stalled" means that some reachable cells beside free cells are
+        undecided.
     policy : str
-        Name of the policy that ran. For the policy ``auto``, this is the name of the policy that ``auto`` chose.
+        Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the
+        selected policy.
     first_frontier : int
-        Number of frontier cells at the start.
+        Number of frontier cells at the start of the episode.
     targets : ndarray of bool, the shape of the workspace, or None
-        The cells to cover. The value is None for a mapping task.
+        The cells that the particles must cover, or None for a mapping.
     seed, trial : int
-        Seed and trial number; see `shoal.swarm.grid.randomness`.
+        Seed and trial number, which determine all random numbers of the episode.
     seconds : float
-        Computing time in seconds, including planning.
+        Computing time of the episode in seconds, including the time for planning.
     versions : dict of str
     observations : tuple of ndarray of int64, shape (k, ndim), optional
-        Only for a rig with noise: the observed cells of each scan, including the scan before the first command. The workspace of
-        an episode of such a rig consists of the cells that were classified as free.
+        For a rig with noise: the cells in which each scan showed particles, including the scan before the first command. The
+        workspace of an episode on a rig with noise consists of all cells that the swarm classified as free.
     truth : ndarray of bool, optional
-        Only for a rig with noise: the true free cells, if they are known. Figures use these cells to show classification errors.
+        For a rig with noise: the true free cells, if the true map is known. Figures compare the classified cells with the true free
+        cells.
     """
 
     part: ClassVar[str] = "swarm"
@@ -86,53 +89,53 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def workspace(self) -> GridWorkspace:
-        """The workspace of the problem."""
+        """The workspace in which the episode took place."""
         workspace: GridWorkspace = self.problem.place
         return workspace
 
     @property
     def task(self) -> str:
-        """Name of the task."""
+        """Name of the problem's task."""
         return self.problem.task_name
 
     @property
     def rule(self) -> str:
-        """The move rule."""
+        """Name of the move rule: "block", "merge" or "tilt"."""
         return self.problem.rule
 
     @property
     def placement(self) -> str:
-        """Name of the placement, or "given" if the user gave start cells."""
+        """Name of the placement of the particles, or "given" if the user gave start cells."""
         return self.problem.placement_name
 
     @property
     def noisy(self) -> bool:
-        """Whether the problem has noise. With noise, use `moments` instead of `frames`."""
+        """Whether the episode's problem has noise. For pictures of an episode with noise, use `moments` instead of `frames`."""
         return self.problem.noise is not None or self.observations is not None
 
     @property
     def cost(self) -> float:
-        """Total price of all moves and scans."""
+        """Total price of all moves and scans of the episode."""
         return self.problem.scanning.cost(moves=self.moves, scans=self.scans)
 
     @property
     def particles(self) -> int:
-        """Number of particles."""
+        """Number of particles in the swarm."""
         return len(self.start)
 
     @property
     def distance(self) -> int:
-        """Distance that all particles together travelled, in cells."""
+        """Distance that all particles together travelled during the episode, in cells."""
         return int(self.trace.travelled.sum())
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean computing time per move in seconds, including the time for planning. The value is 0 for an episode without moves."""
+        """Mean computing time per move in seconds, including the time for planning; 0 for an episode without moves."""
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
     def reason(self) -> str:
-        """One sentence that explains the status."""
+        """One sentence that explains the status of the episode."""
         left = int(self.trace.frontier[-1]) if self.moves else self.first_frontier
         rest = "" if self else f"; {left} frontier cells left"
         done = REASONS[self.status]
@@ -144,12 +147,12 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def out_of_reach(self) -> str:
-        """Text with the number of free cells that no particle can reach, or an empty text if particles can reach all."""
+        """Text with the number of free cells out of reach of all particles. The text is empty if all free cells are in reach."""
         return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
 
     @cached_property
     def unreachable(self) -> int:
-        """Number of free cells that no particle of a mapping task can reach, because no free path leads there from a start cell."""
+        """In a mapping, the number of free cells to which no free path leads from a start cell."""
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
@@ -157,12 +160,12 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def sentence(self) -> str:
-        """Return one sentence with the status, the number of moves and the reason."""
+        """Return one sentence with the status, the number of moves and the reason for the status."""
         return f"{self.status} after {self.moves} moves: {self.reason}"
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics by name: all measures that sweeps store, and further numbers about the result."""
+        """Return the metrics of the episode by name: all measures that sweeps store, and further numbers about the result."""
         numbers = {
             "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
             "seconds": self.seconds,
@@ -194,7 +197,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @cached_property
     def replay(self) -> Replay:
-        """The replayed episode, computed from its commands and scans."""
+        """The replay of the episode, computed from its stored commands and scans."""
         problem, about = self.problem, (self.problem.noise or Noise(), self.problem.confidence)
         if self.observations is not None:
             return ObservedReplay(self.workspace.shape, *about, self.trace, self.observations, self.truth)
@@ -203,10 +206,10 @@ class SwarmEpisode(WithTrace, Episode):
         return ExactReplay(GridWorld(self.workspace, self.rule), problem.chosen_task, self.start, self.targets, self.trace)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each command.
+        """Yield the state of the swarm and the belief, at the start and after each command.
 
-        Without noise, the belief contains the information of the last scan, and of later commands whose outcome is certain. With
-        noise, the state holds the most likely positions of the particles.
+        In an episode without noise, the belief contains the information of the last scan, and of later commands with a certain
+        outcome. In an episode with noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -215,33 +218,36 @@ class SwarmEpisode(WithTrace, Episode):
         return self.replay.moments()
 
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return the state and the belief after the last command. With noise, the state is an estimate."""
+        """Return the swarm's state and the belief after the last command. In an episode with noise, the state is an estimate."""
         return self.replay.end.state, self.replay.end.belief
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """For each cell, the probability at the end of the episode that the cell is free; float64, with a rim of one cell.
+        """For each cell and a rim of one cell, the final probability that the cell is free (float64).
 
-        None for episodes without noise.
+        For an episode without noise, the property is None.
         """
         return self.replay.last[0].probability if isinstance(self.replay, NoisyReplay) else None
 
     @cached_property
     def errors(self) -> MapErrors | None:
-        """Classification errors of the final map, or None if the episode is not a simulation with noise."""
+        """Classification errors of the final map of a simulation with noise.
+
+        The property is None for episodes without noise and for runs on a rig.
+        """
         if self.problem.noise is None or self.observations is not None:
             return None
         return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands and scans.
+        """Replay the commands and scans, and compare the replay with all stored values.
 
-        Compare all stored values with the replay, and check whether the task is complete at the end.
+        For an episode without noise, also check that the status agrees with the number of frontier cells left at the end.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            If the task is unknown in this process, or does not fit the workspace.
+            Raised if the running process does not know the task, or if the task does not fit the workspace.
         """
         end = self.replay.end
         if end.first_frontier != self.first_frontier:
@@ -267,10 +273,10 @@ class SwarmEpisode(WithTrace, Episode):
         Raises
         ------
         InvalidInputError
-            If the path does not end in ``.npz``. Also if the episode comes from a rig with noise, because the rig's log stores this
-            episode.
+            Raised if the path does not end in ``.npz``. Also raised if the episode comes from a rig with noise, because the log of
+            the rig already stores the episode.
         OutputError
-            If the file cannot be written.
+            Raised if Shoal cannot write the file.
         """
         if self.observations is not None:
             raise InvalidInputError(
@@ -283,12 +289,12 @@ class SwarmEpisode(WithTrace, Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SwarmEpisode:
-        """Read an episode that `save` wrote. A third-party task runs only if ``trust`` is true.
+        """Read an episode that `save` wrote. If ``trust`` is false, refuse a file with a third-party task.
 
         Raises
         ------
         InvalidInputError
-            If the file is missing, damaged, or of another format.
+            Raised if the file is missing or damaged, or has another format.
         """
         problem, told, trace, arrays = episode_file.read(path, trust=trust)
         return cls(problem=problem, trace=trace, **told, **arrays)

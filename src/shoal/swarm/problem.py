@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 Cells = tuple[tuple[int, ...], ...]
 
 READING = ("vessels", "width", "low", "high", "bright", "thickest", "threshold", "invert", "scale", "level", "label")
-"""The fields that define how a map file is read."""
+"""Names of the problem fields that control the reading of a map file."""
 
 DRIVEN = (
     "policy", "budget", "time_per_move", "max_moves", "scan_every", "scan_cost", "move_cost", "slip", "misplace", "miss",
     "confidence",
 )  # fmt: skip
-"""The fields that define how a rig is driven. All other settings belong to the rig itself."""
+"""Names of the problem fields for a run on a rig. The rig itself determines all other settings of a run."""
 
 TASK_NAMES = ("mapping", "coverage", "subset-coverage")
 PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return the functions that check and write a field whose value is a name or an object of a given kind."""
+    """Return the check and dump functions of a field whose value is a task, placement or policy, given by name or as an object."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":
@@ -106,19 +106,19 @@ def _rate(help: str) -> Any:  # noqa: A002 - as in option
 
 @dataclass(frozen=True, eq=False)
 class SwarmProblem(Problem):
-    """The mapping or coverage of a map by a swarm.
+    """All settings, except the seed, of a run in which a swarm maps or covers a workspace.
 
-    The fields are the options of ``shoal map`` and ``shoal cover``, the fields of sweeps, and the fields of problem files. In
-    Python, a map may also be a `GridWorkspace` or an array. Task, policy and placement may be third-party objects.
+    The commands ``shoal map`` and ``shoal cover``, sweeps and problem files have the same fields as `SwarmProblem`. In Python, a
+    map may also be a `GridWorkspace` or an array. The task, the policy and the placement may be third-party objects.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If a value has the wrong type or range, or fields contradict each other.
+        Raised if a field has the wrong type or is out of range, or if fields contradict each other.
 
     Notes
     -----
-    Source: paper M; docs/concepts/world.md.
+    Sources: paper M, and docs/concepts/world.md.
 
     Examples
     --------
@@ -211,7 +211,7 @@ class SwarmProblem(Problem):
     cell_size: float | None = option(None, help="Side of a cell. Default: the cell size in the file.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
-        """Refuse fields that contradict each other. No file is opened yet."""
+        """Refuse a problem whose fields contradict each other. Do not open the map file."""
         assert self.scanning
         if self.start is not None:
             if self.particles not in (100, len(self.start)):
@@ -241,12 +241,12 @@ class SwarmProblem(Problem):
 
     @property
     def scanning(self) -> ScanRule:
-        """The scan rule with the prices of scans and moves."""
+        """The problem's scan rule, with the costs of scans and moves."""
         return ScanRule.parse(self.scan_every, scan_cost=self.scan_cost, move_cost=self.move_cost)
 
     @property
     def noise(self) -> Noise | None:
-        """The noise model, or None without noise."""
+        """The noise model of the problem, or None for a problem without noise."""
         if not (self.slip or self.misplace or self.miss):
             return None
         from shoal.swarm.noise.model import Noise
@@ -255,7 +255,7 @@ class SwarmProblem(Problem):
 
     @property
     def task_name(self) -> str:
-        """Name of the task. A third-party task is named without being imported."""
+        """Name of the task. The property returns the name of a third-party task without importing the task."""
         if self.subset is not None:
             return "subset-coverage"
         name = _name_for_people(self.task)
@@ -268,19 +268,20 @@ class SwarmProblem(Problem):
 
     @cached_property
     def chosen_task(self) -> Task:
-        """The task as an object."""
+        """The task of the problem, as a task object."""
         from shoal.swarm.grid.tasks import SubsetCoverage, make_task
 
         return make_task(self.task) if self.subset is None else SubsetCoverage(self.subset)
 
     @cached_property
     def chosen_policy(self) -> Policy:
-        """The policy as an object: the requested policy, or the policy that ``auto`` means.
+        """The policy object of the problem: the requested policy, or the policy that the setting ``auto`` selects.
 
         Raises
         ------
         InvalidInputError, UnknownNameError
-            If the policy is unknown, or a budget or a time per move is given for a policy that does not plan.
+            Raised if no policy has the requested name, or if the problem gives a planning budget or a time per move to a policy
+            that does not plan.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget
@@ -294,7 +295,7 @@ class SwarmProblem(Problem):
         return with_budget(make_policy(policy), **wanted)
 
     def open_place(self) -> GridWorkspace:
-        """Open the map."""
+        """Open the problem's map and return the workspace."""
         from shoal.swarm.maps.open import open_map
 
         reading = {name: getattr(self, name) for name in READING}
@@ -304,14 +305,14 @@ class SwarmProblem(Problem):
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
-        """Return the map's name and its reading options, or None for a map that is already open."""
+        """Return the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""
         if isinstance(self.map, GridWorkspace):
             return None
         read = ("map", "largest_component", "cell_size", *READING)
         return self.canonical(without=("kind", *(name for name in self.declarations() if name not in read)))
 
     def place_is_file(self) -> bool:
-        """Return whether the map is a file or a folder."""
+        """Return whether the problem's map is a file or a folder."""
         return isinstance(self.map, str) and os.path.exists(self.map)  # unlike Path.exists, it accepts names of any length
 
     def place_digest(self) -> bytes:
@@ -319,7 +320,7 @@ class SwarmProblem(Problem):
         return repr(self.place.shape).encode() + bytes(self.place.free.tobytes())
 
     def check_at_place(self) -> None:
-        """Refuse a policy that does not support the task, and more particles than free cells.
+        """Refuse a policy that the task, map or rules exclude, start cells that are not free, and more particles than free cells.
 
         Raises
         ------

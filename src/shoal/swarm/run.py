@@ -1,4 +1,4 @@
-"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code. All other policies run step by step."""
+"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code, and third-party policies in Python."""
 
 from __future__ import annotations
 
@@ -32,19 +32,21 @@ def run(
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
 ) -> SwarmEpisode:
-    """Run one episode.
+    """Run one episode of a swarm problem.
 
     Parameters
     ----------
     problem : SwarmProblem
     seed, trial : int
-        Seed and trial number, at least 0. The same seed and trial number always give the same episode.
+        Seed and trial number, at least 0. Both numbers together determine all random numbers of the episode. Two runs with equal
+        seeds and equal trial numbers give equal episodes.
     stepwise : bool
-        Whether to run built-in policies step by step, like third-party policies. The option does not change the episode.
+        Whether to run a built-in policy command by command in Python, like a third-party policy. The option ``stepwise`` does not
+        change the episode.
     on_moves : callable, optional
-        Function that is called with the progress: (moves so far, frontier cells left).
+        Function that `run` calls during the episode, with the number of moves made and the number of frontier cells left.
     on_trace : callable, optional
-        Function that receives each piece of the trace during the run.
+        Function that `run` calls during the episode, with each new piece of the trace.
 
     Returns
     -------
@@ -53,7 +55,7 @@ def run(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the problem is invalid.
+        Raised if the settings of the problem are invalid.
 
     Examples
     --------
@@ -92,7 +94,7 @@ def run(
 
 
 def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
-    """Return the run of a built-in policy in compiled code, or None if kernels do not support the policy or the task."""
+    """Return the object that runs a built-in policy in compiled code. Without kernels for the policy or the task, return None."""
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
     if isinstance(swarm, NoisySwarm):
         return NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step) if isinstance(policy, ClosestFrontier) else None
@@ -108,7 +110,7 @@ def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator)
 
 
 def load_kernels(problem: SwarmProblem) -> None:
-    """Load or compile the kernels that a problem needs, by a run of a similar problem on two cells."""
+    """Load or compile the kernels that a problem needs, by running a similar problem on a map of two cells."""
     policy, task = problem.chosen_policy, problem.chosen_task
     if isinstance(policy, Compiled | Offline) and is_compiled(task):
         budget = {"budget": 1.0} if isinstance(policy, Offline) else {}

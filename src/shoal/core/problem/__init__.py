@@ -1,7 +1,7 @@
-"""The class Problem: all settings of a run. Each setting is declared once, with its type, default, unit, range and help.
+"""The class Problem: all settings of a run. A subclass declares each setting with its type, default, unit, range and help.
 
-The declarations of settings generate the options of commands, the fields of sweeps and problem files, and the tables of the
-documentation. Therefore commands, files and tables have the same defaults.
+Shoal generates the options of commands, the fields of sweeps and problem files, and the tables of the documentation from the
+declarations of settings. Therefore commands, files and tables agree on the default of each setting.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ __all__ = ["Declaration", "Problem", "check_known", "option"]
 
 
 def check_known(given: Mapping[str, Any], known: Iterable[str], *, where: str) -> None:
-    """Refuse fields whose names are not in ``known``. The error message suggests the nearest known name.
+    """Refuse a mapping with a field whose name is not in ``known``. The error message suggests the nearest known name.
 
     Raises
     ------
@@ -35,16 +35,16 @@ def check_known(given: Mapping[str, Any], known: Iterable[str], *, where: str) -
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """All settings of a run except its seed. Subclasses are frozen dataclasses whose fields are made by `option`."""
+    """All settings of a run except its seed. Subclasses are frozen dataclasses with fields made by `option`."""
 
     part: ClassVar[str]
-    """The kind of problem, as in files: "swarm", "steering", "search", ..."""
+    """The kind of the problem, as written in files, such as "swarm", "steering" or "search"."""
 
     measures: ClassVar[tuple[str, ...]] = ()
-    """The metrics of an episode that a sweep stores."""
+    """Names of the metrics that a sweep stores for each episode."""
 
     censored: ClassVar[tuple[str, ...]] = ()
-    """Measures that grow until the task is done. For an unfinished episode, their values are lower bounds."""
+    """Measures that grow until the task is done. In an unfinished episode, the value of a growing measure is a lower bound."""
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -52,11 +52,11 @@ class Problem:
         self.check_together()
 
     def check_together(self) -> None:
-        """Refuse fields that contradict each other. No file is opened yet."""
+        """Refuse a problem whose fields contradict each other. Do not open the files that the fields name."""
 
     @classmethod
     def declarations(cls) -> Mapping[str, Declaration]:
-        """Return the declarations of all fields by name, in order."""
+        """Return the declarations of all fields, keyed by field name, in the order of declaration."""
         return _declarations(cls)  # type: ignore[arg-type]  # classes are hashable, whatever their instances are
 
     @classmethod
@@ -66,7 +66,7 @@ class Problem:
         Raises
         ------
         InvalidInputError
-            If a field is unknown or invalid. The message gives the location of the field.
+            Raised if a field is unknown or invalid. The error message gives the location of the field.
         """
         if not isinstance(data, Mapping):
             raise InvalidInputError(f"{where}: expected fields with values, got {shortened(data)}")
@@ -86,7 +86,7 @@ class Problem:
         Raises
         ------
         InvalidInputError
-            If the data are invalid, or a field names third-party code and ``trust`` is false.
+            Raised if the data are invalid, or if ``trust`` is false and a field names third-party code.
         """
         if not trust:
             cls.refuse_code(data, where=path)
@@ -94,14 +94,14 @@ class Problem:
 
     @classmethod
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
-        """Raise an error if fields of a file name third-party code, because opening the file would run this code.
+        """Raise an error if a field of a file names third-party code, because opening the file would run the code.
 
-        ``data`` contains the fields of the file. ``names`` lists the fields to check. By default, all fields are checked.
+        ``data`` contains the fields of the file. ``names`` lists the fields to check; by default, the method checks all fields.
 
         Raises
         ------
         InvalidInputError
-            If a field names third-party code. The message names the module.
+            Raised if a field names third-party code. The error message contains the name of the module.
         """
         known = cls.declarations()
         for name in known if names is None else names:
@@ -114,7 +114,7 @@ class Problem:
                 )
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
-        """Return the fields and the part (``kind``) as JSON data. Set ``defaults`` to include fields with default values."""
+        """Return the problem's fields and its ``kind`` as JSON data. Include fields with default values if ``defaults`` is true."""
         told: dict[str, Any] = {"kind": self.part}
         for name, declared in self.declarations().items():
             value = getattr(self, name)
@@ -123,12 +123,12 @@ class Problem:
         return told
 
     def canonical(self, *, without: tuple[str, ...] = ()) -> str:
-        """Return a JSON text that is equal for equal problems. Fields with default values are left out."""
+        """Return the problem as a JSON text that omits default values. Equal problems give equal JSON texts."""
         told = {name: value for name, value in self.to_dict().items() if name not in without}
         return json.dumps(told, sort_keys=True, separators=(",", ":"), allow_nan=False)
 
     def replaced(self, **changes: Any) -> Self:
-        """Return the problem with some fields replaced.
+        """Return a copy of the problem with new values for some fields.
 
         Raises
         ------
@@ -147,33 +147,33 @@ class Problem:
 
     @cached_property
     def place(self) -> Any:
-        """The map, workspace or region, which is opened on first use."""
+        """The place of the problem: its map, workspace or region. The problem opens the place on first use."""
         return self.open_place()
 
     def open_place(self) -> Any:
-        """Open the map, workspace or region."""
+        """Open and return the problem's map, workspace or region."""
         return None
 
     def place_key(self) -> str | None:
-        """Return a text that is equal for problems with the same place, or None for a place without a name."""
+        """Return a text that identifies the problem's place, or None for a place without a name. Equal places give equal texts."""
         return None
 
     def place_is_file(self) -> bool:
-        """Return whether the place is a file. Workers on other machines may lack the file of a place."""
+        """Return whether the problem's place is a file. A worker process on another machine may not have the file."""
         return False
 
     def place_digest(self) -> bytes:
-        """Return bytes that differ for places with different content, so that a sweep can detect a changed file."""
+        """Return a digest of the place's content. A sweep compares digests to detect a changed file."""
         return b""
 
     def at_place(self, place: Any) -> Self:
-        """Return a copy of the problem with an opened place."""
+        """Return a copy of the problem with ``place`` as its opened place."""
         same = replace(self)
         same.__dict__["place"] = place
         return same
 
     def check_at_place(self) -> None:
-        """Refuse settings that are impossible at the opened place.
+        """Refuse settings of the problem that are impossible on its map, workspace or region.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""Declarations of problem fields: type, default, unit, range, help, checking, and conversion to text."""
+"""Declarations of the fields of problems: type, default, unit, range, help text, check, and conversion to text."""
 
 from __future__ import annotations
 
@@ -20,28 +20,30 @@ class Option:
     Parameters
     ----------
     help : str
-        One or two sentences of help.
+        Help text for the user, in one or two sentences.
     unit : str
     least, most, above, below : float
-        Range of a number: at least ``least``, at most ``most``, more than ``above``, less than ``below``.
+        Limits of a numeric field. Each value must be at least ``least``, at most ``most``, more than ``above`` and less than
+        ``below``.
     choices : tuple of str
-        All possible values of a text. Without choices, any text is valid.
+        All valid values of a text field. If ``choices`` is empty, any text is valid.
     metavar : str
-        Placeholder for the value in the help of a command.
+        Placeholder for the field's value in the help of a command.
     short : str
-        Short form of the command's option, such as ``-n``.
+        Short form of the command line option, such as ``-n``.
     argument : bool
-        Whether commands take the field as a positional argument instead of an option.
+        Whether the field is a positional argument of commands. If ``argument`` is false, the field is a command line option.
     repeated : bool
-        Whether commands accept the option several times. ``parse`` then receives a list of texts.
+        Whether users may repeat the command line option. The function ``parse`` of a repeated option receives a list of texts.
     parse : callable, optional
-        Function that converts a command line text to the value, for types other than text, number and boolean.
+        Function that converts a command line text to the field's value. Fields for texts, numbers and booleans need no function
+        ``parse``.
     check : callable, optional
-        Function that checks a value and returns the checked value. This function replaces the check that the type implies.
+        Function that checks the field's value and returns the checked value. ``check`` replaces the default check of the type.
     dump : callable, optional
-        Function that converts the value to JSON data.
+        Function that converts the field's value to JSON data.
     names : tuple of str, optional
-        The built-in names, for a field whose value may also name third-party code as MODULE:ATTRIBUTE.
+        The built-in names of a field that also accepts the names of third-party code (MODULE:ATTRIBUTE).
     """
 
     help: str
@@ -63,17 +65,18 @@ class Option:
 
 @dataclass(frozen=True)
 class Declaration:
-    """The complete declaration of one field of a problem, as commands, files and tables use it.
+    """The complete declaration of one field of a problem. Commands, files and tables use the declaration of a field.
 
     Parameters
     ----------
     name : str
     type : type
-        The type of the value: int, float, bool or str. All other types are given as ``object``, with a ``check``.
+        The type of the field's value: int, float, bool or str. All other types are declared as ``object``, with the function
+        ``check``.
     optional : bool
         Whether None is a valid value of the field.
     default : object
-        The default value, or `REQUIRED` if there is none.
+        The default value of the field, or `REQUIRED` for a field without a default value.
     option : Option
     """
 
@@ -85,7 +88,7 @@ class Declaration:
 
     @property
     def flag(self) -> str:
-        """The name of the command line option, such as ``--scan-every``."""
+        """The name of the field's command line option, such as ``--scan-every``."""
         return "--" + self.name.replace("_", "-")
 
     @property
@@ -95,12 +98,12 @@ class Declaration:
 
     @property
     def range(self) -> str:
-        """The range of a number as text, such as "from 0 to 1". The text is empty for a field without a range."""
+        """The range of the field's values as text, such as "from 0 to 1". The text is empty for a field without a range."""
         option = self.option
         return range_text(option.least, option.most, option.above, option.below)
 
     def checked(self, value: Any) -> Any:
-        """Return the checked value as the field stores it.
+        """Check a value and return it in the form that the field stores.
 
         Raises
         ------
@@ -123,7 +126,7 @@ class Declaration:
         return check_text(value, what=self.name)
 
     def text(self, value: Any) -> str:
-        """Return a value as command line text: numbers '1,2', points and cells '1,2 3,4', named values 'a=1,b=2'."""
+        """Return a value as command line text, such as '1,2' for numbers, '1,2 3,4' for points, or 'a=1,b=2' for named values."""
         if isinstance(value, Mapping):
             first, *others = value.items()
             return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])
@@ -154,11 +157,11 @@ def _plain(value: Any) -> str:
 
 
 REQUIRED: Any = MISSING
-"""The default of a field without a default value."""
+"""A marker that stands for the missing default of a required field."""
 
 
 def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: A002 - the word that every reader expects
-    """Declare a field of a problem; see `Option`.
+    """Declare a field of a problem. `Option` lists the keyword arguments.
 
     Examples
     --------
@@ -178,7 +181,7 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
 
 
 def declaration_of(one: Field[Any], value_type: Any) -> Declaration:
-    """Return the declaration of a dataclass field made by `option`, whose type is ``value_type``."""
+    """Return the declaration of a dataclass field that `option` made. ``value_type`` is the type of the field."""
     parts = get_args(value_type) if get_origin(value_type) in (Union, types.UnionType) else (value_type,)
     kinds = [part for part in parts if part is not type(None)]
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in (int, float, bool, str) else object

@@ -1,7 +1,7 @@
 """The kinds of problems that a sweep can run: swarm, steering, search, line, schedule and function.
 
-A sweep's problem contains only values that can be written as text. Therefore a sweep's problem has one canonical form, and can be
-sent to any worker. Each worker process opens a map, workspace or region only once.
+All values in the problem of a sweep can be written as text. Therefore the problem of a sweep has one canonical form, and Shoal can
+send it to any worker. A worker process opens each map, workspace or region once.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ KINDS = (*parts.PARTS, *_OWN)
 
 
 def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Problem:
-    """Return the problem that a mapping of fields describes, where ``kind`` is one of `KINDS`.
+    """Return the problem that a mapping of fields describes. The field ``kind`` is one of `KINDS`.
 
     Raises
     ------
     InvalidInputError
-        If a field is invalid. The message gives the location of the field.
+        Raised if a field is invalid. The error message gives the location of the field.
     """
     kind = fields.get("kind")
     if kind not in KINDS:
@@ -40,11 +40,11 @@ def trial_problem(fields: Mapping[str, Any], *, where: str = "problem") -> Probl
 
 
 def trial_problem_type(kind: str) -> type[Problem]:
-    """Return the class of a kind of problem."""
+    """Return the problem class of a kind, such as "swarm" or "line"."""
     return _OWN.get(kind) or parts.problem_type(kind)
 
 
 def trial(problem: Problem, seed: int) -> list[Any]:
-    """Run one trial and return its measures, named by ``problem.measures``, as texts, numbers, booleans or None."""
+    """Run one trial, and return the values of all measures in ``problem.measures``: texts, numbers, booleans or None."""
     measured = problem.trial(seed) if isinstance(problem, MeasuredProblem) else parts.run(problem, seed=seed).metrics
     return [measured[name] for name in problem.measures]

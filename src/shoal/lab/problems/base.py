@@ -15,4 +15,4 @@ class MeasuredProblem(Problem, ABC):
 
     @abstractmethod
     def trial(self, seed: int) -> dict[str, Any]:
-        """Run one trial. Return its measures by name."""
+        """Run one trial and return the measures of the trial by name."""

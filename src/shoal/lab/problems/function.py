@@ -1,4 +1,4 @@
-"""Trials of a third-party function."""
+"""A problem whose trials are calls of a third-party function."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(MeasuredProblem):
-    """A third-party function "module:attribute".
+    """A problem whose trials call a third-party function "module:attribute".
 
-    A trial calls this function with ``seed`` and ``arguments``, and gets a dict of measures.
+    Each trial calls the function with ``seed`` and ``arguments``. The function returns a dict of measures.
 
-    The function has an attribute ``measures``, a tuple of the keys of the dict that it returns.
+    The function must have an attribute ``measures``: a tuple of the names of all measures that the function returns.
     """
 
     part = "function"
@@ -39,7 +39,7 @@ class FunctionProblem(MeasuredProblem):
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it
-        """The names of the function's measures."""
+        """The names of all measures that the function returns."""
         found = getattr(self.called, "measures", ())
         if not found or not all(isinstance(name, str) for name in found):
             raise InvalidInputError(f"function {self.function}: expected an attribute measures that names its results, got none")
@@ -47,21 +47,21 @@ class FunctionProblem(MeasuredProblem):
 
     @cached_property
     def called(self) -> Callable[..., Any]:
-        """The function itself."""
+        """The third-party function as a Python object."""
         found = Registry[Callable[..., Any]]("function").get(self.function)
         if not callable(found):
             raise InvalidInputError(f"function {self.function}: expected a function, got {shortened(found)}")
         return found
 
     def check_at_place(self) -> None:
-        """Refuse arguments that the function does not accept."""
+        """Refuse arguments that the third-party function does not accept."""
         try:
             inspect.signature(self.called).bind(seed=0, **(self.arguments or {}))
         except TypeError as error:
             raise InvalidInputError(f"function {self.function}: {error}") from None
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Call the function and return its measures."""
+        """Call the third-party function, and return the measures of the trial."""
         found = self.called(seed=seed, **(self.arguments or {}))
         if not isinstance(found, dict) or {*found} != {*self.measures}:
             raise InvalidInputError(

@@ -17,7 +17,7 @@ from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJu
 
 @dataclass(frozen=True, eq=False)
 class LineProblem(MeasuredProblem):
-    """Random placements on a line. A trial gives means over ``placements`` random placements (paper M, section III.A)."""
+    """Random placements of particles on a line. A trial gives means over ``placements`` placements (paper M, section III.A)."""
 
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
@@ -28,15 +28,15 @@ class LineProblem(MeasuredProblem):
 
     @cached_property
     def line(self) -> Line:
-        """The line with its particles."""
+        """The line of the problem, with its numbers of cells and particles."""
         return Line(self.cells, self.particles)
 
     def check_at_place(self) -> None:
-        """Refuse more particles than cells."""
+        """Refuse a problem with more particles than cells."""
         _ = self.line
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw the placements. ``shoal line`` with the same seed draws the same placements as this trial."""
+        """Draw placements, and return mean values. With an equal seed, the command ``shoal line`` draws equal placements."""
         drawn = sample(self.line, self.placements, seed=seed, workers=1)
         return {name: float(getattr(drawn, name).mean()) for name in self.measures}
 
@@ -58,7 +58,7 @@ class ScheduleProblem(MeasuredProblem):
 
     @cached_property
     def scans(self) -> ScanSchedule:
-        """The object that the name of the scan schedule stands for."""
+        """The scan schedule with the name that the field ``schedule`` contains."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
             return made()
@@ -68,12 +68,12 @@ class ScheduleProblem(MeasuredProblem):
         raise InvalidInputError(f"schedule: expected every-step, i^i, powers:K or one-jump:M, got {self.schedule!r}")
 
     def check_at_place(self) -> None:
-        """Refuse prices that are both zero, and schedules whose last scan lies before the maximum distance."""
+        """Refuse a problem with both prices zero, and a schedule whose last scan lies before the maximum distance."""
         farthest = self.max_distance if self.distance is None else self.distance
         self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw a distance from 0 to ``max_distance`` unless one is given, and find the wall."""
+        """Find a wall at the given distance. Without a given distance, draw a distance from 0 to ``max_distance`` moves."""
         at = self.distance
         cost = self.scans.cost(int(np.random.default_rng(seed).integers(self.max_distance + 1)) if at is None else at)
         weighted = cost.weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)

@@ -1,1 +1,1 @@
-"""The store of a sweep: an SQLite file with its lock, its checks and its tables."""
+"""The store of sweeps: an SQLite file, with its tables, its lock and its integrity checks."""

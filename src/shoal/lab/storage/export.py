@@ -1,4 +1,4 @@
-"""Export of a sweep's table to CSV, Parquet or a data frame."""
+"""Export of the results of a sweep: a table as a CSV file, a Parquet file or a pandas data frame."""
 
 from __future__ import annotations
 
@@ -26,7 +26,9 @@ def _needed(module: str, what: str) -> Any:
 
 
 def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
-    """Write the table of a sweep: axes, trial, seed and measures, sorted by point and trial. Return the number of rows.
+    """Write the results of a sweep as a table, sorted by point and trial. Return the number of rows.
+
+    The columns of the table are the axes, the trial number, the seed and the measures.
 
     Parameters
     ----------
@@ -34,13 +36,14 @@ def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
     name : str
         Name of the sweep.
     path : path
-        A ``.csv`` file or a ``.parquet`` file. The metadata of a ``.parquet`` file contain the sweep as JSON under "shoal".
+        Path of the output file, which ends in ``.csv`` or ``.parquet``. The metadata of a Parquet file contain the sweep as JSON
+        under the key "shoal".
 
     Raises
     ------
     InvalidInputError, UnknownNameError, OutputError
     MissingExtraError
-        If the file is Parquet and ``shoal[lab]`` is not installed.
+        Raised if the output file is a Parquet file and ``shoal[lab]`` is not installed.
     """
     target = check_suffix(path, *SUFFIXES)
     columns = store.columns(name)
@@ -61,7 +64,7 @@ def _write_csv(store: Store, name: str, columns: list[str], path: Path) -> int:
 
 
 def _defused(value: Any) -> Any:
-    """Return the content of a CSV cell. A text that a spreadsheet would read as a formula gets a leading apostrophe."""
+    """Return a value as the content of a CSV cell. Put an apostrophe before a text that a spreadsheet would read as a formula."""
     return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
@@ -87,9 +90,10 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
 
 
 def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
-    """Return the column types of a table.
+    """Return the types of the columns in the table of a sweep.
 
-    All parts of the table must have the same types, but a column that begins with whole numbers may contain fractions later.
+    A column that begins with whole numbers may contain fractions in later rows. Therefore a column with whole numbers of a measure
+    has the type float.
     """
     fields = []
     sweep = store.sweep(name)
@@ -108,13 +112,13 @@ def _array(arrow: Any, values: Sequence[Any], kind: Any) -> Any:
 
 
 def frame(store: Store, name: str) -> Any:
-    """Return the table of a sweep as a pandas data frame.
+    """Return the results of a sweep as a pandas data frame.
 
     Raises
     ------
     UnknownNameError
     MissingExtraError
-        If ``shoal[lab]`` is not installed.
+        Raised if ``shoal[lab]`` is not installed.
     """
     pandas = _needed("pandas", "a data frame")
     columns = store.columns(name)

@@ -1,4 +1,4 @@
-"""Integrity checks of a store: the structure of the SQLite file, its keys, seeds and rows."""
+"""Integrity checks of a store: check the structure of the SQLite file, the keys of points, the seeds of trials, and all rows."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from shoal.lab.sweeps.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:
-    """Return the faults of a store as a list of sentences. An intact store has none.
+    """Return the faults of a store as a list of sentences. The list is empty for an intact store.
 
-    The checks cover the structure of the SQLite file and the number of values in each row. The checks also compare the stored keys
-    and seeds with the keys and seeds that the sweep defines.
+    The function checks the structure of the SQLite file and the number of values in each row. The function also compares the stored
+    keys and seeds with the keys and seeds that the sweep defines.
     """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]

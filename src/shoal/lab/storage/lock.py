@@ -1,4 +1,7 @@
-"""A lock that allows one coordinator per sweep. The lock is released when the process that holds it ends, even after a crash."""
+"""A lock that lets only one process run a sweep.
+
+When the process with the lock ends or crashes, the operating system releases the lock.
+"""
 
 from __future__ import annotations
 
@@ -24,14 +27,14 @@ def _lock_file(store: Path, name: str) -> Path:
 
 @contextmanager
 def locked(store: Path, name: str) -> Iterator[None]:
-    """Hold the lock of a sweep inside the block.
+    """Hold the lock of a sweep inside the ``with`` block.
 
     Raises
     ------
     InvalidInputError
-        If another process holds the lock. The message names the process.
+        Raised if another process holds the lock. The error message contains the number of the other process.
     OutputError
-        If the folder is not writable.
+        Raised if the folder is not writable.
     """
     path, tries = _lock_file(store, name), 0
     while True:
@@ -77,7 +80,7 @@ def _is_still(descriptor: int, path: Path) -> bool:
 
 
 def is_locked(store: Path, name: str) -> bool:
-    """Return whether a process currently runs a sweep of a store."""
+    """Return whether some process currently runs the sweep ``name`` of a store."""
     try:
         descriptor = os.open(_lock_file(store, name), os.O_RDONLY | _PLAIN)
     except OSError:

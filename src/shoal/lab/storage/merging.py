@@ -1,4 +1,4 @@
-"""Merging of stores: several stores with results of the same sweeps become one store."""
+"""Merging of stores: combine several stores, which may contain results of common sweeps, into one store."""
 
 from __future__ import annotations
 
@@ -16,20 +16,22 @@ Write = Callable[[str, Sequence[Any]], int]
 
 
 def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
-    """Merge stores into a new one. Return the names of the sweeps in the new store.
+    """Merge several stores into a new store. Return the names of all sweeps in the new store.
 
-    Sweeps with the same name must be equal. A trial that several stores contain must have the same result in all of them.
+    If several stores contain sweeps with an equal name, these sweeps must be equal. If several stores contain results of one trial,
+    these results must be equal.
 
     Parameters
     ----------
     sources : sequence of path
     out : path
-        File of the new store.
+        Path of the new store.
 
     Raises
     ------
     InvalidInputError
-        If sweeps or trials differ, a store is damaged, or ``out`` exists. In this case, nothing is written.
+        Raised if sweeps with equal names differ, if results of one trial differ, if a store is damaged, or if ``out`` exists. After
+        an error, no new store remains.
     OutputError
     """
     target = Path(out)
@@ -44,7 +46,7 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
 
 
 def _take(merged: Store, opened: Store, name: str) -> None:
-    """Copy a sweep into the merged store, or only those of its rows that this store does not yet contain."""
+    """Copy all rows of a sweep into the merged store, except the rows that the merged store already contains."""
     stored, where = opened.stored(name), f"{opened.path}: sweep {name}"
     if name in merged.names:
         there = merged.stored(name)
@@ -54,7 +56,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy one row from a store to another, with new values for its first columns. Return its number."""
+            """Copy a row of a table to the merged store, with new values in the first columns. Return the new row's number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which other rows refer to, got none")
@@ -85,5 +87,5 @@ def _take(merged: Store, opened: Store, name: str) -> None:
 
 
 def _insert(write: Write, table: str, columns: str, values: tuple[Any, ...]) -> int:
-    """Insert a row into a table, unless the row exists. Return its number."""
+    """Insert a row into a table, unless the row exists. Return the number of the row."""
     return write(f"INSERT OR IGNORE INTO {table} ({columns}) VALUES ({', '.join('?' * len(values))})", values)

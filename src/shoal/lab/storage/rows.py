@@ -1,4 +1,4 @@
-"""Rows of a store, converted and validated: sweeps, and the columns of results."""
+"""Conversion and validation of rows in a store: rows of sweeps, and rows of results."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from shoal.lab.sweeps.sweep import Sweep, SweepForm, form_of, sweep_of
 
 @dataclass(frozen=True)
 class StoredSweep:
-    """A sweep in the form in which a store contains it. The problem is created only when the method `sweep` is called.
+    """The description of a sweep in a store. The method `sweep` creates the sweep and its problem.
 
     Parameters
     ----------
     id : int
-        Number of the sweep's row.
+        Number of the sweep's row in the store.
     where : str
-        Name of the file and of the sweep, with which error messages begin.
+        Text with the names of the store file and the sweep, with which error messages begin.
     spec : dict
-        The result of `shoal.lab.Sweep.describe`.
+        The sweep as JSON data, as returned by `shoal.lab.Sweep.describe`.
     inputs : mapping of str to str
-        Digests of the files that the sweep opens.
+        Digests of the maps, workspaces and regions that the sweep opens.
     measures : tuple of str
     trials, n_points : int
-        Number of trials per point, and number of points.
+        ``trials`` is the number of trials per point, and ``n_points`` is the number of points.
     """
 
     id: int
@@ -41,20 +41,20 @@ class StoredSweep:
 
     @cached_property
     def form(self) -> SweepForm:
-        """The fields of the sweep, converted to their types."""
+        """The fields of the sweep, each converted to the type of the field."""
         return form_of(self.spec, where=self.where)
 
     @property
     def axes(self) -> tuple[str, ...]:
-        """The names of the axes."""
+        """The names of the sweep's axes."""
         return tuple(self.form.axes)
 
     def sweep(self) -> Sweep:
-        """Return the sweep as it was declared when it was run."""
+        """Return the sweep as its user declared it for the run."""
         return sweep_of(self.spec, where=self.where)
 
     def values(self, text: str) -> dict[str, Any]:
-        """Return the axis values that the row of a point contains."""
+        """Return the axis values in the stored row of a point."""
         values = parse_json(text, where=f"{self.where}: point")
         if not isinstance(values, list) or len(values) != len(self.axes):
             raise InvalidInputError(
@@ -64,12 +64,12 @@ class StoredSweep:
 
 
 def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
-    """Return the sweep that a row (id, spec, inputs, measures, trials, points) describes.
+    """Return the sweep that a row with the columns (id, spec, inputs, measures, trials, points) describes.
 
     Raises
     ------
     InvalidInputError
-        If the row is damaged.
+        Raised if the row of the sweep is damaged.
     """
     number, *texts, trials, points = row
     spec, inputs, measures = (
@@ -88,12 +88,12 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
 
 
 def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
-    """Return the columns of a chunk of result rows. Each entry of ``axes`` is (axis values, number of rows with these values).
+    """Return the columns of several result rows. Each entry of ``axes`` is (axis values of a point, number of the point's rows).
 
     Raises
     ------
     InvalidInputError
-        If a row is damaged.
+        Raised if a row of results is damaged.
     """
     first: list[list[Any]] = [[] for _ in axes[0][0]]
     for values, count in axes:

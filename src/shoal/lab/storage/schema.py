@@ -1,4 +1,4 @@
-"""The file format of a store: its tables, the functions that open a store, and the messages for SQLite's errors."""
+"""The file format of stores: the SQLite tables, the functions that open a store, and the error messages for SQLite errors."""
 
 from __future__ import annotations
 
@@ -60,14 +60,14 @@ CREATE INDEX batches_of_sweep ON batches (sweep, finished);
 
 
 def connect(path: Path, *, write: bool) -> sqlite3.Connection:
-    """Open a store. If ``write`` is true, the store is created if it does not exist.
+    """Open a store. If ``write`` is true, create a missing store.
 
     Raises
     ------
     InvalidInputError
-        If the file is not a store, is damaged, or comes from a newer version.
+        Raised if the file is not a store, is damaged, or comes from a newer version of Shoal.
     OutputError
-        If the file cannot be written.
+        Raised if Shoal cannot write the file.
     """
     try:
         existing = path.exists()
@@ -97,14 +97,14 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _create(path: Path) -> None:
-    """Create an empty store under a temporary name, and rename it when it is complete.
+    """Create an empty store under a temporary name, and rename the complete store.
 
-    Therefore a store is never incomplete, and is created only once.
+    Renaming makes sure that no other process sees an incomplete store, and that only one process creates the store.
 
     Raises
     ------
     OutputError
-        If the file cannot be written. No partial file remains.
+        Raised if Shoal cannot write the file. No partial file remains.
     """
     with unfinished_store(path, shared=True) as temporary, told(path), closing(_connected(temporary)) as connection:
         _make_durable(connection)
@@ -117,15 +117,15 @@ def _create(path: Path) -> None:
 
 @contextmanager
 def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
-    """Yield a temporary file name for a new store. When the store is complete, the file gets its final name.
+    """Yield a temporary file name for a new store. At the end of the ``with`` block, rename the temporary file to ``path``.
 
-    If the block raises an error, the file is removed.
+    If the ``with`` block raises an error, remove the temporary file.
 
     Raises
     ------
     OutputError
-        If the file cannot be written, or the name was taken in the meantime. If ``shared`` is true, the store that took the name is
-        kept.
+        Raised if Shoal cannot write the file, or if ``shared`` is false and another process has created ``path`` in the meantime.
+        If ``shared`` is true, a store that another process has created is kept.
     """
     temporary = path.with_name(f".{path.name[:40]}-{secrets.token_hex(6)}")
     made = {temporary.with_name(temporary.name + end) for end in ("", "-wal", "-shm", "-journal")}
@@ -148,7 +148,7 @@ def unfinished_store(path: Path, *, shared: bool = False) -> Iterator[Path]:
 
 
 def _named(temporary: Path, path: Path) -> None:
-    """Rename a file unless the name is taken."""
+    """Rename the file ``temporary`` to ``path``, unless the file ``path`` exists."""
     try:
         os.link(temporary, path)
     except FileExistsError:
@@ -189,7 +189,7 @@ def _opened(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _check(connection: sqlite3.Connection, path: Path) -> None:
-    """Refuse a file that is not a store, or one from a newer version."""
+    """Refuse a file that is not a store, a damaged store, and a store from a newer version of Shoal."""
     application, number = (connection.execute(f"PRAGMA {name}").fetchone()[0] for name in ("application_id", "user_version"))
     if application != APPLICATION:
         raise InvalidInputError(f"{path}: expected a store of Shoal, got another SQLite database")
@@ -218,7 +218,7 @@ def _check(connection: sqlite3.Connection, path: Path) -> None:
 
 
 def _make_durable(connection: sqlite3.Connection) -> None:
-    """Make every commit durable on the disk."""
+    """Make SQLite write every commit to the disk before the next statement."""
     connection.execute("PRAGMA journal_mode = WAL")
     connection.execute("PRAGMA synchronous = FULL")  # with NORMAL, a power failure could lose the last commits
     connection.execute("PRAGMA foreign_keys = ON")
@@ -226,7 +226,7 @@ def _make_durable(connection: sqlite3.Connection) -> None:
 
 @contextmanager
 def transaction(connection: sqlite3.Connection) -> Iterator[None]:
-    """Run the block as one transaction: either all its changes are written or none."""
+    """Run the ``with`` block as one transaction. If the ``with`` block raises an error, SQLite undoes all changes of the block."""
     connection.execute("BEGIN IMMEDIATE")
     try:
         yield
@@ -239,7 +239,7 @@ def transaction(connection: sqlite3.Connection) -> Iterator[None]:
 
 @contextmanager
 def told(path: Path) -> Iterator[None]:
-    """Convert each error of SQLite to an error whose message is one sentence."""
+    """Convert SQLite errors inside the ``with`` block to errors with a one-sentence message."""
     try:
         yield
     except (sqlite3.Error, UnicodeError, OverflowError) as error:
@@ -247,7 +247,7 @@ def told(path: Path) -> Iterator[None]:
 
 
 def _is_full(path: Path) -> bool:
-    """Return whether the disk has no space for SQLite's log. SQLite reports a full disk like any other disk error."""
+    """Return whether the disk has no space for SQLite's log. SQLite reports a full disk as a general disk error."""
     with suppress(OSError):
         return shutil.disk_usage(path.parent).free < _AT_ONCE
     return False

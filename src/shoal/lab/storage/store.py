@@ -1,4 +1,4 @@
-"""Store: one SQLite file with all finished trials of any number of sweeps."""
+"""Store: one SQLite file with the finished trials of any number of sweeps."""
 
 from __future__ import annotations
 
@@ -27,25 +27,25 @@ _AT_ONCE = 10_000  # rows read at once
 
 
 class Store:
-    """The store of sweeps. A worker's batch of finished trials is committed as soon as the batch is done.
+    """A store of sweeps. The store commits each batch of trials as soon as the batch is finished.
 
     Parameters
     ----------
     path : path
     write : bool
-        Whether to open the store for writing, and to create it if it does not exist.
+        Whether to open the store for writing, and to create a missing store.
 
     Raises
     ------
     InvalidInputError
-        If the file is not a store, is damaged or comes from a newer version.
+        Raised if the file is not a store, is damaged, or comes from a newer version of Shoal.
     OutputError
-        If the file cannot be written.
+        Raised if Shoal cannot write the file.
 
     Notes
     -----
-    SQLite runs in WAL mode: one process writes while others may read. The file must be on a local disk of the machine that runs the
-    sweep, not on a network share. Workers on other machines never access it.
+    SQLite runs in WAL mode, in which other processes may read the store while one process writes. The store must be on a local disk
+    of the machine that runs the sweep, not on a network share. Workers on other machines never access the store.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, write: bool = False) -> None:
@@ -60,9 +60,10 @@ class Store:
         self.close()
 
     def close(self) -> None:
-        """Close the file.
+        """Close the store file.
 
-        A process that has written copies all data from SQLite's write-ahead log to the file, even while other processes read.
+        If the process has written to the store, SQLite copies all data from the write-ahead log to the store file, even while other
+        processes read.
         """
         if self.write:
             with suppress(sqlite3.Error):  # data that others still read stays in the log beside the file
@@ -70,32 +71,32 @@ class Store:
         self._connection.close()
 
     def ask(self, query: str, *values: Any) -> list[tuple[Any, ...]]:
-        """Return the result of a read-only query."""
+        """Return the rows that a read-only SQL query finds."""
         with told(self.path):
             return self._connection.execute(query, values).fetchall()
 
     @contextmanager
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
-        """Yield a function that runs a database statement and returns the number of the last row that was written.
+        """Yield a function that runs one SQL statement and returns the number of the row written last.
 
-        The block is one transaction.
+        The ``with`` block is one transaction.
         """
         with told(self.path), transaction(self._connection):
             yield lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
 
     @property
     def names(self) -> list[str]:
-        """The names of all sweeps, in the order in which they began."""
+        """The names of all sweeps in the store, in the order of their first runs."""
         found = self.ask("SELECT name FROM sweeps ORDER BY id")
         return [check_sweep_name(name, what=f"{self.path}: name of a sweep") for (name,) in found]
 
     def stored(self, name: str) -> StoredSweep:
-        """Return a stored sweep. This method does not create the problem of the sweep, so no third-party code is imported.
+        """Return the description of a sweep in the store. Do not create the sweep's problem, and import no third-party code.
 
         Raises
         ------
         InvalidInputError
-            If the stored sweep is damaged.
+            Raised if the stored sweep is damaged.
         UnknownNameError
         """
         found = self.ask("SELECT id, spec, inputs, measures, trials, points FROM sweeps WHERE name = ?", name)
@@ -104,9 +105,9 @@ class Store:
         return stored_sweep(found[0], where=f"{self.path}: sweep {name}")
 
     def only(self, name: str | None) -> str:
-        """Return a name after checking that the store has a sweep of this name.
+        """Check that the store has a sweep with the given name, and return the name.
 
-        Without a name, return the name of the store's only sweep.
+        If ``name`` is None, return the name of the only sweep in the store.
 
         Raises
         ------
@@ -121,18 +122,18 @@ class Store:
         return names[0]
 
     def sweep(self, name: str) -> Sweep:
-        """Return a sweep as it was declared when it was run."""
+        """Return a sweep as its user declared it for the run."""
         return self.stored(name).sweep()
 
     def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:
-        """Yield (id, values by axis) of a sweep's points in order."""
+        """Yield the row number and the axis values of each point of a sweep, in the order of the points."""
         stored = self.stored(name)
         query = "SELECT id, axes FROM points WHERE sweep = ? ORDER BY number"
         for number, text in self.ask(query, stored.id):
             yield number, stored.values(text)
 
     def add(self, sweep: Sweep, inputs: Mapping[str, str], *, extend: bool = False) -> None:
-        """Add a sweep to the store. If a sweep of this name is stored, check that both are equal.
+        """Add a sweep to the store. If the store has a sweep with an equal name, check that the two sweeps are equal.
 
         Parameters
         ----------
@@ -140,12 +141,12 @@ class Store:
         inputs : mapping of str to str
             Digests of the maps, workspaces and regions that the sweep opens.
         extend : bool
-            Whether to accept a sweep that only adds trials or points to the stored sweep.
+            Whether the sweep may extend the stored sweep by additional trials or points.
 
         Raises
         ------
         InvalidInputError
-            If a different sweep of this name exists. The message lists the differences.
+            Raised if the store has a different sweep with an equal name. The error message lists the differences.
         """
         description = sweep.describe()
         self._forget_untouched(sweep.name, description)
@@ -181,7 +182,7 @@ class Store:
         )
 
     def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:
-        """Delete a different sweep of this name if none of its trials ever ran."""
+        """Delete a stored sweep with the given name if it differs from the new sweep and none of its trials ever ran."""
         if name not in self.names:
             return
         stored = self.stored(name)
@@ -199,7 +200,7 @@ class Store:
         )
 
     def missing(self, sweep: Sweep) -> list[Gap]:
-        """Return the missing trials of a sweep in order."""
+        """Return the missing trials of a sweep, in the order of the points."""
         points = {point.key: point for point in sweep.points}
         rows = self.ask(
             "SELECT p.id, p.key, (SELECT count(*) FROM trials t WHERE t.point = p.id) FROM points p "
@@ -221,7 +222,7 @@ class Store:
         return gaps
 
     def commit(self, sweep: Sweep, answer: Answer) -> None:
-        """Write the results of one worker in one transaction."""
+        """Write the results of one batch of trials to the store, in one transaction."""
         with told(self.path), transaction(self._connection):
             batch = self._connection.execute(
                 "INSERT INTO batches (sweep, spec, seed, version, worker, trials, failures, seconds, finished) "
@@ -248,7 +249,7 @@ class Store:
         return found.fetchone() is not None
 
     def status(self, name: str) -> SweepStatus:
-        """Return the progress of a sweep. Another process may run the sweep at the same time."""
+        """Return the progress of a sweep, which another process may be running."""
         stored = self.stored(name)
         number, total = stored.id, stored.trials * stored.n_points
         versions = self.versions(name)
@@ -259,7 +260,7 @@ class Store:
         return SweepStatus(name, sum(versions.values()), total, failed, stored.n_points, running, rate, seconds, versions)
 
     def versions(self, name: str) -> dict[str, int]:
-        """Return the number of rows written with each combination of versions (Shoal and its libraries), oldest first."""
+        """Return the number of rows that each combination of software versions wrote, with the oldest combination first."""
         number = self.stored(name).id
         found = [
             text for (text,) in self.ask("SELECT version FROM batches WHERE sweep = ? GROUP BY version ORDER BY min(id)", number)
@@ -284,7 +285,7 @@ class Store:
         return count / max(1e-3, now - max(first, now - _RECENT)) if count else 0.0
 
     def failures(self, name: str, *, limit: int = 1_000_000) -> list[tuple[dict[str, Any], int, int, str]]:
-        """Return (values by axis, trial, seed, error) of failed trials."""
+        """Return the axis values, the trial number, the seed and the error message of each failed trial."""
         stored = self.stored(name)
         rows = self.ask(
             "SELECT p.axes, f.trial, f.seed, f.error FROM failures f JOIN points p ON p.id = f.point "
@@ -295,18 +296,20 @@ class Store:
         return [(stored.values(text), trial, seed, error) for text, trial, seed, error in rows]
 
     def columns(self, name: str) -> list[str]:
-        """Return the column names of a sweep's table: axes, trial, seed and measures."""
+        """Return the column names in the table of a sweep: axes, trial, seed and measures."""
         stored = self.stored(name)
         taken = ["trial", "seed", *stored.measures]
         return [f"axis_{axis}" if axis in taken else axis for axis in stored.axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
-        """Yield the columns of a sweep's table in chunks of some ten thousand rows, sorted by point and trial.
+        """Yield the table of a sweep in parts of some ten thousand rows, sorted by point and trial.
+
+        Each part of the table is a list of columns.
 
         Raises
         ------
         InvalidInputError
-            If a row is damaged.
+            Raised if a row is damaged.
         """
         stored = self.stored(name)
         axes: list[tuple[list[Any], int]] = []
@@ -339,6 +342,6 @@ class Store:
             yield columns_of(axes, parts, stored)
 
     def rows(self, name: str) -> Iterator[tuple[Any, ...]]:
-        """Yield the rows of a sweep's table, sorted by point and trial."""
+        """Yield the rows in the table of a sweep, sorted by point and trial."""
         for chunk in self.chunks(name):
             yield from zip(*chunk, strict=True)

@@ -1,4 +1,4 @@
-"""The axes of a sweep: lists of values, and ranges that are expanded to lists."""
+"""The axes of a sweep. An axis is a list of values, or a range that Shoal expands to a list."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MAX_POINTS = 100_000
 
 
 class RangeForm(BaseModel):
-    """An axis as a range: from, to and step, or from, to and count. The end is included."""
+    """An axis as a range: from, to and step, or from, to and count. The end ``to`` belongs to the range."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -29,7 +29,7 @@ class RangeForm(BaseModel):
 
 
 def axis_values(name: str, given: Any) -> tuple[Any, ...]:
-    """Return the values of an axis: a list unchanged, or the expanded range.
+    """Return the values of an axis. Expand a range to its values, and return a list of values unchanged.
 
     Raises
     ------
@@ -89,7 +89,10 @@ def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
 
 
 def _spaced(form: RangeForm, *, whole: bool, where: str) -> tuple[Any, ...]:
-    """Return ``count`` values. If the ends are whole numbers, return the nearest whole numbers without repetition."""
+    """Return ``count`` values between the ends of a range, with linear or logarithmic steps.
+
+    If both ends are whole numbers, round each value and omit repetitions.
+    """
     count = form.count or 1
     if form.scale == "log" and not (form.start > 0 and form.stop > 0):
         raise InvalidInputError(f"{where}: expected a logarithmic range between numbers above 0, got {form.start} to {form.stop}")

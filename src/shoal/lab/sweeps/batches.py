@@ -1,4 +1,4 @@
-"""Batches of trials that workers run, and the answers of the workers."""
+"""Batches of trials that workers run, and the answers of workers to the coordinator of a sweep."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 @dataclass(frozen=True)
 class Piece:
-    """A sequence of trials of one point, from ``first`` up to but not including ``stop``.
+    """A sequence of trials of one point: trial ``first`` to trial ``stop`` - 1.
 
     Parameters
     ----------
     point : int
-        Number of the point in the store.
+        Number of the point's row in the store.
     problem : Problem
     seeds : str
-        Text from which the seeds of the trials are computed.
+        Text from which the seeds of the trials are computed: the problem without the paired axes.
     first, stop : int
     place : object, optional
-        The opened map, workspace or region, for workers that do not have the file.
+        The opened map, workspace or region, for workers without the file of the place.
     """
 
     point: int
@@ -49,31 +49,31 @@ class Piece:
 
 @dataclass(frozen=True)
 class Batch:
-    """Several pieces that one worker runs in order."""
+    """A batch of trials: several pieces that one worker runs one after another."""
 
     sweep_seed: int
     pieces: tuple[Piece, ...]
 
     @property
     def trials(self) -> int:
-        """Number of trials."""
+        """Number of trials in the batch."""
         return sum(piece.stop - piece.first for piece in self.pieces)
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The results of a worker for one batch.
+    """A worker's answer for one batch: the results of the trials.
 
     Parameters
     ----------
     rows : list of (point, trial, seed, result)
-        Results as JSON.
+        Point number, trial number, seed and result (as JSON) of each successful trial.
     failures : list of (point, trial, seed, error)
     seconds : float
     paces : list of (point, float)
-        Mean seconds per trial, for each piece.
+        Point number and mean time per trial in seconds, for each piece of the batch.
     versions : dict
-        See `shoal.lab.versions`.
+        The versions on which the results of the worker depend.
     worker : str
     """
 
@@ -89,7 +89,7 @@ _places: dict[tuple[str, str], Any] = {}
 
 
 def placed(problem: Problem) -> Problem:
-    """Return a problem with its place opened. Problems at the same place share one opened place."""
+    """Return a problem whose map, workspace or region is open. Problems with one common place share the opened place."""
     name = problem.place_key()
     if name is None:
         return problem
@@ -102,7 +102,7 @@ def placed(problem: Problem) -> Problem:
 
 
 def play_batch(batch: Batch) -> Answer:
-    """Run a batch in a worker. If a trial raises an error, this trial is recorded as failed, and the other trials run."""
+    """Run a batch in a worker. If a trial raises an error, record the trial as failed and continue with the next trial."""
     began = time.perf_counter()
     rows, failures, paces = [], [], []
     for piece in batch.pieces:
@@ -123,12 +123,12 @@ def play_batch(batch: Batch) -> Answer:
 
 
 def worker_name() -> str:
-    """Return the name of this process as a worker: the machine's name and the process number."""
+    """Return the worker name of the current process: the name of the machine and the number of the process."""
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
 def _written(values: list[Any]) -> str:
-    """Return a result as JSON, with NumPy's numbers converted to Python's."""
+    """Return the values of a result as JSON, with NumPy numbers converted to Python numbers."""
     plain = [value.item() if isinstance(value, np.generic) else value for value in values]
     for value in plain:
         if not is_storable(value):
@@ -137,14 +137,14 @@ def _written(values: list[Any]) -> str:
 
 
 def is_storable(value: Any) -> bool:
-    """Return whether a store accepts a value as a result."""
+    """Return whether a store accepts a value as the result of a trial."""
     if isinstance(value, str):
         return len(value) <= _LONGEST_TEXT and value.isprintable()
     return value is None or (isinstance(value, int) and abs(value) < 2**63) or (isinstance(value, float) and isfinite(value))
 
 
 def lost_batch(batch: Batch, why: str) -> Answer:
-    """Return the answer for a batch that no worker survived: all its trials are recorded as failed."""
+    """Return the answer for a batch that no worker survived. The answer records all trials of the batch as failed."""
     failures = [
         (piece.point, trial, trial_seed(batch.sweep_seed, piece.seeds, trial), why)
         for piece in batch.pieces

@@ -1,4 +1,4 @@
-"""The progress of a sweep, and its missing trials."""
+"""The progress of a sweep, and the missing trials of a sweep."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from shoal.lab.sweeps.sweep import Point
 
 @dataclass(frozen=True)
 class SweepStatus:
-    """Progress of a sweep in a store.
+    """The progress of a sweep in a store.
 
     Parameters
     ----------
     name : str
     done, total : int
-        Number of finished trials, and of all trials.
+        ``done`` is the number of finished trials, and ``total`` is the number of all trials.
     failures : int
-        Number of trials that ended with an error. A later run tries them again.
+        Number of failed trials, which ended with an error. The next run of the sweep repeats failed trials.
     points : int
     running : bool
-        Whether a process on this machine currently runs the sweep.
+        Whether a process on the local machine currently runs the sweep.
     rate : float
-        Trials per second over the last minute of work, or 0 without work.
+        Number of trials per second over the last minute of work, or 0 without work.
     seconds : float
-        Total time in seconds that all workers spent.
+        Total working time of all workers, in seconds.
     versions : dict
-        Number of rows for each combination of versions; see `shoal.lab.versions`.
+        Number of rows that each combination of versions wrote. `shoal.lab.versions` explains the versions.
     """
 
     name: str
@@ -40,18 +40,18 @@ class SweepStatus:
 
     @property
     def complete(self) -> bool:
-        """Whether all trials are finished."""
+        """Whether all trials of the sweep are finished."""
         return self.done == self.total
 
     @property
     def left(self) -> float | None:
-        """Estimated remaining time in seconds, or None if unknown."""
+        """Estimated remaining time of the sweep in seconds, or None if the time is unknown."""
         return (self.total - self.done) / self.rate if self.rate else None
 
 
 @dataclass(frozen=True)
 class Gap:
-    """A sequence of missing trials of one point, from ``first`` up to but not including ``stop``."""
+    """A sequence of missing trials of one point: trial ``first`` to trial ``stop`` - 1."""
 
     point: Point
     id: int
@@ -61,20 +61,20 @@ class Gap:
 
 @dataclass(frozen=True)
 class SweepProgress:
-    """Progress of a running sweep.
+    """The progress of a running sweep.
 
     Parameters
     ----------
     done, total : int
-        Number of finished trials, including those of earlier runs, and number of all trials.
+        ``done`` is the number of finished trials, including the trials of earlier runs. ``total`` is the number of all trials.
     fresh : int
-        Number of trials finished by this run.
+        Number of trials that the current run has finished.
     failures : int
-        Number of failed trials in this run.
+        Number of trials that failed in the current run.
     deaths : int
-        Number of workers that died.
+        Number of deaths of workers in the current run.
     seconds : float
-        Seconds since the start of this run.
+        Time since the start of the current run, in seconds.
     """
 
     done: int
@@ -86,5 +86,5 @@ class SweepProgress:
 
     @property
     def rate(self) -> float:
-        """Number of trials that this run finishes per second."""
+        """Mean number of trials per second in the current run."""
         return self.fresh / self.seconds if self.seconds > 0 else 0.0

@@ -1,4 +1,4 @@
-"""Sweep: the declaration of an experiment with its points, their keys and the seeds of the trials."""
+"""Sweep: the declaration of an experiment, with the points of the sweep, the keys of the points and the seeds of the trials."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ from shoal.lab.sweeps.toml_location import line_of
 
 MAX_TRIALS = 1_000_000_000
 LARGEST_SWEEP = 10_000_000
-"""Maximum size of a sweep file in bytes."""
+"""Maximum size of a sweep file, in bytes."""
 
 
 class SweepForm(BaseModel):
-    """The content of a sweep file."""
+    """The fields of a sweep file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -44,19 +44,20 @@ class SweepForm(BaseModel):
 
 @dataclass(frozen=True)
 class Point:
-    """One point of a sweep: a problem that is run ``trials`` times.
+    """One point of a sweep: a problem that the sweep runs ``trials`` times.
 
     Parameters
     ----------
     number : int
-        Index of the point in the sweep.
+        Index of the point in the list of all points of the sweep.
     values : dict
-        Values of the axes by name.
+        Values of the sweep's axes at the point, by axis name.
     problem : Problem
     key : str
-        Digest of the problem, under which its trials are stored.
+        Digest of the point's problem. A store identifies each point by the key of the point.
     seeds : str
-        Text of the problem without the paired axes. The seeds of trials are computed from this text and the sweep's seed.
+        Text of the point's problem without the paired axes. ``seeds``, the seed of the sweep and the trial number determine the
+        seed of a trial.
     """
 
     number: int
@@ -67,7 +68,7 @@ class Point:
 
 
 def check_sweep_name(name: Any, *, what: str) -> str:
-    """Return a sweep's name after checking that it can be part of file names."""
+    """Check that the name of a sweep can be part of a file name, and return the name."""
     usable = isinstance(name, str) and 0 < len(name) <= 80 and name[0] not in ".-"
     if not usable or not all(c.isascii() and (c.isalnum() or c in "._-") for c in name):
         raise InvalidInputError(f"{what}: expected at most 80 letters, digits and ._-, neither . nor - first, got {name!r:.100}")
@@ -81,19 +82,22 @@ class Sweep:
     Parameters
     ----------
     name : str
-        Name of letters, digits, ``.``, ``_`` and ``-``.
+        Name of the sweep, which consists of letters, digits, ``.``, ``_`` and ``-``.
     problem : dict
-        The entry ``kind`` ("swarm", "line", "schedule", "steering", "search" or "function") and the fields of this kind of problem
-        (`shoal.lab.problems`).
+        The fields of the problem. The field ``kind`` is "swarm", "line", "schedule", "steering", "search" or "function", and
+        determines all other fields.
     axes : dict
-        For each field, a list of values or a range ``{"from": 100, "to": 5000, "step": 100}``. A range may have ``count`` instead
-        of ``step``, and ``"scale": "log"``. If the problem is a function, the axes are arguments of the function.
+        For each axis, which is a field of the problem, a list of values or a range such as ``{"from": 100, "to": 5000, "step":
+        100}``. A range may have ``count`` instead of ``step``, and ``"scale": "log"``. If the problem is a function, the axes are
+        arguments of the function.
     trials : int
-        Number of trials at each point.
+        Number of trials at each point of the sweep.
     seed : int
-        Seed of the sweep. The seed of trial k of a point depends only on this seed, the point's problem and k.
+        Seed of the sweep. The seed of a trial depends on the seed of the sweep, the problem of the point and the trial number, and
+        on nothing else.
     paired : sequence of str
-        Axes that do not influence the seeds. Points that differ only in these axes run trial k with the same seed.
+        Names of the paired axes, which do not influence the seeds of trials. If two points differ in paired axes only, their k-th
+        trials have equal seeds.
 
     Raises
     ------
@@ -132,17 +136,17 @@ class Sweep:
 
     @property
     def n_points(self) -> int:
-        """Number of points."""
+        """Number of points of the sweep."""
         return prod(len(values) for values in self.axes.values())
 
     @property
     def total(self) -> int:
-        """Number of trials."""
+        """Number of trials of the sweep, at all points together."""
         return self.n_points * self.trials
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """All points of the sweep. From one point to the next, the value of the last axis changes first."""
+        """All points of the sweep, in an order in which the value of the last axis changes first."""
         kind = self.problem.get("kind")
         made = tuple(
             self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")
@@ -171,7 +175,7 @@ class Sweep:
 
     @property
     def measures(self) -> tuple[str, ...]:
-        """Names of the measures of a trial."""
+        """Names of the measures that each trial of the sweep gives."""
         return self.points[0].problem.measures
 
     def describe(self) -> dict[str, Any]:
@@ -187,32 +191,32 @@ class Sweep:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Sweep:
-        """Read a sweep file (TOML).
+        """Read a sweep file in TOML format.
 
         Raises
         ------
         InvalidInputError
-            If the file is invalid. The message names the file, the line and the field.
+            Raised if the file is invalid. The error message contains the file name, the line and the field.
         """
         return sweep_in(read_text(Path(path), what="sweep file", most=LARGEST_SWEEP), where=str(path))
 
 
 def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] | None = None) -> Sweep:
-    """Return the sweep in the text of a sweep file.
+    """Return the sweep that the text of a sweep file describes.
 
     Parameters
     ----------
     text : str
-        The text of a sweep file (TOML).
+        The text of a sweep file in TOML format.
     where : str
-        Beginning of error messages, such as the name of the file.
+        Text with which error messages begin, such as the name of the file.
     check : callable, optional
-        Function that checks the fields before the sweep is made. Exceptions of this function also get a line number.
+        Function that checks the fields before the sweep is made. Error messages of ``check`` also get a line number.
 
     Raises
     ------
     InvalidInputError
-        If the text is invalid. The message names the line and the field.
+        Raised if the text is invalid. The error message contains the line and the field.
     """
     data = parse_toml(text, where=where)
     try:
@@ -244,14 +248,14 @@ def parse_toml(text: str, *, where: str) -> dict[str, Any]:
 
 
 def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
-    """Return the sweep that parsed TOML or JSON describes.
+    """Return the sweep that the parsed data of a TOML or JSON file describe.
 
     Parameters
     ----------
     data : mapping
         The fields of a sweep file.
     where : str
-        Beginning of error messages, such as the name of the file.
+        Text with which error messages begin, such as the name of the file.
 
     Raises
     ------
@@ -263,7 +267,7 @@ def sweep_of(data: Mapping[str, Any], *, where: str = "sweep") -> Sweep:
 
 
 def form_of(data: Mapping[str, Any], *, where: str) -> SweepForm:
-    """Return the fields of a sweep, converted to their types. No problem is created.
+    """Return the fields of a sweep, each converted to the type of the field. Do not create the sweep's problem.
 
     Raises
     ------
@@ -280,12 +284,12 @@ def _words(values: Mapping[str, Any]) -> str:
 
 
 def digest_of(content: str | bytes) -> str:
-    """Return a short digest of a text or of bytes."""
+    """Return a short digest of a text or a bytes object."""
     return hashlib.blake2b(content.encode() if isinstance(content, str) else content, digest_size=16).hexdigest()
 
 
 def trial_seed(sweep_seed: int, seeds: str, trial: int) -> int:
-    """Return the seed of a trial: 63 bits of a digest of (sweep's seed, problem without paired axes, trial).
+    """Return the seed of a trial: 63 bits of a digest of the sweep's seed, the problem without paired axes, and the trial number.
 
     Examples
     --------
@@ -319,7 +323,7 @@ def _shortened(text: str) -> str:
 
 
 def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
-    """Yield, for each map, workspace or region of a sweep, the first point that uses it."""
+    """Yield the first point with each map, workspace or region of a sweep."""
     seen: set[tuple[str, str | None]] = set()
     for point in points:
         place = (point.problem.part, point.problem.place_key())
@@ -329,7 +333,7 @@ def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
 
 
 def is_extended(old: Sweep, new: Sweep) -> bool:
-    """Return whether a sweep contains all trials of another sweep."""
+    """Return whether the sweep ``new`` contains all trials of the sweep ``old``."""
     seeds = {point.key: point.seeds for point in new.points}
     kept = all(seeds.get(point.key) == point.seeds for point in old.points)
     return kept and new.trials >= old.trials and new.seed == old.seed

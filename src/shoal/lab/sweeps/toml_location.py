@@ -1,4 +1,4 @@
-"""Location of a field in a TOML file, for error messages."""
+"""Location of a field in a TOML file, for the line numbers in error messages."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _FIELD = re.compile(r"""(["']?)([\w.-]+)\1\s*=""")
 
 
 def line_of(text: str, message: str) -> int | None:
-    r"""Return the line of the field that a message names ("problem: mpa: expected ..."), or None if the field is not in the file.
+    r"""Return the line of the field that an error message such as "problem: mpa: expected ..." names, or None for a missing field.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def line_of(text: str, message: str) -> int | None:
 
 
 def _lines(text: str) -> dict[str, int]:
-    """Return the line numbers of headers and fields by their dotted names."""
+    """Return the line number of each header and each field, by dotted name."""
     found: dict[str, int] = {}
     section = ""
     for number, line in enumerate(text.splitlines(), 1):

@@ -1,4 +1,4 @@
-"""Writing of a sweep as TOML, with the problem and the axes as tables."""
+"""Writing of sweep files: a sweep as TOML, with one table for the problem and one table for the axes."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _TABLES = ("problem", "axes")
 
 
 def as_toml(sweep: Mapping[str, Any]) -> str:
-    """Return the text of a sweep file, without empty tables and fields whose value is None.
+    """Return the text of a sweep file. Omit empty tables, and fields with the value None.
 
     Parameters
     ----------
     sweep : mapping
-        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. Ranges need not be expanded to lists.
+        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. An axis may also be a range.
 
     Raises
     ------
     InvalidInputError
-        If TOML cannot represent a value.
+        Raised if TOML cannot represent a value.
 
     Examples
     --------

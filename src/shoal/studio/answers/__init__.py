@@ -1,4 +1,4 @@
-"""Quick answers for pages while the user draws, drags or moves a slider. A permanent process computes them."""
+"""Quick answers for pages of the studio, computed by a permanent process while the user draws, drags or moves a slider."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ from shoal.studio.sweeps import sweep_forms
 
 
 def answer_all(connection: Connection, root: str) -> None:
-    """Answer questions until the connection ends.
+    """Answer the questions of the studio's pages until the connection ends.
 
-    A question is a tuple: its number, a name in `ANSWERS`, and the data of the page. The answer is a tuple: the number of the
-    question, "answer" or "error", and the data of the answer or the error message.
+    A question is a tuple: the number of the question, a name in `ANSWERS`, and the data of the page. An answer is a tuple of three
+    entries. The first entry of an answer is the number of the question. The second entry of an answer is "answer" or "error". The
+    third entry of an answer is data for the page, or the error message.
     """
     os.chdir(root)
     folder = Folder(root)
@@ -51,4 +52,4 @@ ANSWERS: dict[str, Callable[[Folder, dict[str, Any]], dict[str, Any]]] = {
     "lab-forms": sweep_forms, "sweeps": lab.sweeps, "sweep": lab.sweep, "new-sweep": lab.new_sweep,
     "picture": lab.episode_picture,
 }  # fmt: skip
-"""The possible questions by name."""
+"""The functions that answer the questions of pages, keyed by the name of the question."""

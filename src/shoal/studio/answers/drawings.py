@@ -1,4 +1,4 @@
-"""Regions that a user draws: polygons and no-go zones in metres, with or without a position on Earth."""
+"""Regions that a user draws: polygons and no-go zones, in metres or with a position on Earth."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ Points = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A drawing of the user.
+    """A region that the user has drawn: polygons and no-go zones.
 
     Parameters
     ----------
     parts, zones : tuple of ndarray of float64, shape (n, 2)
-        Corners of polygons to search and of no-go zones, in the units of a region: longitude and latitude if there is a frame,
-        otherwise metres.
+        Corners of the polygons to search (``parts``) and of the no-go zones (``zones``). The corners are longitude and latitude in
+        degrees if the drawing has a frame, and metres if ``frame`` is None.
     frame : LocalFrame or None
-        Local frame of the metres in the drawing.
+        Local frame of the drawing, which converts degrees to metres. ``frame`` is None for a drawing without a position on Earth.
     """
 
     parts: tuple[Points, ...]
@@ -45,7 +45,7 @@ class Drawing:
     frame: LocalFrame | None
 
     def placed(self, problem: SearchProblem) -> SearchProblem:
-        """Return a problem whose place is the drawn region, or whose no-go zones include the drawn zones. The place is opened."""
+        """Return a copy of the problem whose region is the drawn region. A drawing without polygons only adds its no-go zones."""
         if not self.parts:
             return problem.replaced(no_go=(*problem.no_go, *self.zones))
         rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]
@@ -56,7 +56,7 @@ class Drawing:
         return problem.at_place(with_margin(region, problem.margin))
 
     def write(self, folder: Folder, stem: str) -> str:
-        """Write the drawn polygons and zones, or only the zones, to a new file: GeoJSON, or CSV in metres. Return its name."""
+        """Write the drawn polygons and no-go zones to a new file: GeoJSON, or CSV in metres. Return the name of the file."""
         suffix = ".csv" if self.frame is None else ".geojson"
         name = folder.new_name(stem, suffix)
         with atomic(folder.path(name)) as temporary:
@@ -83,7 +83,7 @@ class Drawing:
 
 
 def frame_of(data: Any) -> LocalFrame | None:
-    """Return the local frame for a longitude and latitude, or None.
+    """Return the local frame around a longitude and latitude in degrees, or None if ``data`` is None.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def frame_of(data: Any) -> LocalFrame | None:
 
 
 def drawing_of(data: Any) -> Drawing | None:
-    """Return the drawing that a page describes, or None for an empty drawing.
+    """Return the drawing that the data of a page describe, or None for an empty drawing.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
-    """Return the search that a page describes, with its drawing. The problem contains its region, not only the region's name.
+    """Return the search problem that a page describes. The problem contains the drawn region itself, and not its name.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Answers for all pages of the studio: episodes of the folder, and problems as Python code, as commands and as files."""
+"""Answers for all pages of the studio: episodes in the folder, and problems as Python code, as commands and as files."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.studio.forms import checked_problem, checked_seed, copies_of
 
 
 def page(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return an episode of the folder as data for the player."""
+    """Read an episode file in the folder, and return the episode as data for the player."""
     from importlib import import_module
 
     name = str(about["file"])

@@ -1,4 +1,4 @@
-"""Answers for the studio's page Lab: sweeps of the folder with their results, drafts of new sweeps, pictures of episodes."""
+"""Answers for the studio's page Lab: the sweeps in the folder, their results, drafts of new sweeps, and pictures of episodes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from shoal.studio.forms import checked_seed
 from shoal.studio.sweeps import checked_sweep, sweep_copies
 
 MOST_SHOWN = 300
-"""Maximum number of points of a sweep that a page shows. Exports contain all points."""
+"""Maximum number of points of a sweep that a page shows. An exported table contains all points of the sweep."""
 
 
 def sweeps(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the sweeps in all SQLite files of the folder, with their progress."""
+    """Return the sweeps in all stores of the folder, with the progress of each sweep."""
     told: list[dict[str, Any]] = []
     for file in folder.files():
         if file["kind"] == "store":
@@ -43,7 +43,7 @@ def _status(store: Store, name: str) -> dict[str, Any]:
 
 
 def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the results of one sweep: means with intervals, and comparisons of settings whose trials have the same seeds."""
+    """Return the results of one sweep: means with confidence intervals, and comparisons of settings with equal seeds."""
     with Store(folder.path(str(about["store"]))) as store:
         name = store.only(about.get("sweep"))
         stored = store.stored(name)
@@ -74,9 +74,9 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
-    """Return the problem and the seed of the first trial of each point, which a page can play.
+    """Return the problem and the seed of the first trial at each point of a sweep. A page of the studio can play the first trials.
 
-    Points with third-party code are left out.
+    Points of the sweep with third-party code are omitted.
     """
     if stored.form.problem.get("kind") not in PARTS:
         return []
@@ -91,9 +91,9 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 
 
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a draft of a sweep both as fields and as TOML. The draft is given in one of these forms.
+    """Convert the draft of a sweep from fields to TOML, or from TOML to fields. Return the draft as fields and as TOML.
 
-    If the draft is invalid, return the error too.
+    If the draft is invalid, also return the error message.
     """
     text = about.get("toml")
     told: dict[str, Any] = {"error": None}
@@ -116,7 +116,7 @@ def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def episode_picture(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a small figure of an episode, and the result of the episode."""
+    """Return a small figure of an episode, and a sentence with the result of the episode."""
     from shoal.views import figure
     from shoal.views.drawing.notebook_figure import encode_figure
 

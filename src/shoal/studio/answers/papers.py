@@ -1,4 +1,4 @@
-"""Answers for the studio's page Papers: the figures and their results."""
+"""Answers for the studio's page Papers: the figures of the papers, and Shoal's results beside the published results."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from shoal.studio.folder import PAPERS, Folder
 
 
 def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures of the papers, with the results of the figures that were reproduced in this folder."""
+    """Return the list of figures of the papers. A figure that was reproduced in the folder also has results."""
     from shoal.papers.reproduce import recipes
 
     told = []

@@ -1,4 +1,4 @@
-"""Answers for the studio's page Search: plans, separation of vehicles, simulations, drawn regions, map projection."""
+"""Answers for the studio's page Search: plans, missions, simulations, drawn regions, and the map projection."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_fields, checked_seed
 
 MOST_DRAWN = 200_000
-"""Maximum number of corners of paths that a page draws."""
+"""Maximum total number of corners in the paths that a page draws."""
 
 _STRAIGHT = 1 - 1e-9  # cosine of the largest angle that does not count as a turn
 
@@ -30,7 +30,10 @@ _DEGREE, _REACH = 4, 20_000.0  # of the polynomials of `earth`, and radius in me
 
 
 def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a plan for a page: the region, its tour, and each robot's path and time. Metres are relative to ``about["frame"]``."""
+    """Return a plan: the region, the tour, and the path and time of each robot.
+
+    All coordinates are metres from ``about["frame"]``.
+    """
     problem = placed_problem(folder, about)
     region = problem.place
     canvas = _Canvas(region.frame, frame_of(about.get("frame")))
@@ -62,13 +65,13 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Canvas:
-    """The coordinates in metres in which a page draws: those of the region, or those around another position on Earth."""
+    """The coordinates in which a page draws: metres in the frame of the region, or around another position on Earth."""
 
     def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
         self.own, self.shown = own, own if shown is None or own is None else shown
 
     def points(self, metres: Any) -> list[Any]:
-        """Return points in the page's coordinates, rounded to a centimetre."""
+        """Return points in the page's coordinates in metres, rounded to a centimetre."""
         given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
         if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
             given = self.shown.to_metres(self.own.to_degrees(given))
@@ -100,7 +103,7 @@ def _tour(plan: SearchPlan) -> Points:
 
 
 class _Way:
-    """A path without the points on its straight legs, and the layers of its points."""
+    """The corners of a path, and the altitude layer of each corner."""
 
     def __init__(self, points: Points, altitudes: list[float]) -> None:
         steps = np.diff(points, axis=0)
@@ -115,7 +118,7 @@ class _Way:
         self.layers = np.abs(heights - np.asarray(altitudes)).argmin(axis=1)
 
     def pieces(self, canvas: _Canvas) -> list[dict[str, Any]]:
-        """Return the pieces of a path, each of which lies in one layer."""
+        """Divide the path into pieces that each lie in one altitude layer, and return the pieces."""
         cuts = np.flatnonzero(np.diff(self.layers)) + 1
         found = zip(np.split(self.corners, cuts), np.split(self.layers, cuts), strict=True)
         return [{"layer": int(layer[0]), "points": canvas.points(part[:, :2])} for part, layer in found if len(part) > 1]
@@ -135,7 +138,7 @@ def _robot(plan: SearchPlan, robot: int, canvas: _Canvas) -> tuple[dict[str, Any
 
 
 def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the missions of a plan: sorties with their heights and delays, and the nearest approach of two vehicles."""
+    """Return the missions of a plan: the sorties, their heights and start delays, and the nearest approach of two vehicles."""
     from shoal.views.search.mission_folder import MissionFolder
 
     problem = flown(placed_problem(folder, about))
@@ -152,12 +155,12 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with a vehicle, which missions require. By default, the vehicle is a multirotor, as in `shoal search`."""
+    """Return the problem with a vehicle, which missions need. The default vehicle is a multirotor, as in `shoal search`."""
     return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Simulate a search, and return its data for the player. No file is written."""
+    """Simulate a search, and return the data of the search for the player. Do not write a file."""
     from shoal.search.run import run
     from shoal.views.search.page import page_data
 
@@ -172,7 +175,7 @@ def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write a drawn region as a file. Return its name."""
+    """Write a drawn region to a new file. Return the name of the new region file."""
     drawing = drawing_of(about.get("drawing"))
     if drawing is None:
         raise InvalidInputError("drawing: expected a region or zones, got nothing")
@@ -181,11 +184,12 @@ def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return polynomials that convert metres to degrees and back around a position, as lists of (i, j, coefficient, coefficient).
+    """Return polynomials that convert metres to degrees and back near a position, as lists of (i, j, coefficient, coefficient).
 
-    Both coefficients belong to x**i * y**j: the first is that of the longitude or east, the second that of the latitude or north.
-    Here x and y are metres divided by ``reach``, or degrees from the origin. The polynomials agree with the projection within 0.1
-    mm up to 30 km from the position, and within 2 cm up to 100 km.
+    Each entry contains the exponents i and j and two coefficients of x**i * y**j. The first coefficient gives the longitude or the
+    metres to the east. The second coefficient gives the latitude or the metres to the north. The variables x and y are metres
+    divided by ``reach``, or degrees from the position. The polynomials differ from the map projection by at most 0.1 mm within 30
+    km of the position, and by at most 2 cm within 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:

@@ -1,4 +1,4 @@
-"""Common code of answers: places in a cache, and pictures."""
+"""Code that several answers use: a cache of opened places, and the encoding of pictures."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 LARGEST_SHOWN = 1600
-"""Maximum length in pixels of a photograph's larger side on a page."""
+"""Maximum length of the larger side of a photograph on a page, in pixels."""
 
 _places: dict[str, Any] = {}
 
 
 def opened(problem: Any) -> Any:
-    """Return the place of a problem: its map, workspace or region. A cache keeps eight places while their files are unchanged."""
+    """Return the map, workspace or region of a problem. A cache keeps eight opened places while their files are unchanged."""
     name = next(iter(problem.declarations()))
     path = getattr(problem, name)
     stamp = os.stat(path).st_mtime_ns if problem.place_is_file() else 0
@@ -30,13 +30,13 @@ def opened(problem: Any) -> Any:
 
 
 def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return every k-th pixel, so that the larger side is at most `LARGEST_SHOWN`."""
+    """Return every k-th pixel of a picture, so that the larger side of the result has at most `LARGEST_SHOWN` pixels."""
     step = -(-max(pixels.shape[:2]) // LARGEST_SHOWN)
     return pixels[::step, ::step]
 
 
 def picture_of(pixels: NDArray[Any], kind: str) -> str:
-    """Return pixels as a base64 JPEG or PNG picture."""
+    """Return pixels as a JPEG or PNG picture, encoded in base64."""
     from PIL import Image
 
     encoded = io.BytesIO()
@@ -45,7 +45,7 @@ def picture_of(pixels: NDArray[Any], kind: str) -> str:
 
 
 def picture_of_mask(mask: NDArray[np.bool_]) -> str:
-    """Return a mask as a one-bit PNG: white where the mask is True, and transparent elsewhere."""
+    """Return a mask as a one-bit PNG picture, which is white where the mask is True and transparent where it is False."""
     from PIL import Image
 
     encoded = io.BytesIO()
@@ -54,5 +54,5 @@ def picture_of_mask(mask: NDArray[np.bool_]) -> str:
 
 
 def base64_of(data: bytes) -> str:
-    """Return bytes as base64 text for JSON."""
+    """Return bytes as a base64 text, which JSON can contain."""
     return base64.b64encode(data).decode()

@@ -1,4 +1,4 @@
-"""Answers for the studio's page Steering: plans, workspaces, the Δ configuration space."""
+"""Answers for the studio's page Steering: plans, workspaces, and the Δ configuration space."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.studio.forms import checked_problem, checked_seed
 
 
 def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the plan of a steering problem: its moves, the particles' paths, and the result."""
+    """Return the plan for a steering problem: the moves, the paths of the particles, and the result."""
     from shoal.views.steering.trajectories import trajectories_of
 
     problem = checked_problem(about["problem"], folder)
@@ -32,7 +32,7 @@ def steer(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the outline of a workspace, and the start and goal points of the particles."""
+    """Return the outline of a workspace, and the starts and goals of the particles."""
     from shoal.views.steering.axes import outlines_of
 
     problem: Any = checked_problem(about["problem"], folder)
@@ -45,7 +45,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the Δ configuration space: its outline, and the sets that two, four, ... moves reach."""
+    """Return the outline of the Δ configuration space, and the sets of differences that two, four, ... moves reach."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.axes import outlines_of
 
@@ -67,6 +67,6 @@ def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _rings(outline: Any, turned: NDArray[np.float64]) -> list[Any]:
-    """Return the outlines and holes of a set, rounded for drawing."""
+    """Return the outlines and holes of a planar set, rounded for drawing."""
     pieces = [outline] if isinstance(outline, np.ndarray) else [part for ring, holes in outline for part in (ring, *holes)]
     return [np.round(np.asarray(piece) @ turned, 5) for piece in pieces]

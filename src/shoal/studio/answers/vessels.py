@@ -1,4 +1,4 @@
-"""Answers for the studio's page Vessels: maps, photographs with their vessels, painted cells."""
+"""Answers for the studio's page Vessels: maps, photographs, the vessels in photographs, and painted cells."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from shoal.studio.folder import Folder
 from shoal.studio.forms import checked_problem, checked_seed
 
 MOST_CELLS = 4_000_000
-"""Maximum number of cells of a map on a page."""
+"""Maximum number of cells in a map that a page shows."""
 
 
 def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the cells of a map, and the start cells of its particles."""
+    """Return the cells of a map, and the start cells of the particles."""
     problem: Any = checked_problem(about["problem"], folder)
     workspace = opened(problem)
     if workspace.free.size > MOST_CELLS:
@@ -49,16 +49,16 @@ def map_(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return a photograph as JPEG, with at most `LARGEST_SHOWN` pixels on each side."""
+    """Return a photograph as a JPEG picture, with at most `LARGEST_SHOWN` pixels on each side."""
     pixels = _pixels(*_file(folder, str(about["file"])))
     height, width = pixels.shape[:2]
     return {"width": width, "height": height, "picture": picture_of(fit_to_page(pixels), "JPEG")}
 
 
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the vessels of a photograph as a picture of the same size as the result of `photograph`.
+    """Return the vessels in a photograph as a picture, which has the size of the picture that `photograph` returns.
 
-    If ``exact`` is true, return also the confidence.
+    If ``exact`` is true, also return the confidence that the photograph shows vessels.
     """
     from shoal.swarm.maps.open import finder_of, vessels_in
 
@@ -80,7 +80,7 @@ def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def sketch(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Write the cells that a user has painted as a new map file. Return its name."""
+    """Write the cells that a user has painted to a new map file. Return the name of the new map file."""
     from shoal.swarm.maps.files import write_map
     from shoal.swarm.maps.workspace import GridWorkspace
 

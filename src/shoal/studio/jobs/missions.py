@@ -1,6 +1,6 @@
-"""The job that writes missions: a zip archive with the mission files, their map and the report of the check.
+"""The job that writes missions: a zip archive with the mission files, a map of the missions, and the report of the linter.
 
-The job also writes a copy of the map beside the archive.
+The job also writes a copy of the missions' map beside the zip archive.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # so that equal missions give equal archives
 
 
 def missions_zip(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Plan a search, write its missions and check them. Return the names of the archive and the map, and the check report."""
+    """Plan a search, and write and check its missions. Return the names of the archive and the map, and the linter's report."""
     from shoal.search.allocation.plan import plan_search
     from shoal.search.missions import check_missions
     from shoal.views.search.mission_folder import MAP, MissionFolder, write_check

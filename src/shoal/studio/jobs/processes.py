@@ -1,4 +1,4 @@
-"""Processes of the studio: forked from a prepared process, with a memory limit. They end with the server."""
+"""Processes of the studio, forked from a prepared process. Each process has a memory limit, and ends when the server ends."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from multiprocessing.process import BaseProcess
 from typing import Any
 
 MEMORY = 3 * 2**30
-"""Maximum data size in bytes of a process of the studio. If a process needs more memory, the allocation fails."""
+"""Maximum size of the data of one studio process, in bytes.
+
+If a process needs more memory than the maximum, the allocation of memory fails.
+"""
 
 Say = Callable[[str, Any], None]
-"""Function with which a job reports events: a kind and its content."""
+"""Function with which a job reports an event. The arguments are the kind and the content of the event."""
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def warm_up(module: str) -> None:
-    """Start the process from which the other processes are forked.
+    """Start the fork server: the process from which all other processes are forked.
 
-    This process imports a module with the common libraries in the background.
+    In the background, the fork server imports ``module``, which imports all common libraries.
     """
     _CONTEXT.set_forkserver_preload([module])
     from multiprocessing.forkserver import ensure_running
@@ -34,14 +37,15 @@ def warm_up(module: str) -> None:
 
 
 class Worker:
-    """A process that runs a function and communicates over a pipe.
+    """A process that runs a function of Shoal and communicates over a pipe.
 
     Parameters
     ----------
     work : str
-        MODULE:FUNCTION, which is imported only in the process. The function takes the connection and the arguments.
+        Name MODULE:FUNCTION of the function to run. The new process imports the function, and calls it with the connection and the
+        arguments.
     *arguments
-        Further arguments of the function.
+        Arguments of the function after the connection.
 
     Attributes
     ----------
@@ -55,7 +59,7 @@ class Worker:
         theirs.close()
 
     def kill(self) -> None:
-        """Kill the process and its children. The connection then ends."""
+        """Kill the process and all its child processes, which ends the connection."""
         pid = self._process.pid
         if pid is not None and self._process.is_alive():
             try:
@@ -76,14 +80,14 @@ class Worker:
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Return the function that the text MODULE:FUNCTION names. The function must be a part of Shoal."""
+    """Import and return the function with the name MODULE:FUNCTION. Names must come from Shoal, and never from a browser."""
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     return found
 
 
 def _begin(connection: Connection, work: str, arguments: tuple[Any, ...]) -> None:
-    """Run the function in its own process group, which ends with the server. Ctrl-C in the terminal is handled by the server."""
+    """Run the function in a process group of its own, which ends when the server ends. Ignore Ctrl-C, which the server handles."""
     os.setpgid(0, 0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_server, daemon=True).start()

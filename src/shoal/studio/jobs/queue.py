@@ -1,4 +1,4 @@
-"""The queue of jobs: one running job per processor, with progress, remaining time and cancellation."""
+"""The queue of jobs: at most one running job per processor. The queue reports progress and remaining time, and can cancel jobs."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.studio.jobs.store import JobStore
 
 MOST_QUEUED = 5000
 PAUSE = 5.0
-"""Seconds before a failed write of the store is repeated."""
+"""Time after which a failed write to the store of jobs is repeated, in seconds."""
 
 _JOBS = "shoal.studio.jobs"
 KINDS = {
@@ -28,17 +28,17 @@ KINDS = {
     "table": f"{_JOBS}.sweeps:write",
     "missions": f"{_JOBS}.missions:missions_zip",
 }
-"""The function for each kind of job. Only the processes of jobs import the functions. Therefore the server starts fast."""
+"""The name MODULE:FUNCTION of the function for each kind of job. The process of a job imports the function of the job."""
 
 LONG = ("sweep", "reproduce")
-"""Kinds of long jobs. While a long job is running, one processor is kept free for interactive jobs."""
+"""Kinds of long jobs. While a long job is running, the queue keeps one processor free for interactive jobs."""
 
 MOST_PIECES = 50_000_000
-"""Maximum number of characters of a running episode that are kept for browsers that begin to watch."""
+"""Maximum total size, in characters, of the episode pieces that a job keeps for browsers that begin to watch later."""
 
 
 class _Running:
-    """A running job: its process, its progress, and its pieces for browsers that begin to watch."""
+    """A running job: the process, the progress, and the pieces of its episode for browsers that begin to watch later."""
 
     def __init__(self, job: dict[str, Any], processors: int) -> None:
         self.job, self.began, self.processors = job, time.monotonic(), processors
@@ -50,19 +50,19 @@ class _Running:
 
     @property
     def seconds_left(self) -> float | None:
-        """Return the estimated remaining seconds."""
+        """Return the estimated remaining time of the job in seconds, or None if the time is unknown."""
         fresh = self.done - (self.done_before or 0.0)
         return (time.monotonic() - self.began) * (1 - self.done) / fresh if fresh > 0.01 else None
 
 
 class JobQueue:
-    """The jobs of a folder and their processes, which the server's event loop manages.
+    """The jobs of a folder, and the processes of running jobs. The server's event loop manages the queue.
 
     Parameters
     ----------
     folder : Folder
     tell : callable
-        Function that sends a message to all browsers.
+        Function that the queue calls to send a message to all browsers.
     """
 
     def __init__(self, folder: Folder, tell: Callable[[dict[str, Any]], None]) -> None:
@@ -79,9 +79,9 @@ class JobQueue:
         Raises
         ------
         InvalidInputError
-            If the kind of job is unknown.
+            Raised if no kind of job has the name ``kind``.
         OutputError
-            If the store cannot be written, or too many jobs are waiting.
+            Raised if Shoal cannot write the store of jobs, or if too many jobs are waiting.
         """
         kind = check_choice(kind, what="kind", choices=KINDS)
         if self.store.counts().get("queued", 0) >= MOST_QUEUED:
@@ -114,11 +114,11 @@ class JobQueue:
             task.add_done_callback(self._tasks.discard)
 
     def _free(self) -> int:
-        """Return the number of processors without a job."""
+        """Return the number of processors on which no job is running."""
         return default_workers() - sum(running.processors for running in self._running.values())
 
     async def _follow(self, running: _Running) -> None:
-        """Process the messages of a job until it ends. A process that ends without a final message has crashed."""
+        """Handle the messages of a job's process until it ends. A process that ends without a final message has crashed."""
         job, number, state = running.job, running.job["id"], "failed"
         result: dict[str, Any] = {"error": "the process of the job ended: it crashed, or needed more memory than the machine has"}
         # The process for forking may still be loading, so its answer is awaited in a thread.
@@ -171,20 +171,20 @@ class JobQueue:
             del self._unsaved[number]
 
     def pieces(self, number: int) -> list[dict[str, Any]]:
-        """Return the pieces of the episode that a running job has computed so far."""
+        """Return all pieces of the episode that a running job has computed so far."""
         return list(self._running[number].pieces) if number in self._running else []
 
     def told(self, number: int) -> dict[str, Any]:
-        """Return a job as data for browsers, or empty data if the job does not exist.
+        """Return a job as data for browsers. If the job does not exist, return empty data.
 
-        The keys of the data are ``id, kind, spec, state, created, began, ended, result``. The data of a running job also have
-        ``done`` (0 to 1), ``note`` and ``left`` (seconds).
+        The keys of the data are ``id, kind, spec, state, created, began, ended, result``. The data of a running job also have the
+        keys ``done`` (progress from 0 to 1), ``note``, and ``left`` (remaining seconds).
         """
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)
 
     def all_told(self) -> list[dict[str, Any]]:
-        """Return the newest jobs."""
+        """Return the newest jobs as data for browsers."""
         return [self._with_progress(job) for job in self.store.newest()]
 
     def _with_progress(self, job: dict[str, Any]) -> dict[str, Any]:
@@ -206,7 +206,7 @@ class JobQueue:
                 worker.kill()
 
     async def close(self) -> None:
-        """End the processes of all jobs. The next server finds the jobs again."""
+        """End the processes of all jobs. The next server of the folder finds the unfinished jobs in the store."""
         self._closing = True
         for running in self._running.values():
             if running.worker is not None:

@@ -1,4 +1,4 @@
-"""The store of jobs: an SQLite file in the folder, from which the server restores its jobs after a crash."""
+"""The store of jobs: an SQLite file in the folder. After a crash, the next server of the studio finds all jobs in the store."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from shoal.lab.storage.schema import told, transaction
 FILE = ".studio.sqlite"
 APPLICATION = 0x53484A42  # "SHJB"
 MOST_TRIES = 2
-"""Maximum number of starts of a job. If the end of a server has stopped a job so many times, the job is marked as interrupted."""
+"""Maximum number of starts of a job. A job that was stopped with the server at each start is marked as interrupted."""
 
 _TABLE = """CREATE TABLE IF NOT EXISTS jobs (
   id INTEGER PRIMARY KEY, kind TEXT NOT NULL, spec TEXT NOT NULL, state TEXT NOT NULL, urgent INTEGER NOT NULL,
@@ -29,18 +29,18 @@ _STATES = ("queued", "running", *ENDED)
 
 
 class JobStore:
-    """The jobs of a folder.
+    """The store of the jobs in a folder.
 
     Parameters
     ----------
     folder : Path
-        Folder of the studio. Jobs that were running when the last server ended are added to the queue again, or marked as
-        interrupted.
+        Folder of the studio. If a job was running when the last server ended, the store adds the job to the queue again, or marks
+        it as interrupted.
 
     Raises
     ------
     InvalidInputError, OutputError
-        If the file is not a store of jobs, or cannot be written.
+        Raised if the file is not a store of jobs, or if Shoal cannot write the file.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -72,14 +72,14 @@ class JobStore:
             self._job(row)
 
     def _ask(self, statement: str, *values: Any) -> list[tuple[Any, ...]]:
-        """Run a statement and return its rows."""
+        """Run an SQL statement, and return the rows of the result."""
         with told(self.path):
             return self._connection.execute(statement, values).fetchall()
 
     def add(self, kind: str, spec: dict[str, Any], *, urgent: bool = False) -> int:
         """Add a job to the queue, and return the number of the job.
 
-        Urgent jobs start first, because a user waits for their results.
+        Urgent jobs start before other jobs, because a user waits for the result of an urgent job.
         """
         ((number,),) = self._ask(
             "INSERT INTO jobs (kind, spec, state, urgent, tries, created, result) VALUES (?, ?, 'queued', ?, 0, ?, '{}') "
@@ -89,9 +89,9 @@ class JobStore:
         return int(number)
 
     def begin_next(self, *, without: Sequence[str] = ()) -> dict[str, Any] | None:
-        """Mark the next waiting job as running, and return it. Skip jobs of the kinds ``without``.
+        """Mark the next waiting job as running, and return the job. Skip jobs of the kinds in ``without``.
 
-        Return None if no job is left.
+        If no job is waiting, return None.
         """
         rows = self._ask(
             "UPDATE jobs SET state = 'running', began = ?, tries = tries + 1 WHERE id = "
@@ -102,22 +102,22 @@ class JobStore:
         return self._job(rows[0]) if rows else None
 
     def end(self, number: int, state: str, result: dict[str, Any]) -> None:
-        """Record the end of a job."""
+        """Record the end of a job, with the job's final state and result."""
         text = json.dumps(result, allow_nan=False)
         self._ask("UPDATE jobs SET state = ?, ended = ?, result = ? WHERE id = ?", state, time.time(), text, number)
 
     def cancel_queued(self, number: int) -> bool:
-        """Cancel a job that has not yet started. Return whether there was such a job."""
+        """Cancel a job that has not yet started. Return false if no such job exists."""
         cancelled = "UPDATE jobs SET state = 'cancelled', ended = ? WHERE id = ? AND state = 'queued' RETURNING id"
         return bool(self._ask(cancelled, time.time(), number))
 
     def job(self, number: int) -> dict[str, Any] | None:
-        """Return one job, or None."""
+        """Return the job with the given number, or None if the job does not exist."""
         rows = self._ask(f"SELECT {_COLUMNS} FROM jobs WHERE id = ?", number)
         return self._job(rows[0]) if rows else None
 
     def newest(self, most: int = 100) -> list[dict[str, Any]]:
-        """Return jobs: first the active jobs, then the newest of the others."""
+        """Return up to ``most`` jobs: first all running and waiting jobs, and then the newest ended jobs."""
         order = "state NOT IN ('running', 'queued'), id DESC"
         return [self._job(row) for row in self._ask(f"SELECT {_COLUMNS} FROM jobs ORDER BY {order} LIMIT ?", most)]
 
@@ -126,11 +126,11 @@ class JobStore:
         return dict(self._ask("SELECT state, count(*) FROM jobs GROUP BY state"))
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the store file."""
         self._connection.close()
 
     def _job(self, row: tuple[Any, ...]) -> dict[str, Any]:
-        """Return the job of a row after validating it, because the file may come from another person."""
+        """Validate a row of the store, and return its job. The store file may come from another person."""
         job = dict(zip(_COLUMNS.split(", "), row, strict=True))
         where = f"{self.path}: job {shortened(job['id'])}"
         check_choice(job["state"], what=f"{where}: state", choices=_STATES)

@@ -1,4 +1,4 @@
-"""Jobs of the lab: run a sweep or its missing trials, and write its table or figure."""
+"""Jobs of the lab: run the missing trials of a sweep, and write the table or a figure of a sweep."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from shoal.studio.jobs.processes import Say
 from shoal.studio.sweeps import checked_sweep
 
 FIGURES = ("png", "svg")
-"""Suffixes of the figures of a sweep."""
+"""File suffixes for the figures of a sweep."""
 
 
 def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Run the missing trials of a sweep.
 
-    After the sweep is recorded in the SQLite file of the results, the job writes the sweep file beside this SQLite file.
+    The job first records the sweep in the store. Then the job writes the sweep file beside the store.
     """
     text = check_text(spec.get("toml"), what="toml")
     sweep = checked_sweep(text, folder)
@@ -52,7 +52,7 @@ def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
 
 
 def write(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Write the table of a sweep, or the figure of one of its measures."""
+    """Write the table of a sweep, or a figure of one measure of the sweep."""
     kind = check_choice(spec.get("format"), what="format", choices=(*(suffix[1:] for suffix in SUFFIXES), *FIGURES))
     path, measure = folder.path(str(spec.get("store"))), str(spec.get("measure"))
     say("progress", (0.0, f"reading {path.name}"))

@@ -1,4 +1,4 @@
-"""The work of each kind of job in its own process: run an episode, compare policies, write films and figures."""
+"""The functions that do the work of jobs, such as running an episode, comparing policies, and writing films and figures."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ FORMATS = ("png", "svg", "mp4", "gif", "html")
 
 
 def work(connection: Connection, root: str, function: str, spec: dict[str, Any], processors: int) -> None:
-    """Run a job in this process, on several processors if the job can use them.
+    """Run a job in the current process. Some jobs can use several processors.
 
-    The last message of the process is "done" with the result, or "failed" with a sentence.
+    The last message of the process is "done" with the result of the job, or "failed" with an error message.
     """
     os.chdir(root)
 
@@ -47,7 +47,7 @@ def work(connection: Connection, root: str, function: str, spec: dict[str, Any],
 
 
 def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run an episode, and report its moves while it runs."""
+    """Run an episode, and report the moves of the episode during the run."""
     problem, seed = checked_problem(spec["problem"], folder), checked_seed(spec)
     if problem.part == "swarm" and problem.noise is None:  # type: ignore[attr-defined]  # a swarm's problem has it
         episode: Any = play_live(problem, seed, say)
@@ -63,7 +63,7 @@ def play(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
 
 
 def play_live(problem: Any, seed: int, say: Say) -> Any:
-    """Run an episode of a swarm. Its start, its moves and its end are reported immediately."""
+    """Run an episode of a swarm. Report the start, each piece of moves, and the end of the episode immediately."""
     from shoal.core.episode import Status
     from shoal.swarm.episode import SwarmEpisode
     from shoal.swarm.grid.commands import decode
@@ -94,14 +94,14 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
 
 
 def cells_to_classify(free: Any) -> int:
-    """Return the maximum number of cells that a mapping classifies: free cells, and the walls beside them."""
+    """Return the maximum number of cells that a mapping classifies: all free cells, and the walls beside free cells."""
     from scipy import ndimage
 
     return int(ndimage.binary_dilation(np.pad(free, 1)).sum())
 
 
 def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Run several policies from the same start cells. The first trial of each policy is saved as an episode."""
+    """Run trials of several policies with common start cells. Save the first episode of each policy."""
     from shoal.swarm.run import run
 
     policies, trials = spec["policies"], check_integer(spec.get("trials", 10), what="trials", least=2, most=MOST_TRIALS)
@@ -131,7 +131,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
 
 
 def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
-    """Return the mean of each policy with its interval, and the paired difference of its moves from the best policy."""
+    """Return each policy's mean number of moves with a confidence interval, and its paired difference from the best policy."""
     from shoal.lab.statistics import compare as paired
     from shoal.lab.statistics import estimate
 
@@ -154,7 +154,7 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
 
 
 def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Write the figure, film or player page of an episode."""
+    """Write a figure, a film or a player page of an episode."""
     from shoal.views import figure, film, save_figure
 
     suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)
@@ -171,7 +171,7 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
 
 
 def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Reproduce one figure of the papers, or all figures and the page of results."""
+    """Reproduce one figure of the papers, or all figures of the papers and the page of results."""
     from shoal.papers.reproduce import recipes, reproduce, reproduce_all
 
     name, quick, out = spec.get("name"), spec.get("quick") is not False, folder.path(PAPERS)
@@ -197,7 +197,7 @@ def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[st
 
 
 def storable(value: Any) -> Any:
-    """Return a value for JSON: infinities and NaN become None, and NumPy numbers become Python numbers."""
+    """Convert a value to JSON data: infinities and NaN become None, and NumPy numbers become Python numbers."""
     if isinstance(value, dict):
         return {str(name): storable(one) for name, one in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""Input checks for batches. Each check returns arrays, or raises an error whose message is one sentence."""
+"""Checks of the arguments of batches. Each check returns the checked value, or raises an error with a one-sentence message."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from shoal.swarm.problem import SwarmProblem
 
 LARGEST = 2**62
 ALIKE = ("rule", "task", "slip", "misplace", "miss", "confidence")
-"""Fields that must be equal in all problems of a batch."""
+"""Names of the problem fields that must be equal in all problems of a batch."""
 
 
 def check_problems(problems: list[SwarmProblem]) -> None:
-    """Refuse problems that cannot be simulated in one batch."""
+    """Refuse problems that Shoal cannot simulate in one batch."""
     if not problems or not all(isinstance(one, SwarmProblem) for one in problems):
         raise InvalidInputError(f"problem: expected a SwarmProblem, or several, got {shortened(problems)}")
     first = problems[0]
@@ -32,7 +32,7 @@ def check_problems(problems: list[SwarmProblem]) -> None:
 
 
 def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
-    """Return the array ``out`` after a check of its dtype and shape. If ``out`` is None, return a new uint8 array."""
+    """Return the array ``out`` after checking its dtype and shape. If ``out`` is None, return a new uint8 array."""
     if out is None:
         return np.empty(shape, dtype=np.uint8)
     good = isinstance(out, np.ndarray) and out.dtype == np.uint8 and out.shape == shape
@@ -46,7 +46,7 @@ def check_out(out: Any, shape: tuple[int, ...]) -> NDArray[np.uint8]:
 
 
 def check_where(where: Any, count: int) -> NDArray[np.int64]:
-    """Return the indices of the worlds that a mask selects."""
+    """Return the indices of the worlds that the mask ``where`` selects."""
     mask = np.asarray(where)
     if mask.dtype != np.bool_ or mask.shape != (count,):
         raise InvalidInputError(f"where: expected {count} booleans, one per world, got {mask.dtype} {mask.shape}")
@@ -56,9 +56,9 @@ def check_where(where: Any, count: int) -> NDArray[np.int64]:
 def check_numbers(
     given: Any, chosen: NDArray[np.int64], count: int, *, what: str, least: int, below: int = LARGEST, single: bool = True
 ) -> NDArray[np.integer[Any]]:
-    """Return one whole number for each selected world. With ``single``, a single number counts for all worlds.
+    """Return one whole number for each selected world. If ``single`` is true, one number may stand for all worlds.
 
-    Numbers of worlds that are not selected are not checked. ``chosen`` contains the indices of the selected worlds.
+    ``chosen`` contains the indices of the selected worlds. The check ignores the numbers of all other worlds.
     """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):

@@ -1,6 +1,6 @@
-"""Observations of many worlds: boards, planes with one byte per cell, and sums over the particles.
+"""Observations of many worlds: boards with one bit per cell, planes with one byte per cell, and sums over the particles.
 
-The module also returns the state and the belief of a single world.
+Methods of `Inspection` also return the state and the belief of a single world.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ from shoal.swarm.kernels.batches.worlds import Worlds
 from shoal.swarm.policies.paths import search_of
 
 PLANES = ("particles", "free", "obstacles", "frontier", "unknown", "map")
-"""Names of the planes.
+"""Names of the planes. Each plane has one value per cell.
 
-Each plane has one value per cell: the number of particles (at most 255); cells known to be free; cells known to be obstacles,
-including cells beyond a map smaller than the largest; frontier cells (mapping: unknown cells beside free cells; coverage: cells not
-yet covered); unknown cells; truly free cells, which a mapping policy must not use.
+The plane "particles" contains the number of particles in each cell, at most 255. Every other plane contains 1 for the cells that
+the name of the plane describes, and 0 for all other cells. "free": cells that are known to be free. "obstacles": cells that are
+known to be obstacles, and cells beyond the border of a small map. "frontier": in a mapping, unknown cells beside known free cells;
+in a coverage, cells that are not yet covered. "unknown": unclassified cells. "map": the true free cells, which a mapping policy
+must not use.
 """
 
 
 class Boards(NamedTuple):
-    """The boards of all worlds: read-only uint64 arrays of shape (worlds, layers x rows, words of a row).
+    """The boards of all worlds: read-only uint64 arrays of shape (worlds, layers x rows, words per row).
 
-    `shoal.swarm.grid.board` documents the bit layout, and `shoal.swarm.Belief` the meaning of each board.
+    `shoal.swarm.grid.board` explains the bits of a board. `shoal.swarm.Belief` explains the meaning of each board.
     """
 
     occupied: Words
@@ -52,9 +54,9 @@ class Boards(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """Sums over the particles of each world, with one row per world.
+    """Sums over the particles of each world. Each array has one row per world.
 
-    A cell with more than 255 particles counts as a cell with 255 particles.
+    In the sums, a cell with more than 255 particles counts as a cell with 255 particles.
     """
 
     probing: NDArray[np.int64]  # (worlds, commands): particles that would enter a frontier cell
@@ -70,18 +72,18 @@ class Measures(NamedTuple):
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Mean position of the particles of each world, in indices of the planes; float64, shape (worlds, ndim)."""
+        """Mean position of the particles of each world, in plane indices (float64, shape (worlds, ndim))."""
         return self.places / np.maximum(self.particles, 1)[:, None]
 
     @property
     def spread(self) -> NDArray[np.float64]:
-        """Standard deviation of the particles' positions along each axis; float64, shape (worlds, ndim)."""
+        """Standard deviation of the particles' positions along each axis, in cells (float64, shape (worlds, ndim))."""
         mean_square = self.squares / np.maximum(self.particles, 1)[:, None]
         return np.asarray(np.sqrt(np.maximum(mean_square - self.middle**2, 0.0)))
 
 
 class Inspection:
-    """The boards of many worlds and methods to observe them; see `shoal.swarm.batch.WorldBatch`."""
+    """Base class of `shoal.swarm.batch.WorldBatch`: the boards of many worlds, and methods to observe the worlds."""
 
     layout: GridLayout
     maps: NDArray[np.int64]
@@ -97,19 +99,19 @@ class Inspection:
         return len(self._all)
 
     def _chosen(self, where: ArrayLike | None) -> NDArray[np.int64]:
-        """Return the indices of the worlds that a mask selects."""
+        """Return the indices of the worlds that the mask ``where`` selects."""
         return self._all if where is None else check_where(where, len(self))
 
     @property
     def boards(self) -> Boards:
-        """The boards of all worlds, without a copy. Each step writes to them."""
+        """The boards of all worlds, without a copy. Each step of the batch writes to the boards."""
         views = [getattr(self._worlds, name).reshape(len(self), *self.layout.words) for name in Boards._fields]
         for view in views:
             view.flags.writeable = False
         return Boards(*views)
 
     def state(self, world: int) -> SwarmState:
-        """Return a copy of one world's state (the particles' cells)."""
+        """Return a copy of the state of one world: the cells of all particles."""
         board = self._padded.board(self._worlds.occupied[world], int(self.maps[world]))
         counts = None
         if self._worlds.counts.size:
@@ -118,29 +120,29 @@ class Inspection:
         return SwarmState(board, counts)
 
     def belief(self, world: int) -> Belief:
-        """Return a copy of one world's belief."""
+        """Return a copy of the belief of one world."""
         names, index = ("open", "known", "frontier"), int(self.maps[world])
         return Belief(*(self._padded.board(getattr(self._worlds, name)[world], index) for name in names))
 
     def planes(
         self, names: Sequence[str] = PLANES[:4], *, where: ArrayLike | None = None, out: NDArray[np.uint8] | None = None
     ) -> NDArray[np.uint8]:
-        """Return planes of all cells, one byte per cell.
+        """Return planes of the selected worlds: arrays with one byte per cell.
 
         Parameters
         ----------
         names : sequence of str
-            Names of planes from `PLANES`. The default is the first four planes.
+            Names of planes from `PLANES`. The default is particles, free, obstacles and frontier.
         where : array_like of bool, shape (worlds,), optional
-            Mask of the worlds to return. The default is all worlds.
+            Mask of the worlds to observe. By default, the method observes all worlds.
         out : ndarray of uint8, C-contiguous, optional
-            Array that receives the result and is returned. The default is a new array.
+            Array into which the method writes the planes. By default, the method makes a new array.
 
         Returns
         -------
         ndarray of uint8, shape (worlds, planes, ...)
-            The last axes have the shape `layout.window`, which includes a rim of one cell, because cells of the rim must also be
-            classified.
+            The planes of the selected worlds. The last axes have the shape `layout.window`, which includes a rim of one cell,
+            because the particles must also classify rim cells.
 
         Raises
         ------
@@ -160,18 +162,18 @@ class Inspection:
     def windows(
         self, names: Sequence[str], centers: NDArray[np.int64], side: int, *, where: ArrayLike | None = None
     ) -> NDArray[np.uint8]:
-        """Return a window of cells around one cell of each world, as planes. Cells beyond the map appear as obstacles.
+        """Return, for each world, planes of a square or cube of cells around one cell. Cells beyond the map appear as obstacles.
 
         Parameters
         ----------
         names : sequence of str
-            Names of planes from `PLANES`.
+            Names of planes from the list `PLANES`.
         centers : ndarray of int64, shape (worlds, ndim)
-            Plane indices of each window's central cell.
+            Plane indices of the central cell in each world.
         side : int
-            Number of cells along each side of a window.
+            Number of cells along each side of the square or cube.
         where : array_like of bool, shape (worlds,), optional
-            Mask of the worlds to return. The default is all worlds.
+            Mask of the worlds to observe. By default, the method observes all worlds.
 
         Returns
         -------
@@ -190,7 +192,7 @@ class Inspection:
         return filled
 
     def measures(self, *, where: ArrayLike | None = None) -> Measures:
-        """Return sums over the particles of each world; see `Measures`."""
+        """Return sums over the particles of each world. The class `Measures` lists the sums."""
         chosen, ndim = self._chosen(where), self.layout.ndim
         shapes = ((len(chosen), 2 * ndim, 2), (len(chosen), 3, 2), (len(chosen), 3))
         commands, axes, totals = (np.zeros(shape, dtype=np.int64) for shape in shapes)
@@ -205,16 +207,16 @@ class Inspection:
         )  # fmt: skip
 
     def nearest_frontier(self, *, where: ArrayLike | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return the shortest path from any particle to the frontier: its length, its first command and its last cell.
+        """Return the length, the first command and the last cell of the shortest path from any particle to a frontier cell.
 
         Returns
         -------
         ndarray of int64, shape (worlds,)
-            Length of the path in cells. The length is 0 if no path exists.
+            Length of the shortest path in each world, in cells. If no path exists, the length is 0.
         ndarray of int64, shape (worlds,)
-            Code of the path's first command.
+            Code of the first command of each shortest path.
         ndarray of int64, shape (worlds, ndim)
-            Plane indices of the path's last cell.
+            Plane indices of the last cell of each shortest path.
         """
         chosen, searches = self._chosen(where), self._searches
         found = np.zeros((len(chosen), 5), dtype=np.int64)
@@ -227,15 +229,16 @@ class Inspection:
 
     @cached_property
     def _searches(self) -> list[Any]:
-        """Working memory of each thread."""
+        """Working memory of each thread for the search of shortest paths."""
         size = int(np.prod(self.layout.window))
         return [search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size) for _ in range(self.threads)]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
-        """Return which commands can have an effect according to the belief; int8, shape (worlds, commands).
+        """Return which commands can have an effect, according to the belief of each world (int8, shape (worlds, commands)).
 
-        Under the rules block and tilt, a command has an effect if at least one particle's next cell is not a known obstacle and
-        holds no particle. Under the rule merge, the next cell may hold particles. With noise, every command may have an effect.
+        Under the rules block and tilt, a command has an effect if the next cell of some particle holds no particle and is not a
+        known obstacle. Under the rule merge, a command has an effect if the next cell of some particle is not a known obstacle. In
+        an episode with noise, every command may have an effect.
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)
@@ -249,7 +252,7 @@ class Inspection:
 
 
 def _codes_of(names: Sequence[str]) -> NDArray[np.int64]:
-    """Return the kernels' integer codes for plane names."""
+    """Return the codes of planes: whole numbers by which kernels identify planes."""
     if isinstance(names, str) or any(name not in PLANES for name in names):
         raise InvalidInputError(f"planes: expected names out of {', '.join(PLANES)}, got {shortened(names)}")
     return np.array([PLANES.index(name) for name in names], dtype=np.int64)

@@ -1,6 +1,6 @@
-"""Maps of different sizes, stored on boards of a common shape.
+"""Maps of different sizes, stored on boards (sets of cells) of a common shape.
 
-A smaller map occupies the first layers, rows and columns of a board.
+A map that is smaller than the common shape occupies the first layers, rows and columns of a board.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ class PaddedMaps:
     Parameters
     ----------
     places : sequence of GridWorkspace
-        The maps. All maps must have the same number of dimensions, 2 or 3.
+        The maps. Either all maps must be 2-D, or all maps must be 3-D.
 
     Raises
     ------
@@ -39,16 +39,16 @@ class PaddedMaps:
 
     @property
     def words(self) -> int:
-        """Number of uint64 words in one board."""
+        """Number of uint64 words in one board of the common shape."""
         return self.layout.words[0] * self.layout.words[1]
 
     def _cut(self, flat: Words, layout: GridLayout) -> Words:
-        """Return a view of the part of a flat padded board that a smaller layout covers."""
+        """Return a view of the part of a flat padded board that the window of a smaller map covers."""
         whole = flat.reshape(self.layout.layers, self.layout.rows, self.layout.words[1])
         return whole[: layout.layers, : layout.rows, : layout.words[1]]
 
     def padded(self, board: Board, out: Words | None = None) -> Words:
-        """Write the board of one map into ``out``, a flat board of the common shape."""
+        """Copy the board of one map into ``out``, a flat board of the common shape."""
         words = np.zeros(self.words, dtype=np.uint64) if out is None else out
         layout = board.layout
         words.fill(0)
@@ -61,7 +61,7 @@ class PaddedMaps:
         return Board(layout, self._cut(flat, layout).reshape(layout.words).copy())
 
     def lines(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the row and column of a map's cells on the common boards; int64, shape (n, 2)."""
+        """Return the row and column of a map's cells on boards of the common shape (int64, shape (n, 2))."""
         moved = cells + 1
         if moved.shape[1] == 3:
             return np.stack([moved[:, 0] * self.layout.rows + moved[:, 1], moved[:, 2]], axis=1)

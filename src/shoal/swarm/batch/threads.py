@@ -1,4 +1,4 @@
-"""Parallel work on many worlds with one thread per processor. Kernels run without the interpreter lock."""
+"""Parallel work on many worlds, with one thread per processor. Kernels release Python's interpreter lock."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from functools import cache
 
 SMALLEST = 1 << 14
-"""Minimum number of board words (64 cells each) for which another thread saves time. It is about 10 µs of work."""
+"""Minimum number of board words, of 64 cells each, for which an additional thread saves time: about 10 µs of work."""
 
 
 def processors() -> int:
-    """Return the number of processors that this process may use."""
+    """Return the number of processors that the current process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
@@ -22,17 +22,17 @@ def _pool(threads: int) -> ThreadPoolExecutor:
 
 
 def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, threads: int) -> None:
-    """Call ``work(thread, first, last)`` for consecutive parts of ``range(count)``. The calling thread works on the last part.
+    """Divide ``range(count)`` into parts, and call ``work(thread, first, last)`` for each part, in several threads.
 
     Parameters
     ----------
     work : callable
-        Function that processes the worlds from ``first`` to ``last`` - 1. The result for one world must not depend on the division
-        into parts.
+        Function that processes the worlds from ``first`` to ``last`` - 1. The result for a world must not depend on the division of
+        the worlds into parts.
     count : int
         Number of worlds.
     words : int
-        Number of board words per world. For small worlds, fewer threads are used.
+        Number of board words per world. Small worlds are processed by fewer threads.
     threads : int
         Maximum number of threads.
     """

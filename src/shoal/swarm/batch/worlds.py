@@ -1,4 +1,4 @@
-"""WorldBatch: many simulated worlds that advance together, with one command per world and step."""
+"""WorldBatch: many simulated worlds that advance together. In each step, every world gets its own command."""
 
 from __future__ import annotations
 
@@ -27,56 +27,58 @@ from shoal.swarm.simulation.compiled import is_compiled
 from shoal.swarm.simulation.starts import draw_start, swarm_of
 
 SEEDS = 2**31
-"""Exclusive upper limit of seeds that are drawn for later episodes."""
+"""Upper limit (exclusive) of the random seeds for later episodes."""
 
 
 class WorldBatch(Inspection):
-    """Many worlds that advance together in compiled code.
+    """Many simulated worlds that advance together in compiled code.
 
-    The worlds share one problem, or they have several problems on different maps.
+    All worlds share one problem, or the worlds have several problems on different maps.
 
-    World i starts like ``shoal.run(problem, seed=seed + i)``. The behaviour of a world depends only on its own seed, not on the
-    number of worlds or threads.
+    World i starts like ``shoal.run(problem, seed=seed + i)``. The behaviour of a world depends on the world's own seed, but not on
+    the number of worlds or threads.
 
     Parameters
     ----------
     problem : SwarmProblem, or sequence of them
-        One problem for all worlds, or several problems. Several problems may differ in the fields that define the start of an
-        episode, such as map, particles and placement. Each episode draws one of the problems at random. The boards of all worlds
-        are padded to a common shape. The problem's policy is ignored.
+        One problem for all worlds, or several problems, of which each episode draws one at random. Several problems may differ in
+        the fields that define the start of an episode, such as map, particles and placement. The boards of all worlds are padded to
+        a common shape. The batch ignores the policy of a problem.
     worlds : int
         Number of worlds.
     seed : int, sequence of int, or None
-        Seeds of the first episodes; see `reset`.
+        Seeds of the first episodes. The method `reset` explains the argument ``seed``.
     threads : int, optional
-        Maximum number of threads. The default is the number of processors.
+        Maximum number of threads. The default is one thread per processor.
 
     Attributes
     ----------
     problems : list of SwarmProblem
     layout : GridLayout
-        The window of all boards and planes, including a rim of one cell.
+        The window of cells of all boards and planes, including a rim of one cell.
     moves, limits : ndarray of int64, shape (worlds,)
-        Number of commands sent in the current episode (``moves``), and the maximum of this number (``limits``). Each step and each
-        reset writes to these arrays.
+        ``moves`` is the number of commands sent in the current episode, and ``limits`` is the maximum number of commands. Each step
+        and each reset writes to the arrays ``moves`` and ``limits``.
     frontier : ndarray of int32, shape (worlds,)
-        Number of frontier cells of each world.
+        Number of frontier cells in the belief of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
-        ``complete``: the task is done. ``terminated``: no frontier cell is left; with noise, some cells may then remain
+        ``complete``: the task is done. ``terminated``: no frontier cell is left; in an episode with noise, some cells may remain
         unclassified. ``truncated``: the episode reached its maximum number of commands before it terminated.
     seeds, maps : ndarray of int64, shape (worlds,)
-        Seed of each world's episode, and the index of its problem.
+        ``seeds`` contains the seed of each world's current episode, and ``maps`` contains the index of each world's current
+        problem.
 
     Raises
     ------
     InvalidInputError
-        If a batch does not support a problem, or the problems cannot share a batch.
+        Raised if a batch does not support a problem, or if the problems cannot share a batch.
 
     Notes
     -----
-    Each world needs four boards (64 cells per word), 68 bytes, and 1.3 kB for its random generator. The boards take 4.5 kB for
-    vessels:1000 and 14.5 kB for vessels:5000. The rule merge needs 4 more bytes per cell. Worlds with noise or with a third-party
-    task use the slower code of `shoal.run`, one world after the other. Docs: docs/how-to/batches.md.
+    Each world needs memory for four boards (64 cells per word of 8 bytes), 68 further bytes, and 1.3 kB for its random generator.
+    The four boards of a world take 4.5 kB for the map vessels:1000 and 14.5 kB for the map vessels:5000. Under the rule merge, each
+    world needs 4 more bytes per cell. Worlds with noise or with a third-party task advance one after the other in the slower code
+    of `shoal.run`. The page docs/how-to/batches.md explains batches.
 
     Examples
     --------
@@ -132,29 +134,30 @@ class WorldBatch(Inspection):
 
     @property
     def memory(self) -> int:
-        """Size of all arrays in bytes, including working memory."""
+        """Size of all arrays of the batch in bytes, including working memory."""
         own = (self.seeds, self._work, self._all, self._once)
         return sum(array.nbytes for array in (*self._worlds[:-3], *self._steps, *own))
 
     def reset(
         self, where: ArrayLike | None = None, *, seed: int | Sequence[int | None] | None = None, maps: ArrayLike | None = None
     ) -> None:
-        """Start a new episode in each selected world: choose one of the maps, and place the particles.
+        """Start a new episode in each selected world: choose one of the problems, and place the particles.
 
         Parameters
         ----------
         where : array_like of bool, shape (worlds,), optional
-            Mask of the worlds to reset. The default is all worlds.
+            Mask of the worlds to reset. By default, the method resets all worlds.
         seed : int, or sequence of int or None, one per world, optional
-            Seed of the new episode: ``seed + i`` for world i, or one seed per world. The seeds of later episodes are computed from
-            this seed. Without a seed, each world draws a seed from its own generator.
+            Seed of the new episodes: world i gets the seed ``seed + i``, or the i-th entry of a sequence of seeds. A world without
+            a seed draws a seed from its own random generator. The seed of an episode also determines the random generator, and
+            therefore the seeds of the world's later episodes.
         maps : array_like of int, optional
-            Index of the problem for each world, or one index for all worlds. By default, each world draws its problem at random.
+            Index of the problem for each world, or one index for all worlds. By default, each world draws a problem at random.
 
         Raises
         ------
         InvalidInputError
-            If an argument is invalid. A refused call changes no world.
+            Raised if an argument is invalid. A call that raises an error changes no world.
         """
         chosen = self._chosen(where)
         if not chosen.size:
@@ -188,7 +191,7 @@ class WorldBatch(Inspection):
         self._show(chosen)
 
     def _first_boards(self, numbers: list[int], starts: list[Any]) -> tuple[Any, ...]:
-        """Return the start cells and the target cells of some worlds as arrays for the kernel."""
+        """Return the start cells and the target cells of new episodes, as arrays for the kernel that starts worlds."""
         cells = [self._padded.lines(start) for start, _ in starts]
         targets = np.zeros((0, 0), dtype=np.uint64)
         if not self._mapping:
@@ -201,30 +204,32 @@ class WorldBatch(Inspection):
         return np.concatenate(cells), ends, targets
 
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
-        """Send one command, or a run of equal commands, to each selected world, and then scan.
+        """Send one command, or a run of equal commands, to each selected world. Then scan each selected world.
 
-        An episode without frontier cells at the start ends with its first command.
+        An episode that starts without frontier cells ends with its first command.
 
         Parameters
         ----------
         commands : array_like of int, shape (worlds,), or str
-            Commands as codes in the order of ``lurd`` (``lurdio`` in three dimensions), or as these letters.
+            One command per world, as a letter of ``lurd`` (``lurdio`` in 3-D), or as the index of a letter in ``lurd``
+            (``lurdio``).
         repeat : array_like of int, optional
-            Number of times that each command is sent before the scan: one number for all worlds, or one per world. The maximum
-            number of commands of the episode still applies.
+            Number of equal commands before the scan: one number for all worlds, or one number per world. A run ends early if the
+            episode reaches its maximum number of commands.
         where : array_like of bool, shape (worlds,), optional
-            Mask of the worlds that get a command. The default is all worlds.
+            Mask of the worlds that get a command. By default, all worlds get a command.
 
         Returns
         -------
         Trace
-            One row per world: the total effect of its commands. Each step and each reset writes to the arrays of this trace.
+            One row per world, with the total effect of the world's commands. Each later step or reset overwrites the arrays of the
+            trace.
 
         Raises
         ------
         InvalidInputError
-            If the number of commands is not the number of worlds, a command is invalid, or the episode of a selected world has
-            ended. A refused call changes no world.
+            Raised if the number of commands differs from the number of worlds, if a command is invalid, or if the episode of a
+            selected world has ended. A call that raises an error changes no world.
         """
         steps, chosen, ndim = self._steps, self._chosen(where), self.layout.ndim
         given = encode(commands, ndim=ndim) if isinstance(commands, str) else commands
@@ -254,7 +259,7 @@ class WorldBatch(Inspection):
         return Trace(*steps[:4], steps.commands >= 0)
 
     def _carry_out(self, chosen: NDArray[np.int64], times: NDArray[np.int64]) -> None:
-        """Step worlds that the kernels do not support, one by one."""
+        """Send commands to worlds that the kernels do not support, one world after the other."""
 
         def work(_: int, first: int, last: int) -> None:
             for world, steps in zip(chosen[first:last].tolist(), times[first:last].tolist(), strict=True):
@@ -267,7 +272,7 @@ class WorldBatch(Inspection):
         share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
 
     def _show(self, chosen: NDArray[np.int64]) -> None:
-        """Write the boards, and whether the episode has ended, for worlds that the kernels do not support."""
+        """Write the boards and the end of the episode for worlds that the kernels do not support."""
         steps = self._steps
         for world in chosen.tolist():
             swarm = self._swarms[world]
@@ -285,7 +290,7 @@ class WorldBatch(Inspection):
             steps.truncated[world] = not steps.terminated[world] and steps.moves[world] >= steps.limits[world]
 
     def _share(self, kernel: Any, chosen: NDArray[np.int64], *arguments: Any) -> None:
-        """Run a kernel on the selected worlds in several threads."""
+        """Run a kernel on the selected worlds, in several threads."""
 
         def work(thread: int, first: int, last: int) -> None:
             kernel(self._worlds, self._steps, self._work[thread], chosen, *arguments, self._rule, self._mapping, first, last)

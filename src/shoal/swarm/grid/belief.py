@@ -12,21 +12,22 @@ from shoal.swarm.maps.raster import FREE, FRONTIER, OBSTACLE, PARTICLE, UNKNOWN,
 
 @dataclass(frozen=True)
 class Belief:
-    """The belief: the known state of each cell.
+    """The belief of a task: the known state of each cell.
 
     Parameters
     ----------
     open : Board
-        Cells known to be free because a particle has been there.
+        Cells that are known to be free because a particle has been in them.
     known : Board
-        Cells known to be free or known to be obstacles.
+        All classified cells: cells that are known to be free, and cells that are known to be obstacles.
     frontier : Board
-        Mapping: unknown cells beside known free cells. Coverage: target cells that no particle has visited. A task is complete when
-        its frontier is empty.
+        In a mapping, the unknown cells beside known free cells. In a coverage, the target cells that no particle has visited. A
+        task is complete when its belief has no frontier cells left.
 
     Notes
     -----
-    Source: paper M, section III.B; docs/concepts/belief.md. The rim around the workspace is unknown at first, like all other cells.
+    At the start of a mapping, the rim cells around the workspace are unknown, like all cells without a particle. Sources: paper M,
+    section III.B, and docs/concepts/belief.md.
     """
 
     open: Board
@@ -35,17 +36,17 @@ class Belief:
 
     @property
     def obstacles(self) -> Board:
-        """The cells that are known to be obstacles, including cells of the rim."""
+        """The cells that are known to be obstacles, including rim cells outside the workspace."""
         return self.known - self.open
 
     @property
     def complete(self) -> bool:
-        """Whether the frontier is empty."""
+        """Whether the belief has no frontier cells left, so that the task is complete."""
         return not self.frontier
 
     @property
     def states(self) -> NDArray[np.uint8]:
-        """Codes of the cells of the window (UNKNOWN, FRONTIER, FREE or OBSTACLE); uint8, with a rim of one cell on each side."""
+        """The code of each cell of the workspace and its rim: UNKNOWN, FRONTIER, FREE or OBSTACLE (uint8)."""
         states = np.full(self.open.layout.window, UNKNOWN, dtype=np.uint8)
         states[self.known.mask] = OBSTACLE
         states[self.open.mask] = FREE
@@ -53,16 +54,17 @@ class Belief:
         return states
 
     def picture(self, occupied: Board) -> NDArray[np.uint8]:
-        """Return a picture of the belief and the particles, one pixel per cell, including the rim; uint8, shape (H, W, 3)."""
+        """Return a picture of the belief and the particles, with one pixel per cell, including the rim (uint8, shape (H, W, 3))."""
         codes = self.states
         codes[occupied.mask] = PARTICLE
         return raster_of(codes)
 
     def observed(self, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push moved the particles from ``before`` to ``after``.
+        """Return the belief after one push that moved the particles from ``before`` to ``after``.
 
-        The push classifies the unknown cells that particles tried to enter. A cell that a particle tried to enter is free if
-        it holds a particle after the push, and an obstacle otherwise.
+        The push classifies the unknown cells that particles tried to enter. A cell that a particle tried to enter is free if the
+        cell holds a particle after the push. A cell that a particle tried to enter is an obstacle if the cell holds no particle
+        after the push.
         """
         tried = before.shifted(command) - self.known
         if not tried:
@@ -72,5 +74,5 @@ class Belief:
         return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
-        """Return the belief after removing the cells of ``after`` from the frontier."""
+        """Return a belief in which the cells of ``after`` are no longer frontier cells."""
         return Belief(self.open, self.known, self.frontier - after)

@@ -1,9 +1,9 @@
-"""Boards: sets of cells packed into 64-bit words, with the operators of Python sets.
+"""Boards: sets of cells, packed into 64-bit words, with the operators of Python sets.
 
-A board covers a window: the workspace and a rim of one cell around it. The rim is necessary because a swarm must find the walls at
-the edge of the map like all other walls. Cell (r, c) of the workspace is bit ``(c + 1) % 64`` of word ``(c + 1) // 64`` in row ``r
-+ 1``. In 3-D, the window also has a rim layer at the front and a rim layer at the back. The rows of all layers are stored one after
-the other.
+A board covers a window: the workspace and a rim of one cell around the workspace. The window needs a rim because a swarm must find
+the walls at the edge of the map like all other walls. The cell in row r and column c of the workspace is bit ``(c + 1) % 64`` of
+word ``(c + 1) // 64`` in row ``r + 1`` of the window. In 3-D, the window also has a rim layer at the front and a rim layer at the
+back. A 3-D board stores the rows of all layers one after the other.
 """
 
 from __future__ import annotations
@@ -31,34 +31,34 @@ class GridLayout:
     Parameters
     ----------
     shape : tuple of int
-        Shape of the workspace, (H, W) or (D, H, W).
+        Shape of the workspace in cells: (H, W) in 2-D, or (D, H, W) in 3-D.
     """
 
     shape: tuple[int, ...]
 
     @property
     def ndim(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the workspace: 2 or 3."""
         return len(self.shape)
 
     @cached_property
     def window(self) -> tuple[int, ...]:
-        """The shape of the window with the rim, which is (H + 2, W + 2) or (D + 2, H + 2, W + 2)."""
+        """The shape of the window with its rim, in cells: (H + 2, W + 2) in 2-D, or (D + 2, H + 2, W + 2) in 3-D."""
         return tuple(size + 2 for size in self.shape)
 
     @cached_property
     def layers(self) -> int:
-        """Number of layers including the rim, or 1 in 2-D."""
+        """Number of layers of the window, including the rim layers. In 2-D, the window has 1 layer."""
         return self.window[0] if self.ndim == 3 else 1
 
     @property
     def rows(self) -> int:
-        """Number of rows per layer, including the rim."""
+        """Number of rows in each layer of the window, including the rim."""
         return self.window[-2]
 
     @property
     def columns(self) -> int:
-        """Number of columns, including the rim."""
+        """Number of columns of the window, including the rim."""
         return self.window[-1]
 
     @cached_property
@@ -67,14 +67,14 @@ class GridLayout:
         return self.layers * self.rows, -(-self.columns // 64)
 
     def pack(self, mask: NDArray[np.bool_]) -> Words:
-        """Pack a boolean array of the shape ``window`` into uint64 words."""
+        """Pack a boolean array of the window's shape into uint64 words, with one bit per cell."""
         flat = mask.reshape(self.layers * self.rows, self.columns)
         padded = np.zeros((flat.shape[0], self.words[1] * 64), dtype=np.bool_)
         padded[:, : self.columns] = flat
         return np.packbits(padded, axis=1, bitorder="little").view("<u8").astype(np.uint64, copy=False)
 
     def unpack(self, words: Words) -> NDArray[np.bool_]:
-        """Unpack ``words`` into a boolean array of shape ``window``."""
+        """Unpack ``words`` into a boolean array of the window's shape."""
         packed = np.ascontiguousarray(words, dtype="<u8").view(np.uint8)
         bits = np.unpackbits(packed, axis=1, count=self.columns, bitorder="little")
         return bits.view(np.bool_).reshape(self.window)
@@ -82,18 +82,19 @@ class GridLayout:
 
 @dataclass(frozen=True, eq=False)
 class Board:
-    """An immutable set of cells.
+    """An immutable set of cells, packed into 64-bit words.
 
     Parameters
     ----------
     layout : GridLayout
-        The window of cells that the set can contain.
+        The window of cells that the board can contain.
     words : ndarray of uint64, shape ``layout.words``
-        The packed cells. The array is not copied. Do not change it afterwards.
+        The packed cells. The board does not copy the array ``words``, so do not change this array afterwards.
 
     Notes
     -----
-    Cell coordinates refer to the workspace. Rim cells have row or column -1, H or W.
+    Cell coordinates refer to the workspace without the rim. In a workspace of H rows and W columns, a rim cell has the row -1 or H,
+    or the column -1 or W.
 
     Examples
     --------
@@ -112,28 +113,28 @@ class Board:
 
     @classmethod
     def empty(cls, layout: GridLayout) -> Board:
-        """Return the empty set."""
+        """Return an empty board."""
         return cls(layout, np.zeros(layout.words, dtype=np.uint64))
 
     @classmethod
     def full(cls, layout: GridLayout) -> Board:
-        """Return the set of all cells of the window, including the rim."""
+        """Return a board with all cells of the window, including the rim."""
         return cls(layout, layout.pack(np.ones(layout.window, dtype=np.bool_)))
 
     @classmethod
     def of_mask(cls, mask: NDArray[np.bool_]) -> Board:
-        """Return the set of True cells of an array with the workspace's shape."""
+        """Return a board with the True cells of a boolean array, which has the shape of the workspace."""
         layout = GridLayout(mask.shape)
         return cls(layout, layout.pack(np.pad(mask, 1)))
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[Any] | Iterable[tuple[int, ...]]) -> Board:
-        """Return the set of the given cells, an int array of shape (n, ndim).
+        """Return a board with the given cells, which are the rows of an int array of shape (n, ndim).
 
         Raises
         ------
         InvalidInputError
-            If a cell lies outside the window.
+            Raised if a cell lies outside the workspace and its rim.
         """
         array = np.asarray(cells if isinstance(cells, np.ndarray) else list(cells), dtype=np.int64)
         array = array.reshape(-1, layout.ndim) + 1
@@ -147,17 +148,17 @@ class Board:
 
     @cached_property
     def mask(self) -> NDArray[np.bool_]:
-        """The set as a boolean array of the window, including the rim."""
+        """The board as a boolean array of the workspace and its rim."""
         return self.layout.unpack(self.words)
 
     @property
     def inner(self) -> NDArray[np.bool_]:
-        """The set as a boolean array with the shape of the workspace."""
+        """The board as a boolean array of the workspace, without the rim."""
         return self.mask[(slice(1, -1),) * self.layout.ndim]
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
-        """The cells in row-major order; int64, shape (n, ndim)."""
+        """The cells of the board in row-major order (int64, shape (n, ndim))."""
         return np.argwhere(self.mask) - 1
 
     def __len__(self) -> int:
@@ -198,11 +199,11 @@ class Board:
         return not (self - other)
 
     def shifted(self, command: str) -> Board:
-        """Return the cells shifted by one in the direction of ``command``. Cells that would leave the window are left out."""
+        """Return a board with all cells shifted by one in the direction of ``command``, without cells shifted out of the window."""
         return Board(self.layout, shifted_words(self.layout, self.words, command) & _window_words(self.layout))
 
     def dilated(self) -> Board:
-        """Return the cells and their direct neighbours (4 in 2-D, 6 in 3-D)."""
+        """Return a board with all cells of the board and their direct neighbours (4 per cell in 2-D, 6 per cell in 3-D)."""
         words = self.words.copy()
         for command in letters_of(self.layout.ndim):
             words |= shifted_words(self.layout, self.words, command)
@@ -224,7 +225,7 @@ def _window_words(layout: GridLayout) -> Words:
 
 
 def shifted_words(layout: GridLayout, words: Words, command: str) -> Words:
-    """Return packed words shifted by one cell in the direction of ``command``. Unused bits at the end of a row may be set."""
+    """Return packed words shifted by one cell in the direction of ``command``. Unused bits at the end of a row may become 1."""
     out = np.zeros_like(words)
     if command == "l":
         out[:] = words >> _ONE

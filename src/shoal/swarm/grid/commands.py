@@ -9,7 +9,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry
 
 LETTERS = "lurdio"
-"""Left, up, right, down. In 3-D, also in (towards layer 0) and out."""
+"""The command letters for left, up, right and down. In 3-D, two more letters mean in (towards layer 0) and out."""
 
 RULES: Registry[str] = Registry("move rule", open_to_others=False)
 RULES.add("block", "a particle stays if the next cell is an obstacle or holds a particle that stays")
@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return the change of a flat array index that one step of each command makes, in the order of the letters.
+    """Return, for each command letter in order, the change of a cell's flat array index by one step.
 
     Examples
     --------
@@ -38,12 +38,12 @@ def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
 
 
 def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
-    """Turn a command string into codes 0 to 5.
+    """Convert a text of command letters into an array of codes 0 to 5.
 
     Parameters
     ----------
     commands : str
-        Letters of ``lurd`` (2-D) or ``lurdio`` (3-D).
+        Command letters from ``lurd`` (2-D) or ``lurdio`` (3-D).
     ndim : int
         2 or 3.
 
@@ -54,7 +54,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     Raises
     ------
     InvalidInputError
-        If a letter is not a command. The message gives its position.
+        Raised if a letter is not a command. The error message contains the position of the wrong letter.
 
     Examples
     --------
@@ -71,7 +71,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
 
 
 def decode(codes: NDArray[np.int8]) -> str:
-    """Turn codes 0 to 5 into a command string. This function is the inverse of `encode`.
+    """Convert an array of codes 0 to 5 into a text of command letters. The function `encode` is the inverse of `decode`.
 
     Examples
     --------

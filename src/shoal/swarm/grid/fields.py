@@ -1,4 +1,4 @@
-"""Conversion of boards and states to the flat arrays of kernels and back. The function `pushed` simulates one push."""
+"""Conversion between boards or states and the flat arrays of kernels. The function `pushed` simulates one push."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: 
 
 
 def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
-    """Return copies of a state and a belief as kernel arrays, which kernels change in place."""
+    """Copy a state and a belief into flat arrays for kernels. Kernels change the copies in place."""
     return new_field(
         state.occupied.layout,
         free=free.ravel(),
@@ -35,7 +35,7 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
 
 
 def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return kernel arrays: the given flat boards, empty boards in place of all others, and working memory."""
+    """Return the flat arrays for kernels: the given boards, an empty board for each missing one, and working memory."""
     block = max(moves.BLOCK_WORDS, layout.words[1])
     work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "moving")}
     missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]
@@ -51,12 +51,12 @@ def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **
 
 
 def empty_boards(layout: GridLayout, count: int) -> list[Words]:
-    """Return ``count`` empty flat boards."""
+    """Return ``count`` empty boards as flat arrays."""
     return [np.zeros(layout.words[0] * layout.words[1], dtype=np.uint64) for _ in range(count)]
 
 
 def _counts(state: SwarmState) -> NDArray[np.int32] | None:
-    """Return particle counts in the kernels' layout: flat rows with 64 columns per word."""
+    """Return the number of particles per cell in the layout of kernels: flat rows, with 64 columns for each word."""
     if state.counts is None:
         return None
     layout = state.occupied.layout
@@ -67,12 +67,12 @@ def _counts(state: SwarmState) -> NDArray[np.int32] | None:
 
 
 def board_of(layout: GridLayout, flat: Words) -> Board:
-    """Convert a kernel's flat array to a board."""
+    """Convert a flat array of a kernel to a board."""
     return Board(layout, flat.reshape(layout.words))
 
 
 def state_of(layout: GridLayout, field: moves.Field) -> SwarmState:
-    """Return the state of the swarm that kernel arrays hold."""
+    """Return the state of the swarm that the flat arrays of kernels hold."""
     counts = None
     if field.counts.size:
         counts = field.counts[:, : layout.columns].reshape(layout.window).copy()

@@ -29,18 +29,20 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     n : int
         Number of particles, from 1 to ``workspace.n_free``.
     placement : str or callable
-        "uniform", "flood-fill", "region-fill", "left-wall", "module:attribute", or a function (workspace, n, rng) -> cells.
+        The placement rule: "uniform", "flood-fill", "region-fill", "left-wall", the name "module:attribute" of a function, or a
+        function. A function is called with (workspace, n, rng) and returns the start cells.
     rng : numpy.random.Generator
 
     Returns
     -------
     ndarray of int64, shape (n, ndim)
-        Distinct free cells in row-major order.
+        The start cells: distinct free cells in row-major order.
 
     Raises
     ------
     InvalidInputError
-        If the workspace, or the part chosen by the placement, has fewer than ``n`` free cells.
+        Raised if the workspace has fewer than ``n`` free cells, or if the placement chooses a part of the workspace with fewer than
+        ``n`` free cells.
 
     Examples
     --------
@@ -65,7 +67,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
 
 
 def make_placement(placement: str | Placement) -> Placement:
-    """Return a placement by name, or return a given function. Other values raise InvalidInputError."""
+    """Return the placement with a given name. Return a placement function unchanged. Other arguments raise InvalidInputError."""
     made: Placement = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
     if not callable(made):
         raise _no_placement(made)
@@ -77,9 +79,9 @@ def _no_placement(given: object) -> InvalidInputError:
 
 
 def _takes(function: Placement, *arguments: object) -> bool:
-    """Return whether a function accepts the placement arguments.
+    """Return whether a function accepts the three arguments of a placement.
 
-    Functions without a signature, such as some functions of Python, are accepted.
+    For a function without a signature, such as some built-in functions of Python, return true.
     """
     try:
         inspect.signature(function).bind(*arguments)
@@ -96,13 +98,13 @@ def _name(placement: str | Placement) -> str:
 
 @PLACEMENTS.register("uniform")
 def uniform(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Draw n free cells at random without replacement."""
+    """Draw n different free cells at random, all with equal probability."""
     return workspace.cells[rng.choice(workspace.n_free, size=n, replace=False)]
 
 
 @PLACEMENTS.register("flood-fill")
 def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Choose a random free cell and take the n cells nearest to it by path length, in breadth-first order."""
+    """Choose a random free cell, and take the n free cells with the shortest paths to the chosen cell."""
     from shoal.swarm.kernels.search.breadth_first import nearest_cells
 
     padded, start = np.pad(workspace.free, 1), workspace.cells[rng.integers(workspace.n_free)]
@@ -118,7 +120,7 @@ def flood_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.i
 
 @PLACEMENTS.register("region-fill")
 def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n free cells with the smallest Manhattan distance to a random cell of the map. Walls do not change the distance."""
+    """Take the n free cells with the smallest Manhattan distance, measured through walls, to a random cell of the map."""
     center = np.array([rng.integers(size) for size in workspace.shape])
     distance = np.abs(workspace.cells - center).sum(axis=1)
     return workspace.cells[np.argsort(distance, kind="stable")[:n]]
@@ -126,6 +128,6 @@ def region_fill(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.
 
 @PLACEMENTS.register("left-wall")
 def left_wall(workspace: GridWorkspace, n: int, rng: Generator) -> NDArray[np.int64]:
-    """Take the n leftmost free cells from top to bottom, as the policy sweep requires (paper D, section III.B.2)."""
+    """Take the n leftmost free cells, column by column from top to bottom, for the policy sweep (paper D, section III.B.2)."""
     cells = workspace.cells
     return cells[np.lexsort((*cells.T[:-1][::-1], cells[:, -1]))[:n]]

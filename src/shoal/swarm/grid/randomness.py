@@ -1,4 +1,4 @@
-"""Random number generators of a trial. The generators depend only on the seed and the trial number."""
+"""Random number generators of a trial. The seed and the trial number determine all random numbers of a trial."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from numpy.random import Generator
 
 
 def trial_rng(seed: int, trial: int = 0) -> Generator:
-    """Return the generator for a trial's start cells, targets and policy."""
+    """Return the random number generator for the start cells, the targets and the policy of a trial."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial,)))
 
 
 def noise_rng(seed: int, trial: int = 0) -> Generator:
-    """Return the generator for a trial's noise."""
+    """Return the random number generator for the noise of a trial."""
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, 1)))

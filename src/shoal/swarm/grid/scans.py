@@ -1,10 +1,11 @@
-"""Scan rules: the number of equal commands before each scan, and the inference of states from two scans.
+"""Scan rules choose the number of equal commands before each scan. `states_of_run` infers the states between two scans.
 
-While pushes have one direction, the particles of a row (or a column) keep their order. The i-th particle of a row before a run of
-pushes is therefore also the i-th particle after the run. The displacement of each particle is thus known although particles have no
-labels. Let d be the displacement of a particle during a run. If d is smaller than the number of commands, the particle entered d
-free cells, and then an obstacle or a stopped particle stopped it. A stopped particle stays stopped. Two scans therefore determine
-the positions after every single command. A scan after a run gives the same information as a scan after each command.
+A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order.
+Therefore the i-th particle of a line before the run is also the i-th particle after the run. The displacement of each particle is
+thus known, although particles have no labels. If a particle's displacement of d cells is smaller than the number of commands, the
+particle entered d free cells, and then an obstacle or a stopped particle stopped it. A stopped particle does not move again during
+the run. Therefore the scans before and after a run determine the positions after every command of the run. A single scan after a
+run gives the same information as one scan after each command of the run.
 """
 
 from __future__ import annotations
@@ -26,23 +27,24 @@ LONGEST = 1_000_000_000
 DEAREST = 1e100
 _LAST_DOUBLING, _LAST_HYPER = 40, 12  # longer than any map is wide
 AXES = {"l": (-1, -1), "r": (-1, 1), "u": (-2, -1), "d": (-2, 1), "i": (-3, -1), "o": (-3, 1)}
-"""Axis, counted from the last, and sign of each command."""
+"""Axis and sign of each command's direction. Axis -1 is the last axis of the workspace."""
 
 
 @dataclass(frozen=True)
 class ScanRule:
-    """The number of equal commands before each scan, and the prices of moves and scans.
+    """A rule for the number of equal commands before each scan, with the prices of moves and scans.
 
     Parameters
     ----------
     kind : str
-        "equal": scan after each `step` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one direction. "hyper": scan
-        after 1, 4, 27, 256, ... commands. "adaptive": choose the number of commands with the highest expected number of classified
-        cells per price. The kind "adaptive" leaves out scans whose outcome is certain.
+        The kind of rule. "equal": scan after every ``step`` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one
+        direction. "hyper": scan after 1, 4, 27, 256, ... commands in one direction. "adaptive": scan after the number of commands
+        that classifies the most cells per unit of price, in expectation. The kind "adaptive" omits scans whose outcome is certain.
     step : int
-        Number of commands for the kind "equal".
+        Number of commands before each scan, for the kind "equal".
     scan_cost, move_cost : float
-        Prices of one scan and of one move, in any common unit. Each price is at least 0, and at least one price is above 0.
+        Price of one scan and price of one move, in any common unit. Neither price may be negative, and at least one price must
+        exceed 0.
 
     Raises
     ------
@@ -50,7 +52,7 @@ class ScanRule:
 
     Notes
     -----
-    Source: paper M, section III.A.3, extended to two dimensions; docs/concepts/scanning.md.
+    Sources: paper M, section III.A.3, extended to two dimensions, and docs/concepts/scanning.md.
 
     Examples
     --------
@@ -74,18 +76,18 @@ class ScanRule:
 
     @property
     def every(self) -> str:
-        """The scan rule as text: the number of commands, or the name of the kind of rule."""
+        """The scan rule as a text: a number of commands, or the kind "doubling", "hyper" or "adaptive"."""
         return str(self.step) if self.kind == "equal" else self.kind
 
     @property
     def every_move(self) -> bool:
-        """Whether a scan follows each command."""
+        """Whether the scan rule demands a scan after each command."""
         return self.kind == "equal" and self.step == 1
 
     def interval(self, streak: int) -> int:
         """Return the number of commands in the next run, after ``streak`` runs in the same direction.
 
-        The number is not defined for rules of the kind "adaptive".
+        A rule of the kind "adaptive" does not define the number of commands in advance.
 
         Examples
         --------
@@ -101,12 +103,12 @@ class ScanRule:
         return int((i + 1) ** (i + 1) - (i**i if i else 0))
 
     def cost(self, *, moves: int, scans: int) -> float:
-        """Return the total price of moves and scans."""
+        """Return the total price of a number of moves and a number of scans."""
         return self.move_cost * moves + self.scan_cost * scans
 
     @classmethod
     def parse(cls, every: str | int, *, scan_cost: float = SCAN_COST, move_cost: float = MOVE_COST) -> ScanRule:
-        """Parse a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
+        """Parse the text of a scan rule: a number of commands, "doubling", "hyper" or "adaptive".
 
         Raises
         ------
@@ -131,30 +133,33 @@ def _unknown(every: object) -> InvalidInputError:
 
 
 def states_of_run(before: SwarmState, after: SwarmState, command: str, steps: int) -> Iterator[SwarmState]:
-    """Infer the state after each command of a run from the scans before and after the run.
+    """Infer the state after each command of a run of equal commands from the scans before and after the run.
 
     Parameters
     ----------
     before, after : SwarmState
-        States observed by the two scans. Under the rule merge, a state includes the number of particles per cell.
+        States that the scans before and after the run show. Under the rule merge, a state includes the number of particles per
+        cell.
     command : str
-        The letter of the repeated command.
+        The command of the run, as a letter.
     steps : int
-        Number of times that the command was sent, at least 1.
+        Number of commands in the run, at least 1.
 
     Returns
     -------
     iterator of SwarmState
-        The ``steps`` states in order. Each state after the last movement of a particle is ``after`` itself.
+        The states after command 1, 2, ..., ``steps`` of the run. After the last command that moves a particle, each state is
+        ``after`` itself.
 
     Raises
     ------
     InvalidInputError
-        If no run of ``steps`` commands leads from ``before`` to ``after``.
+        Raised if no run of ``steps`` commands leads from ``before`` to ``after``.
 
     Notes
     -----
-    The function supports only the rules block and merge. Under tilt, each run has one command.
+    The function supports the move rules block and merge. The function does not support the rule tilt, under which each run has one
+    command.
 
     Examples
     --------
@@ -195,6 +200,6 @@ def _states(
 
 
 def _by_line(cells: NDArray[np.int64], axis: int) -> NDArray[np.int64]:
-    """Return cells sorted by their line along ``axis``, and within a line by position."""
+    """Return cells sorted by their line along ``axis``. Cells in the same line are sorted by position."""
     others = [i for i in range(cells.shape[1]) if i != cells.shape[1] + axis]
     return cells[np.lexsort((cells[:, axis], *(cells[:, i] for i in others)))]

@@ -1,4 +1,4 @@
-"""SwarmState: the cells of the particles."""
+"""SwarmState: the cells of all particles of a swarm."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from shoal.swarm.grid.board import Board, GridLayout
 
 
 def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int = 1) -> NDArray[np.int64]:
-    """Return cells as an int64 array of shape (n, ndim), in row-major order.
+    """Check cell coordinates and return them as an int64 array of shape (n, ndim), in row-major order.
 
     Parameters
     ----------
     cells : array_like of int, shape (n, ndim)
-        Cells to check. The array may be empty.
+        Cells to check. The array of cells may be empty.
     shape : tuple of int
         Shape of the workspace.
     what : str
-        Name of the cells in error messages.
+        Name of the argument in error messages, such as "start".
     rim : int
-        Width in cells of the rim around the workspace. Cells of the rim are valid.
+        Width of the rim around the workspace, in cells. Rim cells are valid.
 
     Raises
     ------
     InvalidInputError
-        If the values are not integer cells, or a cell lies outside the workspace and its rim.
+        Raised if a coordinate is not a whole number, or if a cell lies outside the workspace and its rim.
     """
     expected = f"{what}: expected integer cells of shape (n, {len(shape)})"
     try:
@@ -48,15 +48,15 @@ def check_cells(cells: ArrayLike, shape: tuple[int, ...], *, what: str, rim: int
 
 @dataclass(frozen=True, eq=False)
 class SwarmState:
-    """The state of a swarm: the cells of the particles.
+    """The state of a swarm: the cells of all particles.
 
     Parameters
     ----------
     occupied : Board
         Cells that hold at least one particle.
     counts : ndarray of int32, shape ``layout.window``, or None
-        Number of particles per cell under the rule merge, under which several particles may share a cell. The value is None
-        under the rules block and tilt.
+        Number of particles in each cell under the rule merge, which lets particles share a cell. Under the rules block and tilt,
+        ``counts`` is None.
     """
 
     occupied: Board
@@ -64,9 +64,9 @@ class SwarmState:
 
     @classmethod
     def of_cells(cls, layout: GridLayout, cells: NDArray[np.int64], *, shared: bool) -> SwarmState:
-        """Return the state in which the particles are at ``cells``, an array of shape (n, ndim).
+        """Return the state of a swarm with particles at ``cells``, an int array of shape (n, ndim).
 
-        Set ``shared`` if a cell may hold several particles.
+        Set ``shared`` to true if a cell may hold several particles.
         """
         counts = None
         if shared:
@@ -76,12 +76,12 @@ class SwarmState:
 
     @property
     def n_particles(self) -> int:
-        """Number of particles."""
+        """Number of particles in the swarm."""
         return len(self.occupied) if self.counts is None else int(self.counts.sum())
 
     @property
     def cells(self) -> NDArray[np.int64]:
-        """Cell of each particle in row-major order; int64, shape (n, ndim). A shared cell is repeated."""
+        """Cell of each particle in row-major order (int64, shape (n, ndim)). A cell of k particles appears k times."""
         if self.counts is None:
             return self.occupied.cells
         return np.repeat(np.argwhere(self.counts > 0) - 1, self.counts[self.counts > 0], axis=0)

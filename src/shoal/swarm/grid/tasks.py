@@ -1,4 +1,4 @@
-"""Tasks: the belief at the start, its updates, and the criterion for completion."""
+"""Tasks. A task defines the belief at the start, the update of the belief after each push, and the criterion for completion."""
 
 from __future__ import annotations
 
@@ -21,30 +21,32 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @runtime_checkable
 class Task(Protocol):
-    """The interface of tasks. `shoal.testing.check_task` tests it.
+    """The interface of tasks. `shoal.testing.check_task` tests whether a task follows the interface.
 
-    The method ``begin`` returns the belief at the start. The method ``update`` returns the belief after one push (see
-    `GridWorld.pushes`). A task is complete when the frontier of its belief is empty. The methods ``begin`` and ``update`` must not
-    change their arguments.
+    The method ``begin`` returns the belief at the start of the episode. The method ``update`` returns the belief after one push of
+    all particles. A task is complete when the frontier of its belief is empty. The methods ``begin`` and ``update`` must not change
+    their arguments.
     """
 
     @property
     def name(self) -> str:
-        """Name of the task in summaries and files."""
+        """Name of the task, as written in summaries and files."""
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return a mask of random target cells, drawn with ``rng``. A task without targets returns None."""
+        """Return a mask of random target cells, drawn with ``rng``. Return None if the task has no target cells."""
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
         """Return the belief before the first command.
 
-        ``world`` moves the particles, ``state`` holds their cells, and ``targets`` is the result of `choose_targets`.
+        ``world`` defines the motion of the particles, ``state`` holds the particles' cells, and ``targets`` is the result of
+        `choose_targets`.
         """
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push by ``command``.
+        """Return the belief after one push of all particles in the direction of ``command``.
 
-        ``belief`` is the belief before the push. ``before`` and ``after`` are the cells that hold particles before and after it.
+        ``belief`` is the belief before the push. ``before`` and ``after`` are the cells that hold particles before and after the
+        push.
         """
 
 
@@ -53,49 +55,50 @@ TASKS: Registry[type[Task]] = Registry("task")
 
 @dataclass(frozen=True)
 class Mapping:
-    """Find every free cell that particles can reach, and the obstacles around these cells.
+    """The task of finding every free cell that particles can reach, and the obstacles beside the reachable cells.
 
-    At the start, only the cells that hold particles are known. Source: paper M, section III.B; docs/concepts/belief.md.
+    At the start of a mapping, all cells are unknown except the cells that hold particles. Sources: paper M, section III.B, and
+    docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "mapping"
     mapping: ClassVar[bool] = True  # code of the built-in tasks in kernels
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return None, because a mapping task has no random targets."""
+        """Return None, because a mapping has no target cells."""
         return None
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief in which occupied cells are free and all other cells are unknown."""
+        """Return the belief at the start of a mapping: cells with particles are free, and all other cells are unknown."""
         here = state.occupied
         return Belief(open=here, known=here, frontier=here.dilated() - here)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief in which all cells that particles tried to enter are classified."""
+        """Return the belief after one push. All cells that particles tried to enter are classified."""
         return belief.observed(command, before, after)
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """Visit every free cell of a known map with at least one particle.
+    """The task of visiting every free cell of a known map with at least one particle.
 
-    Source: paper M, section IV.B; docs/concepts/belief.md.
+    Sources: paper M, section IV.B, and docs/concepts/belief.md.
     """
 
     name: ClassVar[str] = "coverage"
     mapping: ClassVar[bool] = False
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Return all free cells, without random choice."""
+        """Return the mask of all free cells as targets, without a random choice."""
         return workspace.free
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief in which the whole map is known. Target cells without a particle are frontier cells.
+        """Return the belief at the start of a coverage. All cells are known; target cells without a particle are frontier cells.
 
         Raises
         ------
         InvalidInputError
-            If no particle can reach some target cell.
+            Raised if no particle can reach some target cell.
         """
         wanted = world.workspace.free if targets is None else targets
         check_reachable(world.workspace, state.occupied.cells, wanted)
@@ -103,18 +106,19 @@ class Coverage:
         return Belief(open=world.free, known=everything, frontier=Board.of_mask(wanted) - state.occupied)
 
     def update(self, belief: Belief, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief without the frontier cells that hold a particle now."""
+        """Return the belief after one push. Cells that hold a particle after the push leave the frontier."""
         return belief.covered(after)
 
 
 @dataclass(frozen=True)
 class SubsetCoverage(Coverage):
-    """Visit every cell of a random subset of the free cells ("foraging" in paper D).
+    """The task of visiting every cell of a random subset of the free cells, called "foraging" in paper D.
 
     Parameters
     ----------
     fraction : float
-        Fraction of free cells to visit, above 0 and at most 1. At least one cell is drawn. The papers use the fraction 0.1.
+        Fraction of the free cells that particles must visit, above 0 and at most 1. The subset contains at least one cell. The
+        papers use the fraction 0.1.
     """
 
     name: ClassVar[str] = "subset-coverage"
@@ -124,7 +128,7 @@ class SubsetCoverage(Coverage):
         check_number(self.fraction, what="subset", above=0, most=1)
 
     def choose_targets(self, workspace: GridWorkspace, rng: Generator) -> NDArray[np.bool_] | None:
-        """Draw the random subset of the free cells without replacement."""
+        """Draw a random subset of the free cells without replacement."""
         size = max(1, round(self.fraction * workspace.n_free))
         chosen = workspace.cells[rng.choice(workspace.n_free, size=size, replace=False)]
         targets = np.zeros(workspace.shape, dtype=np.bool_)
@@ -157,7 +161,7 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
 
 
 def make_task(task: str | Task) -> Task:
-    """Return a task by name ("mapping", "subset-coverage:fraction=0.2", "module:attribute"), or return a given task."""
+    """Return the task with a name such as "mapping" or "subset-coverage:fraction=0.2". Return a task object unchanged."""
     made = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(made, Task):
         raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")

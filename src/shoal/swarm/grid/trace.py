@@ -13,30 +13,30 @@ from shoal.core.dataclass import one_line
 from shoal.swarm.grid.commands import decode, encode
 
 Row = tuple[int, int, int]
-"""Entries (classified, frontier, travelled) of one command."""
+"""The entries (classified, frontier, travelled) of one command in a trace."""
 
 
 COLUMNS: dict[str, type[np.generic]] = {
     "commands": np.int8, "classified": np.int32, "frontier": np.int32, "travelled": np.int64, "scanned": np.bool_,
 }  # fmt: skip
-"""The arrays of a trace, and their dtypes."""
+"""The names of a trace's arrays, and the dtype of each array."""
 
 
 class Trace(NamedTuple):
-    """The effect of each command. Every array has one entry per command.
+    """The effect of each command of an episode. Every array of a trace has one entry per command.
 
     Parameters
     ----------
     commands : ndarray of int8
-        Commands as codes; see `shoal.swarm.grid.commands.decode`.
+        Commands as codes 0 to 5. The function `shoal.swarm.grid.commands.decode` turns codes into letters.
     classified : ndarray of int32
-        Number of cells classified (coverage: covered) by each command.
+        Number of cells that each command classified. In a coverage, the number of target cells that each command covered.
     frontier : ndarray of int32
         Number of frontier cells after each command.
     travelled : ndarray of int64
         Distance that all particles together travelled during each command, in cells.
     scanned : ndarray of bool
-        Whether a scan followed each command. One more scan takes place before the first command.
+        Whether a scan followed each command. The array has no entry for the scan before the first command.
     """
 
     commands: NDArray[np.int8]
@@ -61,17 +61,17 @@ class Trace(NamedTuple):
         return cls(*columns)
 
     def part(self, first: int, stop: int) -> Trace:
-        """Return a range of rows as views of the same memory."""
+        """Return the part of the trace from command number ``first`` up to, but not including, ``stop``. Do not copy the arrays."""
         columns: list[Any] = [column[first:stop] for column in self]
         return Trace(*columns)
 
     @property
     def moves(self) -> int:
-        """Number of commands."""
+        """Number of commands in the trace."""
         return len(self.commands)
 
     def difference(self, replayed: Trace) -> str | None:
-        """Return one sentence about the first difference between a replay and this trace, or None if they are equal."""
+        """Return one sentence about the first difference between the trace and a replayed trace. For equal traces, return None."""
         for name in self._fields[1:]:
             mine, theirs = getattr(self, name), getattr(replayed, name)
             if (mine != theirs).any():
@@ -81,13 +81,13 @@ class Trace(NamedTuple):
 
 
 class WithTrace:
-    """Base class of objects with a trace: the commands, and the numbers of moves and scans."""
+    """Base class of objects with a trace, which provides the commands, the number of moves and the number of scans."""
 
     trace: Trace
 
     @cached_property
     def commands(self) -> str:
-        """The commands that were sent, as letters."""
+        """All commands sent, as a text of command letters."""
         return decode(self.trace.commands)
 
     @property
@@ -102,16 +102,16 @@ class WithTrace:
 
 
 class Recorder:
-    """Record a trace. Each call of `add` appends one run of equal commands.
+    """Recorder of a trace. Each call of `add` appends one run of equal commands to the trace.
 
     Attributes
     ----------
     moves : int
-        Number of commands so far.
+        Number of commands recorded so far.
     idle : int
-        Number of consecutive runs that moved no particle and classified no cell.
+        Number of consecutive runs, up to the last run, that moved no particle and classified no cell.
     last : tuple of int
-        Entries (travelled, classified) of the last run.
+        The distance travelled by all particles in the last run of commands, in cells, and the number of cells classified.
     """
 
     def __init__(self) -> None:
@@ -121,7 +121,7 @@ class Recorder:
         self.moves, self.idle, self.last = 0, 0, (0, 0)
 
     def add(self, command: str, rows: list[Row], *, scanned: bool) -> None:
-        """Add a run of equal commands. ``scanned`` is true if a scan followed the run."""
+        """Add a run of equal commands to the trace. ``scanned`` tells whether a scan followed the run."""
         self._letters.append(command * len(rows))
         self._rows += rows
         self._scanned += [False] * (len(rows) - 1) + [scanned]
@@ -131,11 +131,11 @@ class Recorder:
 
     @property
     def trace(self) -> Trace:
-        """The trace recorded so far."""
+        """The trace of all commands recorded so far."""
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return the last ``moves`` commands of the last run as a trace."""
+        """Return a trace of the last ``moves`` commands recorded."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

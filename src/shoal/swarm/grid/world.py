@@ -1,4 +1,4 @@
-"""GridWorld: the motion of particles under a command. The collision rules are in `shoal.swarm.kernels.dynamics.moves`."""
+"""GridWorld: the motion of all particles under one command. `shoal.swarm.kernels.dynamics.moves` contains the move rules."""
 
 from __future__ import annotations
 
@@ -23,7 +23,8 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     Raises
     ------
     InvalidInputError
-        If there is no cell, or a cell is not a free cell of the workspace. Also if a cell is repeated, except under the rule merge.
+        Raised if ``cells`` is empty, or if a start cell is not a free cell of the workspace. Also raised if a start cell is
+        repeated, except under the rule merge.
     """
     array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:
@@ -40,26 +41,26 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
 
 @dataclass(frozen=True)
 class GridWorld:
-    """The dynamics of particles in a workspace under one shared command. No method changes its arguments.
+    """The motion of particles in a workspace under a shared command. No method of the class changes its arguments.
 
     Parameters
     ----------
     workspace : GridWorkspace
     rule : str
-        "block", "merge" or "tilt".
+        The move rule: "block", "merge" or "tilt".
 
     Raises
     ------
     UnknownNameError
-        If the rule is unknown.
+        Raised if no move rule has the given name.
 
     Notes
     -----
-    Source: paper M, section I (rule block); docs/concepts/world.md.
+    Sources: paper M, section I, for the rule block, and docs/concepts/world.md.
 
     Examples
     --------
-    Three particles in a row move together and queue at the wall.
+    Three particles in a row move together to the right and queue at the wall.
 
     >>> world = GridWorld(GridWorkspace([[1, 1, 1, 1, 1]]))
     >>> state = world.initial([(0, 1), (0, 2), (0, 3)])
@@ -77,37 +78,37 @@ class GridWorld:
 
     @cached_property
     def layout(self) -> GridLayout:
-        """The window that all boards of the workspace share."""
+        """The window of cells that all boards of the workspace share: the workspace and a rim of one cell."""
         return GridLayout(self.workspace.shape)
 
     @cached_property
     def free(self) -> Board:
-        """The free cells of the workspace as a board."""
+        """The free cells of the workspace, as a board (a set of cells)."""
         return Board.of_mask(self.workspace.free)
 
     def initial(self, cells: ArrayLike) -> SwarmState:
-        """Return the state in which the particles are at ``cells``, an int array of shape (n, ndim) in any order.
+        """Return the state of a swarm with particles at ``cells``, an int array of shape (n, ndim) in any order.
 
         Raises
         ------
         InvalidInputError
-            If `check_start` refuses the cells.
+            Raised if `check_start` refuses the start cells.
         """
         checked = check_start(self.workspace, cells, rule=self.rule)
         return SwarmState.of_cells(self.layout, checked, shared=self.rule == "merge")
 
     def step(self, state: SwarmState, command: str) -> SwarmState:
-        """Return the state after one command, a letter of ``lurd`` (``lurdio`` in 3-D)."""
+        """Return the state of the swarm after one command, which is a letter of ``lurd`` in 2-D or ``lurdio`` in 3-D."""
         *_, last = self.pushes(state, command)
         return last
 
     def pushes(self, state: SwarmState, command: str) -> Iterator[SwarmState]:
-        """Yield the state after each push of one command.
+        """Yield the state of the swarm after each push of one command.
 
         Under the move rules block and merge, a command is one push. Under the move rule tilt, a command is a series of pushes until
-        no particle moves. The last push, in which no particle moves, is also included, because it reveals the walls. Particles of
-        one row keep their order. Therefore an observer who sees only the first and the last state can infer all states between
-        them.
+        no particle moves. The method also yields the state after the last push, in which no particle moves, because the last push
+        reveals the walls. Particles in the same row keep their order. Therefore an observer who sees only the first and the last
+        state can infer all states between them.
         """
         letters = encode(command, ndim=self.workspace.ndim)
         if len(letters) != 1:

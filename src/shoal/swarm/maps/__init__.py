@@ -1,1 +1,1 @@
-"""Maps: workspaces, map file formats and map generators."""
+"""Maps of a swarm: workspaces, map file formats and map generators."""

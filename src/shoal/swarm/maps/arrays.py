@@ -15,7 +15,7 @@ from shoal.swarm.maps.workspace import GridWorkspace, check_finite
 
 
 def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
-    """Return the free cells of a ``.npy`` file."""
+    """Read a ``.npy`` file and return the free cells of the map."""
     with path.open("rb") as file, reading(path, "a NumPy array file (.npy)"):
         np.lib.format.read_magic(file)  # for other files NumPy's message suggests pickled objects
         # Memory mapping checks the length of the file before any data is read.
@@ -28,22 +28,23 @@ def read_npy(path: Path, options: MapOptions) -> NDArray[Any]:
 
 
 def encode_npy(workspace: GridWorkspace) -> bytes:
-    """Return the bytes of a ``.npy`` file."""
+    """Return a workspace as the bytes of a ``.npy`` file."""
     buffer = io.BytesIO()
     np.save(buffer, workspace.free)
     return buffer.getvalue()
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of a numeric array: the cells whose number is at least the level, or equals the label.
+    """Return the free cells of a numeric array: the cells whose number is at least ``level``, or equals ``label``.
 
-    Without a level or a label, the array may contain only 0 (obstacles) and one other number (free cells).
+    If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must have one other
+    number.
 
     Raises
     ------
     InvalidInputError
-        If a number is not finite, or no cell has the label. Also if neither a level nor a label is given for an array with more
-        than two values, such as intensities or probabilities.
+        Raised if a number is not finite, or if no cell has the number ``label``. Also raised if neither ``level`` nor ``label`` is
+        given for an array of more than two different numbers, such as intensities or probabilities.
     """
     if options.level is not None:
         check_finite(array, what=where)

@@ -1,4 +1,4 @@
-"""Reading and writing of map files. A new format needs one entry in `FORMATS`."""
+"""Reading and writing of map files. To add a file format, add an entry to `FORMATS`."""
 
 from __future__ import annotations
 
@@ -22,21 +22,24 @@ from shoal.swarm.maps.volumes import NIFTI, encode_nifti, read_nifti
 from shoal.swarm.maps.workspace import GridWorkspace
 
 Cells = tuple[NDArray[Any], tuple[float, ...] | None]
-"""Free cells, and the size of a cell along each axis if the file contains it."""
+"""The content of a map file: the free cells, and the size of a cell along each axis (mm).
+
+The size of a cell is None if the file does not contain it.
+"""
 
 
 @dataclass(frozen=True)
 class MapFormat:
-    """A format of map files.
+    """A file format for maps.
 
     Parameters
     ----------
     read : callable
-        Function (path, options) that returns the free cells and the size of a cell.
+        Function that is called with (path, options), and returns the free cells and the size of a cell.
     encode : callable
-        Function that converts a workspace to the bytes of a file of this format.
+        Function that converts a workspace to the bytes of a map file.
     dimensions : tuple of int
-        The supported numbers of dimensions of a workspace: (2,), (3,) or (2, 3).
+        Numbers of dimensions of the workspaces that the format can store: (2,), (3,) or (2, 3).
     """
 
     read: Callable[[Path, MapOptions], Cells]
@@ -61,34 +64,36 @@ FORMATS: dict[str, MapFormat] = {
     ".npy": MapFormat(_unsized(read_npy), encode_npy, (2, 3)),
     **{suffix: MapFormat(read_nifti, partial(encode_nifti, suffix=suffix), (3,)) for suffix in NIFTI},
 }
-"""The map formats by file suffix."""
+"""All map formats, keyed by file suffix."""
 
 
 def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
-    """Read a workspace from a map file. The suffix determines the format.
+    """Read a workspace from a map file. The suffix of the file name determines the format.
 
     Parameters
     ----------
     path : path
-        A file with one of these suffixes: ``.png .tif .tiff .bmp .jpg .jpeg`` (bright is free), ``.txt`` (``.`` free, ``#``
-        obstacle), ``.map`` (MovingAI: ``.``, ``G``, ``S`` free), ``.npy`` (2-D or 3-D, nonzero is free), ``.csv`` (1 free, 0
-        obstacle), or ``.nii .nii.gz`` (3-D, nonzero is free; the voxel size is kept). A TIFF of several pages and a folder of
-        pictures are 3-D maps with one layer per picture.
+        Path of a map file. In pictures (``.png .tif .tiff .bmp .jpg .jpeg``), bright pixels are free cells. In text files
+        (``.txt``), ``.`` is free and ``#`` is an obstacle. In MovingAI files (``.map``), ``.``, ``G`` and ``S`` are free. In CSV
+        files (``.csv``), 1 is free and 0 is an obstacle. In NumPy files (``.npy``, 2-D or 3-D) and NIfTI files (``.nii``,
+        ``.nii.gz``, 3-D), nonzero values are free. The workspace of a NIfTI file keeps the file's voxel size. A TIFF file of
+        several pages is a 3-D map with one layer per page. A folder of pictures is a 3-D map with one layer per picture.
     **options
-        Options threshold, invert, scale (pictures), level, label (``.npy`` and NIfTI); see `shoal.swarm.maps.reading.MapOptions`.
+        Options threshold, invert and scale for pictures, and options level and label for NumPy and NIfTI files.
+        `shoal.swarm.maps.reading.MapOptions` explains the options for reading a map file.
 
     Returns
     -------
     GridWorkspace
-        The workspace. The name of the workspace is the file name without the suffix.
+        A workspace whose name is the file name without the suffix.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, unreadable, damaged, of another format, too large, or has no free cell. The message gives the
-        location of the fault.
+        Raised if the file is missing, unreadable, damaged, of another format, too large, or has no free cell. The error message
+        gives the location of the fault.
     MissingExtraError
-        If nibabel is not installed and the file is NIfTI.
+        Raised if the file is a NIfTI file and the library nibabel is not installed.
     """
     source, chosen = Path(path), MapOptions(**options)
     suffix = _suffix(source)
@@ -107,7 +112,7 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
 
 
 def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | None = None) -> GridWorkspace:
-    """Return a workspace named after its file without the suffix. Error messages name the file."""
+    """Return a workspace whose name is the file name without the suffix. Error messages contain the file name."""
     stem = path.name[: len(path.name) - len(_suffix(path))]
     with errors_at(path):
         # undecodable bytes of a name become "?"
@@ -115,27 +120,27 @@ def named_after(path: Path, free: NDArray[Any], *, spacing: tuple[float, ...] | 
 
 
 def _suffix(path: Path) -> str:
-    """Return the suffix of a file in lower case. ``x.nii.gz`` has the suffix ``.nii.gz``."""
+    """Return the suffix of a file in lower case. For example, the file ``x.nii.gz`` has the suffix ``.nii.gz``."""
     return ".nii.gz" if path.name.lower().endswith(".nii.gz") else path.suffix.lower()
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file. The function `read_map` reads the same cells from this file.
+    """Write a workspace to a map file, from which `read_map` can read equal free cells.
 
     Parameters
     ----------
     workspace : GridWorkspace
     path : path
-        The output file. The suffix of the file determines the format, as in `read_map`.
+        Path of the output file. The suffix of the file name determines the format, as in `read_map`.
 
     Raises
     ------
     InvalidInputError
-        If the suffix is unknown, or the format does not support the workspace's number of dimensions.
+        Raised if the suffix is unknown, or if the format does not support the number of dimensions of the workspace.
     MissingExtraError
-        If nibabel is not installed and the file is NIfTI.
+        Raised if the file is a NIfTI file and the library nibabel is not installed.
     OutputError
-        If the file cannot be written. No partial file remains.
+        Raised if Shoal cannot write the file. No partial file remains.
     """
     target = Path(path)
     suffix = _suffix(target)

@@ -36,19 +36,21 @@ def open_map(
     Parameters
     ----------
     place : str, path, GridWorkspace or array_like
-        A generated map ("vessels:5000"; see ``shoal maps``), the path of a file (see `shoal.swarm.maps.files.read_map`), or an
-        array of booleans or numbers of shape (H, W) or (D, H, W). A workspace is returned unchanged.
+        The name of a generated map (such as "vessels:5000"), the path of a map file, or an array of booleans or numbers of shape
+        (H, W) or (D, H, W). The command ``shoal maps`` lists the generated maps. The function `shoal.swarm.maps.files.read_map`
+        lists the file formats. The function returns a workspace unchanged.
     vessels : bool
-        Whether the file is a photograph whose vessels form the map (needs the extra ``shoal[imaging]``).
+        Whether the file is a photograph whose vessels form the map. Vessels in photographs need the extra ``shoal[imaging]``.
     width, low, high, bright, thickest
-        Options for ``vessels``: see `shoal.swarm.maps.imaging.segment_vessels`.
+        Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels` explains the options.
     **options
-        Options threshold, invert, scale, level, label: see `shoal.swarm.maps.reading.MapOptions`.
+        Options for reading a map file: threshold, invert, scale, level and label. `shoal.swarm.maps.reading.MapOptions` explains
+        the options for reading a map file.
 
     Raises
     ------
     InvalidInputError, UnknownNameError, MissingExtraError
-        If the map does not exist or cannot be read.
+        Raised if the map does not exist, or if Shoal cannot read the map.
 
     Examples
     --------
@@ -85,30 +87,30 @@ def open_map(
 def vessels_in(
     path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
 ) -> imaging.Vessels:
-    """Return the vessels in a photograph. The last result is reused while the photograph's file is unchanged.
+    """Return the vessels in a photograph. Reuse the last result if the photograph's file and the options are unchanged.
 
     Parameters
     ----------
     path : path
-        A picture file.
+        Path of the photograph, a picture file.
     low, high, **options
-        Options of `shoal.swarm.maps.imaging.find_vessels`, including bright and thickest.
+        Options of the function `shoal.swarm.maps.imaging.find_vessels`, including ``bright`` and ``thickest``.
 
     Raises
     ------
     InvalidInputError, MissingExtraError
-        If the file is not a picture, or no vessels are found.
+        Raised if the file is not a picture, or if the picture shows no vessels.
     """
     return _vessels_in(Path(path), _stamp(path), low, high, tuple(sorted(options.items())))
 
 
 def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
-    """Return the vessel finder of a photograph. The last finder is reused while the photograph's file is unchanged.
+    """Return the vessel finder of a photograph. Reuse the last finder if the photograph's file and the options are unchanged.
 
     Raises
     ------
     InvalidInputError, MissingExtraError
-        If the file is not a picture.
+        Raised if the file is not a picture.
     """
     return _finder_of(Path(path), _stamp(path), (("bright", bright), ("thickest", thickest)))
 

@@ -1,4 +1,4 @@
-"""Maps as pictures: PNG, TIFF (one layer per page), BMP, JPEG, and folders of pictures, one for each slice of a volume."""
+"""Maps as pictures: PNG, TIFF (one layer per page), BMP and JPEG files, and folders with one picture for each slice of a volume."""
 
 from __future__ import annotations
 
@@ -28,18 +28,20 @@ MIDDLE = 0.8  # maximum fraction of pixels that are neither black nor white
 
 
 def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a picture. The pages of a TIFF become layers."""
+    """Return the free cells of a picture. Each page of a TIFF file becomes a layer of the map."""
     layers = _pages(path, lambda image: _free_cells(path, image, options))
     return layers[0] if len(layers) == 1 else _stacked(layers, [f"{path}: page {page + 1}" for page in range(len(layers))])
 
 
 def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a folder of pictures, one layer per picture, sorted by the numbers in the file names.
+    """Return the free cells of a folder of pictures.
+
+    Each picture becomes a layer. The numbers in the file names give the order of the layers.
 
     Raises
     ------
     InvalidInputError
-        If the folder has no pictures, the pictures differ in format or size, or a picture has several pages.
+        Raised if the folder has no pictures, if the pictures differ in format or size, or if a picture has several pages.
     """
     entries = (path for path in folder.iterdir() if path.suffix.lower() in PICTURES and path.name[0] != ".")
     files = [path for path in islice(entries, MAX_LAYERS + 1) if not path.is_dir()]
@@ -61,12 +63,12 @@ def read_slices(folder: Path, options: MapOptions) -> NDArray[np.bool_]:
 
 
 def read_pixels(path: Path) -> NDArray[np.uint8]:
-    """Return the pixels of a picture; uint8, shape (H, W) for greyscale, or (H, W, 3) for colour.
+    """Return the pixels of a picture as uint8, with the shape (H, W) for greyscale or (H, W, 3) for colour.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or not a picture.
+        Raised if the file is missing or damaged, or does not contain a picture.
     """
     if path.suffix.lower() not in PICTURES:
         raise InvalidInputError(f"{path}: expected a picture ({' '.join(PICTURES)}), got {path.suffix!r}")
@@ -75,9 +77,9 @@ def read_pixels(path: Path) -> NDArray[np.uint8]:
 
 
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a picture with white free cells. Layers become the pages of a TIFF.
+    """Return the bytes of a picture of a map with white free cells. Each layer of the map becomes a page of a TIFF file.
 
-    Compression to JPEG keeps free cells and obstacles distinguishable.
+    Free cells and obstacles remain distinguishable after JPEG compression.
     """
     from PIL import Image
 
@@ -92,7 +94,7 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
-    """Return the result of ``turn`` for each page of a picture. The sizes of all pages are checked before any page is decoded."""
+    """Return the result of ``turn`` for each page of a picture. Check the sizes of all pages before decoding the first page."""
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS
@@ -127,7 +129,7 @@ def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -
 
 
 def _check_tiles(path: Path, image: Image) -> None:
-    """Refuse a picture whose file lacks data for some pixels, because Pillow would read these pixels as black."""
+    """Refuse a picture whose file lacks data for some pixels, because the library Pillow would read missing pixels as black."""
     tiles: list[Any] = getattr(image, "tile", [])
     told = sum((right - left) * (low - high) for _, (left, high, right, low), *_ in tiles)
     if tiles and told < image.width * image.height:
@@ -175,12 +177,12 @@ def _is_deep(image: Image) -> bool:
 
 
 def _share(grey: NDArray[Any]) -> NDArray[np.float32]:
-    """Return brightness as a fraction from 0 to 1."""
+    """Return brightness values as fractions from 0 to 1."""
     return grey.astype(np.float32) / np.float32(255) if grey.dtype == np.uint8 else grey
 
 
 def _grey(path: Path, image: Image) -> NDArray[Any]:
-    """Return brightness: uint8 from 0 to 255, or float32 from 0 to 1. Transparent pixels count as white."""
+    """Return the brightness of each pixel: uint8 from 0 to 255, or float32 from 0 to 1. Transparent pixels count as white."""
     from PIL import Image as Pillow
 
     if _is_deep(image):  # 16-bit and float pictures: scaled by the range of the type or of the data

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNKNOWN, FRONTIER, FREE, OBSTACLE, PARTICLE = range(5)
-"""Codes for the content of a cell: the states of `Belief.states`, and a particle in a free cell."""
+"""Codes for the content of a cell: the states that `Belief.states` returns, and the code of a free cell with a particle."""
 
 # The colours differ for all common kinds of colour blindness and in greyscale: particles vermilion, frontier sky blue.
 PALETTE: dict[str, str] = {
@@ -24,12 +24,12 @@ _WIDEST = 12  # maps with a larger ratio of width to height are drawn in several
 
 
 def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return a picture of cells with one pixel per cell. Layers of a 3-D map stand side by side.
+    """Return a picture of cells with one pixel per cell. The layers of a 3-D map stand side by side in the picture.
 
     Parameters
     ----------
     codes : ndarray of uint8, shape (H, W) or (D, H, W)
-        UNKNOWN, FRONTIER, FREE, OBSTACLE or PARTICLE.
+        Code of each cell: UNKNOWN, FRONTIER, FREE, OBSTACLE or PARTICLE.
 
     Returns
     -------
@@ -42,9 +42,9 @@ def raster_of(codes: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
-    """Return rows of text in which the first of two letters stands for True cells, and the second one for False cells.
+    """Return cells as rows of text. The first letter in ``letters`` stands for True cells, and the second letter for False cells.
 
-    In 3-D, an empty line separates layers.
+    In 3-D, an empty line separates two layers of cells.
 
     Examples
     --------
@@ -56,7 +56,7 @@ def text_rows(cells: NDArray[np.bool_], letters: str) -> str:
 
 
 def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Cut a very wide picture into strips that are stacked like lines of text.
+    """Cut a very wide picture into strips, and stack the strips like lines of text.
 
     Examples
     --------
@@ -76,7 +76,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file at most ``side`` pixels wide and high. A larger picture loses some rows and columns."""
+    """Return a PNG file of at most ``side`` pixels in width and height. Omit some rows and columns of a larger picture."""
     from PIL import Image
 
     sheet = in_strips(raster)

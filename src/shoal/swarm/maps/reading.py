@@ -1,4 +1,4 @@
-"""Code that all map readers use: options, size limits, and one-sentence errors for damaged files."""
+"""Code for all readers of map files: options, size limits, and one-sentence error messages for damaged files."""
 
 from __future__ import annotations
 
@@ -13,34 +13,35 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError, ShoalError
 
 MAX_CELLS = 2**28
-"""Maximum size of a map in cells (16384 x 16384)."""
+"""Maximum number of cells in a map (16384 x 16384)."""
 
 MAX_LAYERS = 2**13
-"""Maximum number of layers: pages of a TIFF, or slices in a folder."""
+"""Maximum number of layers in a map: pages of a TIFF file, or pictures in a folder."""
 
 
 @dataclass(frozen=True)
 class MapOptions:
-    """Options for converting a file to a map.
+    """Options for the conversion of a file to a map.
 
     Parameters
     ----------
     threshold : float
-        For pictures: brightness from 0 (black) to 1 (white) from which pixels are free.
+        For pictures: the smallest brightness of a free pixel, on a scale from 0 (black) to 1 (white).
     invert : bool
-        For pictures: dark pixels are free instead of bright ones.
+        For pictures: whether dark pixels are free, instead of bright pixels.
     scale : float
-        For pictures: cells per pixel along each side, above 0 and at most 64. A scale of 0.5 halves both sides.
+        For pictures: the number of cells per pixel along each side, above 0 and at most 64. A scale of 0.5 halves both sides of the
+        picture.
     level : float, optional
-        For arrays and volumes: cells with at least this value are free.
+        For arrays and volumes: the smallest value of a free cell.
     label : int, optional
-        For arrays and volumes: cells with exactly this value are free. Without level and label, the data may contain only 0 for
-        obstacles and one other value for free cells.
+        For arrays and volumes: the exact value of all free cells. If neither ``level`` nor ``label`` is given, all obstacles must
+        have the value 0, and all free cells must have one other value.
 
     Raises
     ------
     InvalidInputError
-        If a value is out of range, or both a level and a label are given.
+        Raised if an option is out of range, or if both ``level`` and ``label`` are given.
     """
 
     threshold: float = 0.5
@@ -61,7 +62,7 @@ class MapOptions:
 
 
 def check_layers(where: Path, count: int) -> None:
-    """Refuse more than `MAX_LAYERS` layers.
+    """Refuse a map of more than `MAX_LAYERS` layers.
 
     Raises
     ------
@@ -84,7 +85,7 @@ def check_size(where: Path, *sides: int) -> None:
 
 @contextmanager
 def reading(path: Path, what: str) -> Iterator[None]:
-    """Convert any exception that a library raises for a damaged file into an error of one sentence. Hide the library's warnings.
+    """Convert exceptions that a library raises for damaged files into one-sentence errors. Hide the warnings of the library.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Maps as text: rows of ``.`` and ``#``, comma-separated ones and zeros, and MovingAI's ``.map``."""
+"""Maps as text files: rows of ``.`` and ``#``, comma-separated ones and zeros (CSV), and MovingAI's format ``.map``."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 
 def read_rows(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a text map with rows of ``.`` (free) and ``#`` (obstacle)."""
+    """Return the free cells of a text map. In a text map, ``.`` is a free cell, and ``#`` is an obstacle."""
     return _cells(path, _lines(path), 1, free=".", blocked="#")
 
 
 def read_csv(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
-    """Return the free cells of a CSV map: 1 is free, 0 is an obstacle."""
+    """Return the free cells of a CSV map. In a CSV map, 1 is a free cell, and 0 is an obstacle."""
     rows = [[value.strip() for value in line.split(",")] for line in _lines(path)]
     return _cells(path, rows, 1, free="1", blocked="0", expected="0 or 1")
 
@@ -53,17 +53,17 @@ def read_movingai(path: Path, _options: MapOptions) -> NDArray[np.bool_]:
 
 
 def encode_rows(workspace: GridWorkspace) -> bytes:
-    """Return a map as the bytes of a file that `read_rows` reads."""
+    """Return a map as the bytes of a text file that `read_rows` can read."""
     return f"{workspace.text}\n".encode()
 
 
 def encode_csv(workspace: GridWorkspace) -> bytes:
-    """Return the bytes of a file that `read_csv` reads."""
+    """Return a map as the bytes of a CSV file that `read_csv` can read."""
     return "".join(",".join(np.where(row, "1", "0")) + "\n" for row in workspace.free).encode()
 
 
 def encode_movingai(workspace: GridWorkspace) -> bytes:
-    """Return the bytes of a file that `read_movingai` reads."""
+    """Return a map as the bytes of a MovingAI file that `read_movingai` can read."""
     height, width = workspace.shape
     return f"type octile\nheight {height}\nwidth {width}\nmap\n{workspace.text.replace('#', '@')}\n".encode()
 
@@ -79,7 +79,7 @@ def _lines(path: Path) -> list[str]:
 def _cells(
     path: Path, rows: Sequence[Sequence[str]], first_line: int, *, free: str, blocked: str, expected: str = ""
 ) -> NDArray[np.bool_]:
-    """Convert rows of words to cells. Error messages name line and column."""
+    """Convert rows of words to cells. Error messages contain the line and the column of a wrong word."""
     width = len(rows[0])
     if not width:
         raise InvalidInputError(f"{path}, line {first_line}: expected a row of cells, got an empty line")

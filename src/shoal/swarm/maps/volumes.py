@@ -1,4 +1,4 @@
-"""Maps from medical volumes in NIfTI format, read by nibabel."""
+"""Maps from medical volumes in NIfTI format, read by the library nibabel."""
 
 from __future__ import annotations
 
@@ -25,13 +25,14 @@ CHUNK = 1 << 20  # bytes
 def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[float, ...]]:
     """Return the free cells (layers, rows, columns) of a NIfTI file, and the voxel size along each axis in millimetres.
 
-    The volume is rotated according to its header, as seen by a viewer in front of the body. Layer 0 is at the front of the body and
-    row 0 at the head. Columns run from the body's right side to its left side.
+    The function uses the file's header to rotate the volume into the view of a person in front of the body. Layer 0 is at the front
+    of the body, and row 0 is at the head. The columns run from the body's right side to its left side.
 
     Raises
     ------
     InvalidInputError
-        If the file is damaged or truncated, is not three-dimensional, has too many voxels, or contains non-finite numbers.
+        Raised if the file is damaged or truncated. Also raised if the volume is not three-dimensional, has too many voxels, or
+        contains infinite values or NaN.
     MissingExtraError
     """
     nibabel = _nibabel()
@@ -55,7 +56,7 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
 
 
 def encode_nifti(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a NIfTI file: 1 for each free cell, 0 for each obstacle, and the voxel size."""
+    """Return a map as the bytes of a NIfTI file, with 1 for each free cell, 0 for each obstacle, and the voxel size."""
     nibabel = _nibabel()
     data = workspace.free.transpose(2, 0, 1)[::-1, ::-1, ::-1].astype(np.uint8)
     sides = workspace.spacing or (1.0, 1.0, 1.0)
@@ -75,7 +76,7 @@ def _nibabel() -> Any:
 
 @contextmanager
 def _silent(logger: logging.Logger) -> Iterator[None]:
-    """Suppress messages of a library on stderr, because Shoal's error message repeats them."""
+    """Suppress a library's log messages inside the ``with`` block, because Shoal's own error message repeats them."""
     before = logger.level
     logger.setLevel(logging.CRITICAL + 1)
     try:
@@ -85,7 +86,7 @@ def _silent(logger: logging.Logger) -> Iterator[None]:
 
 
 def _check_archive(path: Path, expected: int) -> None:
-    """Read a compressed volume to its end, so that its checksum is verified. The library nibabel stops earlier."""
+    """Read a compressed volume to its end, which verifies the checksum. The library nibabel stops reading before the checksum."""
     if not path.name.lower().endswith(".gz"):
         return
     with gzip.open(path) as file:
@@ -97,7 +98,7 @@ def _check_archive(path: Path, expected: int) -> None:
 
 
 def _kind(path: Path, nibabel: Any) -> Any:
-    """Return the NIfTI image class that matches the file's first bytes, so that nibabel tries no other format."""
+    """Return the NIfTI image class that matches the first bytes of the file, so that nibabel tries no other format."""
     with nibabel.openers.Opener(path) as file:
         begin = file.read(4)
     for length, kind in ((348, nibabel.Nifti1Image), (540, nibabel.Nifti2Image)):
@@ -107,6 +108,6 @@ def _kind(path: Path, nibabel: Any) -> Any:
 
 
 def _unit(header: Any) -> float:
-    """Return the header's unit of length in millimetres. Without a unit, lengths are in millimetres."""
+    """Return the length unit of a NIfTI header, in millimetres. A header without a unit gives lengths in millimetres."""
     units = {"meter": 1000.0, "micron": 0.001}
     return units.get(header.get_xyzt_units()[0], 1.0) if hasattr(header, "get_xyzt_units") else 1.0

@@ -24,7 +24,7 @@ def check_finite(array: NDArray[np.generic], *, what: str) -> None:
     Raises
     ------
     InvalidInputError
-        If a value is not finite. The message names the first such cell.
+        Raised if a value is not finite. The error message names the first cell with a value that is not finite.
     """
     if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
         bad = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -42,7 +42,7 @@ def check_free(free: ArrayLike) -> NDArray[np.bool_]:
     Raises
     ------
     InvalidInputError
-        If the array is neither 2-D nor 3-D, has no free cell, contains NaN, or has more than ``MAX_CELLS`` cells.
+        Raised if the array has neither 2 nor 3 dimensions, has no free cell, contains NaN, or has more than ``MAX_CELLS`` cells.
     """
     try:
         array = np.asarray(free)
@@ -71,21 +71,22 @@ class GridWorkspace:
     Parameters
     ----------
     free : array_like of bool, shape (H, W) or (D, H, W)
-        Array that is True where a particle can be. Row 0 is the top of the picture, and layer 0 is the front. The free space may be
-        disconnected, and corridors may be one cell wide. The array is stored as a read-only copy.
+        Array that is True where a particle can be. Row 0 is at the top of the map, and layer 0 is at the front. The free cells may
+        form several disconnected parts, and corridors may be one cell wide. The workspace stores a read-only copy of the array.
     name : str
-        Name of the workspace in summaries and files.
+        Name of the workspace, as written in summaries and files.
     spacing : tuple of float, optional
-        Size of a cell along each axis in millimetres, if known. Pictures and files use the spacing. The simulation counts cells.
+        Size of a cell along each axis in millimetres, if known. Pictures and files contain the spacing. The simulation measures all
+        distances in cells.
 
     Raises
     ------
     InvalidInputError
-        If ``free`` is invalid (see `check_free`), or a spacing is not above 0.
+        Raised if `check_free` refuses ``free``, or if a spacing is not above 0.
 
     Notes
     -----
-    Source: paper M, section III; docs/concepts/world.md.
+    Sources: paper M, section III, and docs/concepts/world.md.
 
     Examples
     --------
@@ -116,49 +117,49 @@ class GridWorkspace:
 
     @property
     def ndim(self) -> int:
-        """2 or 3."""
+        """Number of dimensions of the workspace: 2 or 3."""
         return self.free.ndim
 
     @cached_property
     def n_free(self) -> int:
-        """Number of free cells (called m in the papers)."""
+        """Number of free cells in the workspace (m in the papers)."""
         return int(np.count_nonzero(self.free))
 
     @cached_property
     def cells(self) -> NDArray[np.int64]:
-        """All free cells in row-major order; int64, shape (m, 2) or (m, 3)."""
+        """All free cells in row-major order (int64, shape (m, 2) or (m, 3))."""
         return np.argwhere(self.free)
 
     @cached_property
     def components(self) -> NDArray[np.int32]:
-        """For each cell, the label of its connected component, or 0 for obstacles; int32, with the shape of ``free``."""
+        """The label of each cell's connected component, or 0 for obstacles (int32, with the shape of ``free``)."""
         from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
-        """Return the workspace reduced to its largest connected component. Of equally large components, the first one is kept."""
+        """Return the largest connected component of the workspace. Of several equally large components, return the first one."""
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)
 
     @property
     def text(self) -> str:
-        """The map as rows of ``.`` (free) and ``#`` (obstacle). In 3-D, an empty line separates layers.
+        """The map as rows of text, with ``.`` for free cells and ``#`` for obstacles. In 3-D, an empty line separates two layers.
 
-        The function ``print`` shows this text for small maps.
+        For a small map, the function ``print`` shows the rows of text.
         """
         return raster.text_rows(self.free, ".#")
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the workspace as JSON data: rows of ``.`` and ``#``. In 3-D, an empty row precedes each layer."""
+        """Return the workspace as JSON data, with rows of ``.`` and ``#``. In 3-D, an empty row precedes each layer."""
         rows = self.text.split("\n")
         told: dict[str, Any] = {"name": self.name, "rows": ["", *rows] if self.ndim == 3 else rows}
         return told if self.spacing is None else told | {"spacing": list(self.spacing)}
 
     @classmethod
     def from_dict(cls, told: Mapping[str, Any]) -> GridWorkspace:
-        """Return the workspace from the data that `to_dict` returned.
+        """Return the workspace for JSON data that `to_dict` returned.
 
         Raises
         ------
@@ -192,7 +193,7 @@ class GridWorkspace:
 
     @property
     def picture(self) -> NDArray[np.uint8]:
-        """A picture with one pixel per cell; uint8, shape (H, W, 3). Layers of a 3-D workspace stand side by side."""
+        """A picture of the workspace with one pixel per cell (uint8, shape (H, W, 3)). In 3-D, all layers stand side by side."""
         return raster.raster_of(np.where(self.free, raster.FREE, raster.OBSTACLE).astype(np.uint8))
 
     def _repr_png_(self) -> bytes:

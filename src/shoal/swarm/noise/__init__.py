@@ -1,4 +1,4 @@
-"""Noise: particles slip, or are observed wrongly. Maps from noisy scans have a stated confidence."""
+"""Noise: particles slip, and scans show wrong positions. The user states the confidence of maps from noisy scans."""
 
 from __future__ import annotations
 

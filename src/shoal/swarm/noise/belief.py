@@ -1,4 +1,4 @@
-"""NoisyBelief: the log-odds that each cell is free, estimated from noisy observations of particles."""
+"""NoisyBelief: for each cell, the log-odds that the cell is free, estimated from noisy observations of particles."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ NEVER = -700.0  # log-odds
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the kernels' arrays, which have three more cells on each side than the workspace."""
+    """Return the shape of the kernels' arrays for a workspace. The arrays have three more cells on each side than the workspace."""
     return tuple(size + 2 * PAD for size in shape)
 
 
 def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kernels.NoisyState:
-    """Return the kernels' arrays for an unknown workspace without particles."""
+    """Return the arrays with which kernels store a noisy state, for an unknown workspace without particles."""
     shape = padded_shape(layout.shape)
     strides = [1, shape[-1], shape[-1] * shape[-2]]
     steps = {"l": -strides[0], "u": -strides[1], "r": strides[0], "d": strides[1], "i": -strides[2], "o": strides[2]}
@@ -54,13 +54,13 @@ def noisy_state_of(layout: GridLayout, about: Noise, confidence: float) -> kerne
 
 
 def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0) -> NDArray[np.generic]:
-    """Return the part of a kernel's array that covers the workspace and ``rim`` cells around it."""
+    """Return the part of a kernel's array that covers the workspace and a margin of ``rim`` cells."""
     cut = PAD - rim
     return flat.reshape(padded_shape(shape))[(slice(cut, -cut),) * len(shape)]
 
 
 class NoisyBelief:
-    """The belief about each cell in log-odds. Each command and each scan updates the belief in place.
+    """The belief about each cell in log-odds. Each command and each scan changes the belief object in place.
 
     Parameters
     ----------
@@ -69,7 +69,8 @@ class NoisyBelief:
         The particles that the first scan shows.
     noise : Noise
     confidence : float
-        Probability from which a cell counts as free or as an obstacle. It is above 0.75.
+        A cell counts as classified if the cell is free, or an obstacle, with a probability of at least ``confidence``. The
+        confidence must exceed 0.75.
 
     Raises
     ------
@@ -77,13 +78,15 @@ class NoisyBelief:
 
     Notes
     -----
-    Each move spreads every particle over the cells that it may have entered. The next scan then weights each cell,
-    together with the cell from which a particle may have entered it, by Bayes' rule. In all other respects, cells are treated as
-    independent. A move without a scan only spreads the particles. Docs: docs/concepts/noise.md.
+    At each move, the belief spreads the probability of every particle over the cells that the particle may have entered. At each
+    scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come.
+    Apart from such pairs of neighbours, the belief treats cells as independent. A move without a scan spreads the probabilities of
+    the particles, but changes no log-odds. The page docs/concepts/noise.md explains the method.
 
     Examples
     --------
-    A particle is pushed twice against the wall on its left. Each time it becomes less likely that the particle slipped.
+    Two commands push a particle against the wall on its left. Each command lowers the probability that the cell on the left is
+    free.
 
     >>> layout = GridLayout((1, 3))
     >>> here = Board.of_cells(layout, [(0, 0)])
@@ -113,7 +116,7 @@ class NoisyBelief:
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def update(self, command: str, seen: Board) -> int:
-        """Update the belief with the cells in which particles are seen after one command.
+        """Update the belief after one command and one scan. ``seen`` contains the cells in which the scan shows particles.
 
         Return the number of cells classified for the first time.
         """
@@ -121,29 +124,29 @@ class NoisyBelief:
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Update the belief with the observation in ``state.seen``. Return the number of cells classified for the first time."""
+        """Update the belief with the scan in ``state.seen``. Return the number of cells classified for the first time."""
         kernels.learn_noisy(self.state, code)
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
     def spread(self, command: str) -> None:
-        """Update the belief after a command that no scan follows.
+        """Update the belief after a command without a scan.
 
-        The probable positions of the particles change. The knowledge about cells stays the same.
+        Spread the probable positions of the particles, and leave the log-odds of all cells unchanged.
         """
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 
     def spread_code(self, code: np.int8) -> None:
-        """Update the belief after the command number ``code``, which no scan follows; see `spread`."""
+        """Update the belief after a command without a scan, as `spread` does. ``code`` is the number of the command."""
         kernels.spread_noisy(self.state, code)
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
-        """Run the policy closest-frontier until the trace is full. Return (moves, status code); see `noisy_episode.play_noisy`."""
+        """Run the policy closest-frontier until the trace is full. Return the number of moves and the status code."""
         played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Replay the commands of the trace and fill the other columns of the trace."""
+        """Replay the commands that the trace contains, and fill the other columns of the trace."""
         noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:
@@ -151,22 +154,22 @@ class NoisyBelief:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """Probability that each cell is free; float64, with the workspace's shape and a rim of one cell."""
+        """For each cell of the workspace and a rim of one cell, the probability that the cell is free (float64)."""
         return 1 / (1 + np.exp(-self.logit))
 
     @property
     def logit(self) -> NDArray[np.float64]:
-        """Log-odds that each cell is free; float64, with a rim of one cell."""
+        """For each cell of the workspace and a rim of one cell, the log-odds that the cell is free (float64)."""
         return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property
     def remaining(self) -> int:
-        """Number of frontier cells."""
+        """Number of frontier cells in the belief."""
         return int(self.guard.memory.remaining)
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left. The value is false if a cell was given up as undecidable."""
+        """Whether particles can reach no more frontier cell. The property is false if the policy gave up a cell as undecidable."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 
@@ -177,12 +180,12 @@ class NoisyBelief:
 
     @property
     def occupied(self) -> Board:
-        """The cells that hold a particle with probability above one half."""
+        """The cells that hold a particle with a probability above 0.5."""
         return Board(self.layout, self._field.occupied.reshape(self.layout.words).copy())
 
     @property
     def belief(self) -> Belief:
-        """The cells that are classified at the stated confidence, as the `Belief` that policies use."""
+        """The belief in the form that policies use: a `Belief` with all cells that are classified at the stated confidence."""
         field = self._field
         return Belief(
             *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))
@@ -190,7 +193,7 @@ class NoisyBelief:
 
 
 def guard_of(layout: GridLayout) -> noisy_episode.ProgressGuard:
-    """Return the memory of the progress guard before the first move; see `noisy_episode.ProgressGuard`."""
+    """Return the initial memory of the progress guard, which makes sure that an episode with noise ends."""
     size = layout.words[0] * layout.words[1]
     memory = new_record(noisy_episode.MEMORY, budget=-1)
     return noisy_episode.ProgressGuard(np.zeros(size, dtype=np.uint64), np.zeros(size, dtype=np.uint64), memory)

@@ -1,4 +1,4 @@
-"""Classification errors of a map from noisy observations."""
+"""Errors in a map that a swarm built from noisy observations."""
 
 from __future__ import annotations
 
@@ -13,18 +13,19 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @dataclass(frozen=True)
 class MapErrors:
-    """Classification errors among the cells that a mapping without noise would classify.
+    """Numbers of wrong and missing cells in a noisy map, among the cells that a mapping without noise would classify.
 
     Parameters
     ----------
     free, walls : int
-        Number of free cells that particles can reach (``free``), and number of obstacles beside these cells (``walls``).
+        ``free`` is the number of free cells that particles can reach. ``walls`` is the number of obstacle cells beside the
+        reachable free cells.
     false_free : int
-        Number of obstacles classified as free.
+        Number of obstacle cells that the swarm classified as free.
     false_obstacles : int
-        Number of free cells classified as obstacles.
+        Number of free cells that the swarm classified as obstacles.
     undecided : int
-        Number of unclassified cells.
+        Number of cells that the swarm did not classify.
     """
 
     free: int
@@ -35,7 +36,7 @@ class MapErrors:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
-        """Compare the final belief with the true workspace in which particles started at ``start``."""
+        """Compare the final belief of a mapping with the true workspace. The particles started at ``start``."""
         labels = workspace.components
         reached = Board.of_mask(workspace.free & np.isin(labels, labels[tuple(start.T)]))
         walls = reached.dilated() - reached
@@ -49,16 +50,16 @@ class MapErrors:
 
     @property
     def right(self) -> float:
-        """Fraction of the cells that are classified correctly."""
+        """Fraction of the cells that the swarm classified correctly."""
         cells = self.free + self.walls
         return 1 - (self.false_free + self.false_obstacles + self.undecided) / cells
 
     @property
     def false_free_rate(self) -> float:
-        """Fraction of the obstacles that are classified as free."""
+        """Fraction of the obstacle cells that the swarm classified as free."""
         return self.false_free / max(1, self.walls)
 
     @property
     def false_obstacle_rate(self) -> float:
-        """Fraction of the free cells that are classified as obstacles."""
+        """Fraction of the free cells that the swarm classified as obstacles."""
         return self.false_obstacles / max(1, self.free)

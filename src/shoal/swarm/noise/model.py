@@ -16,15 +16,16 @@ SUREST = 0.99999
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise probabilities. The failures of different particles and different moves are independent.
+    """Probabilities of failed motions and observations. Failures of different particles or at different moves are independent.
 
     Parameters
     ----------
     slip : float
-        Probability, 0 to 0.5, that a particle does not move at a command. A particle that slips blocks the particles behind it.
+        Probability, from 0 to 0.5, that a command does not move a particle (the particle slips). A slipping particle blocks the
+        particles behind it.
     misplace : float
-        Probability that an observed particle appears in a neighbouring cell instead of its own. All neighbours (4, in 3-D 6) are
-        equally likely.
+        Probability that a scan shows a particle in a neighbouring cell instead of its true cell. All neighbouring cells (4 in 2-D,
+        6 in 3-D) are equally likely.
     miss : float
         Probability that a scan does not show a particle.
 
@@ -34,7 +35,7 @@ class Noise:
 
     Notes
     -----
-    Docs: docs/concepts/noise.md.
+    The page docs/concepts/noise.md explains the noise model.
     """
 
     slip: float = 0.0
@@ -50,7 +51,7 @@ class Noise:
 
 
 def bound_of(confidence: Any) -> float:
-    """Return the log-odds of a confidence. The confidence must be above the prior probability that an unknown cell is an obstacle.
+    """Return the log-odds of a confidence. The confidence must exceed the prior probability that an unknown cell is an obstacle.
 
     Raises
     ------

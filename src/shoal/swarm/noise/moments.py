@@ -1,4 +1,4 @@
-"""One moment of an episode with noise: the particles' cells and the belief about each cell, as data for pictures."""
+"""Data for pictures of an episode with noise: at one moment, the cells of the particles and the belief about each cell."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.swarm.noise.belief import NoisyBelief
 from shoal.swarm.noise.model import PRIOR, bound_of
 
 LEVELS = 8
-"""Number of shades between an unknown cell and a classified cell, for free cells and for obstacles."""
+"""Number of shades between an unknown cell and a classified cell."""
 
 OBSTACLE, UNKNOWN, FREE = 0, LEVELS, 2 * LEVELS  # values of looks: shades from classified obstacle to classified free,
 FRONTIER = 2 * LEVELS + 1  # the same shades for frontier cells start here,
@@ -23,15 +23,17 @@ LOOKS = FALSE_OBSTACLE + 1
 
 @dataclass(frozen=True)
 class Moment:
-    """One moment of an episode with noise. Both arrays have the workspace's shape and a rim of one cell.
+    """One moment of an episode with noise. The arrays ``particles`` and ``looks`` cover the workspace and a rim of one cell.
 
     Parameters
     ----------
     particles : ndarray of bool
-        Cells with particles. For a rig, the cells in which the last scan showed particles.
+        Mask that is True for each cell with a particle. For a rig, the mask is True for each cell in which the last scan showed a
+        particle.
     looks : ndarray of uint8
-        A shade for each cell, linear in the log-odds, from ``OBSTACLE`` (classified) through ``UNKNOWN`` to ``FREE`` (classified).
-        The shade of a frontier cell is higher by ``FRONTIER``. If the true map is known, wrongly classified cells have the shade
+        The shade of each cell, which is linear in the log-odds that the cell is free. A classified obstacle has the shade
+        ``OBSTACLE``, an unknown cell has the shade ``UNKNOWN``, and a classified free cell has the shade ``FREE``. The shade of a
+        frontier cell is larger by the constant ``FRONTIER``. If the true map is known, wrongly classified cells have the shade
         ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
     """
 
@@ -40,9 +42,9 @@ class Moment:
 
 
 def looks_of(belief: NoisyBelief, truth: NDArray[np.bool_] | None) -> NDArray[np.uint8]:
-    """Return the shade of each cell in a picture of a belief; see `Moment`.
+    """Return the shade of each cell in a picture of a belief. The class `Moment` explains the shades.
 
-    ``truth`` is the true mask of the free cells with the rim, or None if the true map is unknown.
+    ``truth`` is the true mask of the free cells, with a rim of one cell. If the true map is unknown, ``truth`` is None.
 
     Examples
     --------

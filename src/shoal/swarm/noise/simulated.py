@@ -14,7 +14,7 @@ from shoal.swarm.noise.model import Noise
 
 
 def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.NoisyState:
-    """Return the kernels' arrays for a workspace with particles and an empty belief."""
+    """Return the arrays with which kernels simulate noise: the workspace, its particles, and an empty belief."""
     noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
     inner_of(noisy.truth, workspace.shape)[...] = workspace.free
     inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True
@@ -24,7 +24,10 @@ def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, c
 def noisy_belief(
     workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float, rng: Generator
 ) -> NoisyBelief:
-    """Return the belief after the first scan of a simulation. The arrays of this belief also hold the true state."""
+    """Return the belief after the first scan of a simulation with noise.
+
+    The arrays of the belief also hold the true state of the simulation.
+    """
     noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
     noisy_state.look(noisy, rng)
     seen = Board(layout, layout.pack(np.array(inner_of(noisy.seen, layout.shape, rim=1), dtype=np.bool_)))

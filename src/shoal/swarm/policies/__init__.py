@@ -1,4 +1,4 @@
-"""Policies: rules that choose the next commands. Each policy has its own file."""
+"""Policies: methods that choose the next commands of a swarm. Each policy has a file of its own."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy i
 
 
 def make_policy(policy: str | Policy) -> Policy:
-    """Return a policy by name, or return a given policy object.
+    """Return the policy with a given name. Return a policy object unchanged.
 
     Parameters
     ----------
     policy : str or Policy
-        "closest-frontier", "closest-frontier:ties=row-major", "manual:llurr", "module:attribute" (an object, or a class that is
-        called without arguments), or an object with the methods of `Policy`.
+        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr", a third-party object or class
+        "module:attribute", or an object with the methods of `Policy`. A third-party class is called without arguments.
 
     Raises
     ------
@@ -48,12 +48,12 @@ def make_policy(policy: str | Policy) -> Policy:
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
-    """Return the policy with a limit on its planning, either ``budget`` (simulated moves per move) or ``milliseconds`` per move.
+    """Return a copy of the policy with a new limit: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
 
     Raises
     ------
     InvalidInputError
-        If the policy does not plan, or a number is out of range.
+        Raised if the policy has no planning limit, or if a limit is out of range.
     """
     for name, value in wanted.items():
         if name not in getattr(policy, "__dataclass_fields__", {}):

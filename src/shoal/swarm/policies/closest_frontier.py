@@ -14,11 +14,12 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class ClosestFrontier(Searching):
-    """Find the shortest path from any particle to a frontier cell, send its commands, and repeat.
+    """Find the shortest path from any particle to any frontier cell, send the commands of the path, and repeat.
 
-    A path always classifies its target cell: if another particle blocks the moving particle, the other particle follows the rest of
-    the path. The number of moves is at most m(3m + 1) in 2-D, where m is the number of free cells. Theorem 2 of paper M states
-    m(m+1)/2, because the theorem ignores the walls. Source: paper M, algorithm 3. Rules for ties: docs/concepts/policies.md.
+    A path always classifies its target cell: if another particle blocks the moving particle, the blocking particle follows the rest
+    of the path. In 2-D, the number of moves is at most m(3m + 1), where m is the number of free cells. Theorem 2 of paper M ignores
+    the walls, and therefore states the smaller bound m(m+1)/2. Source: paper M, algorithm 3. The page docs/concepts/policies.md
+    explains the choice between equally short paths.
     """
 
     kind: ClassVar[str] = "closest-frontier"

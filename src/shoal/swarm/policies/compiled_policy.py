@@ -1,4 +1,7 @@
-"""Base classes of the built-in policies: the number by which kernels identify a policy, and the rule for ties."""
+"""Base classes of the built-in policies.
+
+The base classes define the number of each policy in kernels, and the order of equally near cells.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from shoal.swarm.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class Compiled:
-    """Base class of the built-in policies. Kernels can run these policies without Python code."""
+    """Base class of the built-in policies. Kernels can run the built-in policies without Python code."""
 
     kind: ClassVar[str]
     code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes.policy_episode
@@ -26,12 +29,12 @@ class Compiled:
 
     @property
     def name(self) -> str:
-        """The registered name with all options that differ from their defaults."""
+        """The registered name of the policy, with all options that differ from their defaults."""
         changed = [f"{f.name}={getattr(self, f.name)}" for f in fields(self) if getattr(self, f.name) != f.default]
         return self.kind + (":" + ",".join(changed) if changed else "")
 
     def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse a rule or a number of dimensions that the policy does not support.
+        """Refuse a move rule or a number of dimensions that the policy does not support.
 
         Raises
         ------
@@ -51,9 +54,9 @@ class Searching(Compiled):
     Parameters
     ----------
     ties : str
-        "column-major" or "row-major": the order of expansion for cells of equal distance.
+        The order in which the search expands cells of equal distance: "column-major" or "row-major".
     neighbours : str
-        The order in which the neighbours of a cell are expanded.
+        The order in which the search expands the neighbours of a cell, as command letters.
     """
 
     ties: str = "column-major"

@@ -1,4 +1,4 @@
-"""Policy depth-first: one particle explores a tree of cells by depth-first search and backtracking."""
+"""Policy depth-first: one particle explores the cells by depth-first search with backtracking."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ class _Trail:
 class DepthFirst(Compiled):
     """Move one particle, the first in row-major order, through the workspace.
 
-    The particle probes an unknown neighbour. If no neighbour is unknown, the particle enters an unvisited neighbour. If all free
-    neighbours were visited, the particle goes back.
+    The particle probes each unknown neighbour of its cell, or enters a free neighbour that it has not visited. If the particle has
+    visited all free neighbours of its cell, the particle goes back by one cell.
 
-    The number of moves is at most 2(m - 1) along the tree, plus one for each wall found. Along the tree, a single particle makes at
-    most twice as many moves as on the optimal tour of the cells. On general grid graphs, no strategy has a better competitive ratio
-    than 2. The other particles also move, and can only help. Source: paper M, section III.B.1.
+    In a workspace of m free cells, the particle makes at most 2(m - 1) moves between cells, and one blocked move for each wall that
+    it finds. The particle makes at most twice as many moves between cells as on the optimal tour of all cells. On general grid
+    graphs, no strategy has a better competitive ratio than 2. All other particles also obey the commands, and may classify further
+    cells. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"

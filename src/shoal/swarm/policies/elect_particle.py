@@ -1,4 +1,7 @@
-"""Policy elect-particle: plan the moves of one elected particle. A particle that blocks the path is elected instead."""
+"""Policy elect-particle: plan the moves of one elected particle.
+
+If another particle blocks the path, elect the blocking particle.
+"""
 
 from __future__ import annotations
 
@@ -24,9 +27,9 @@ class _Elected:
 class ElectParticle(Searching):
     """Elect a random particle and move it along the shortest path to a frontier cell.
 
-    The policy plans again when the frontier cell is classified. A particle that blocks the elected particle occupies the next cell
-    of the path. Therefore the blocking particle becomes the elected particle. Without this rule, the algorithm of paper M can
-    repeat the same moves forever. Source: paper M, algorithm 2; docs/concepts/policies.md.
+    The policy plans a new path when the frontier cell at the end of the path is classified. If a particle blocks the elected
+    particle, the blocking particle becomes the elected particle. The algorithm of paper M never changes the elected particle, and
+    can therefore repeat a sequence of moves forever. Sources: paper M, algorithm 2, and docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"
@@ -58,7 +61,7 @@ class ElectParticle(Searching):
         return plan[:1], _Elected(cell, plan, target)
 
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
-        """Return a path and its start cell.
+        """Return a path to a frontier cell, and the start cell of the path.
 
         If the elected particle can reach no frontier cell, return the path of the particle nearest to the frontier.
         """

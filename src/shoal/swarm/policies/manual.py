@@ -1,4 +1,4 @@
-"""Policy manual: a fixed sequence of commands."""
+"""Policy manual: send a fixed sequence of commands."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ class Manual(Compiled):
     commands: str = ""
 
     def check(self, layout: GridLayout, rule: str) -> None:
-        """Refuse letters that are not commands."""
+        """Refuse a text with letters that are not commands."""
         super().check(layout, rule)
         encode(self.commands, ndim=layout.ndim)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return all commands at the first call and no commands afterwards."""
+        """Return all commands at the first decision, and no commands at later decisions."""
         return (self.commands if memory is None else ""), "sent"

@@ -1,4 +1,4 @@
-"""Shortest paths of particles to the frontier, which the searching policies use."""
+"""Shortest paths of particles to the frontier. Policies that search for the nearest frontier cell use the shortest paths."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 
 def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
-    """Return the codes of the command letters in ``neighbours``. In 3-D, "lurd" means "lurdio"."""
+    """Return the numeric codes of the command letters in ``neighbours``. In 3-D, "lurd" means "lurdio"."""
     text = neighbours + "io" if ndim == 3 and len(neighbours) == 4 else neighbours
     if sorted(text) != sorted(letters_of(ndim)):
         raise InvalidInputError(f"neighbours: expected an order of {letters_of(ndim)!r}, got {neighbours!r}")
@@ -26,7 +26,7 @@ def check_neighbours(neighbours: str, ndim: int) -> NDArray[np.int8]:
 
 
 def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int) -> frontier_search.Search:
-    """Return the working memory of a frontier search."""
+    """Return the working memory of a search for the nearest frontier cell."""
     if ties not in ORDERS:
         raise InvalidInputError(f"ties: expected one of {', '.join(ORDERS)}, got {ties!r}")
     parents = "".join(letter for letter in _PARENTS[ties] if letter in letters_of(layout.ndim))
@@ -42,7 +42,7 @@ def search_of(layout: GridLayout, *, ties: str, neighbours: str, plan_size: int)
 
 
 def slides_of(layout: GridLayout) -> tilt_search.Slides:
-    """Return the working memory of a frontier search under the rule tilt."""
+    """Return the working memory of a search for the nearest frontier cell under the move rule ``tilt``."""
     rows, words = layout.words
     size = rows * words * 64
     return tilt_search.Slides(np.zeros(size, np.int64), np.zeros(size, np.int8), np.zeros(size, np.int64))
@@ -59,9 +59,9 @@ def path_to_frontier(
 ) -> str:
     """Return the shortest commands that move a particle from ``sources`` to a frontier cell, or "" if no path exists.
 
-    The function searches breadth-first through cells that are known to be free. The argument ``ties`` gives the
-    order in which cells of equal distance are expanded. The argument ``neighbours`` gives the order in which the neighbours of a
-    cell are visited. The target is the first frontier cell that the search finds.
+    The breadth-first search passes through cells that are known to be free and ends at the first frontier cell found. ``ties`` is
+    the order in which the search expands cells of equal distance. ``neighbours`` is the order in which the search visits the
+    neighbours of a cell.
 
     Parameters
     ----------
@@ -69,18 +69,18 @@ def path_to_frontier(
     sources : Board
         The start cells of the search.
     rule : str
-        The move rule. Under "tilt", the path consists of tilts between stop cells and has the fewest tilts.
+        The move rule. Under "tilt", the path has the smallest possible number of tilts.
     mapping : bool
-        True for mapping, in which frontier cells are unknown. False for coverage, in which frontier cells are known to be free.
-        Only the rule "tilt" uses this argument.
+        True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free. Only
+        the rule "tilt" uses ``mapping``.
     ties : str
-        "column-major" (leftmost column first, top to bottom) or "row-major".
+        The order of cells of equal distance: "column-major" (leftmost column first, each column from top to bottom) or "row-major".
     neighbours : str
-        An order of the commands.
+        The order in which the search visits the neighbours of a cell, as command letters.
 
     Notes
     -----
-    Source: paper M, algorithm 3; tie rule: docs/concepts/policies.md.
+    Source: paper M, algorithm 3. The page docs/concepts/policies.md explains the rule for cells of equal distance.
 
     Examples
     --------
@@ -96,7 +96,10 @@ def path_to_frontier(
 def route_to_frontier(
     belief: Belief, sources: Board, *, rule: str, mapping: bool, ties: str, neighbours: str
 ) -> tuple[str, tuple[int, ...]]:
-    """Return the path of `path_to_frontier` and its start cell. Under the rule "tilt", the start cell has no meaning."""
+    """Return the path that `path_to_frontier` finds, and the start cell of the path.
+
+    Under the rule "tilt", the returned start cell has no meaning.
+    """
     layout = sources.layout
     space = search_of(layout, ties=ties, neighbours=neighbours, plan_size=len(belief.open) + 2)
     field = new_field(

@@ -1,4 +1,4 @@
-"""The interface of policies: a policy sees the belief and returns commands."""
+"""The interface of policies. A policy reads the belief and chooses the next commands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.swarm.grid.belief import Belief
 from shoal.swarm.grid.board import Board
 
 Decision = tuple[str, Any]
-"""Commands, and the memory for the next decision."""
+"""The result of one decision of a policy: commands, and the policy's memory for its next decision."""
 
 
 @dataclass(frozen=True)
@@ -21,15 +21,15 @@ class View:
     Parameters
     ----------
     belief : Belief
-        The belief of the task. The frontier of the belief contains the cells that must still be classified or covered.
+        The belief of the task. The belief's frontier contains the cells that the particles must still classify or cover.
     occupied : Board
-        The cells that hold particles now.
+        The cells that hold particles at the time of the decision.
     rule : str
-        The move rule.
+        The move rule: "block", "merge" or "tilt".
     mapping : bool
-        True for mapping, in which frontier cells are unknown. False for coverage, in which frontier cells are known to be free.
+        True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free.
     moves : int
-        Number of commands sent so far.
+        Number of commands sent since the start of the episode.
     travelled : int
         Distance that all particles together travelled during the last command, in cells.
     classified : int
@@ -47,16 +47,16 @@ class View:
 
 @runtime_checkable
 class Policy(Protocol):
-    """The interface of policies. `shoal.testing.check_policy` tests it.
+    """The interface of policies. `shoal.testing.check_policy` tests whether a policy follows the interface.
 
-    ``decide(view, memory, rng)`` returns ``(commands, memory)``. All commands are sent before the next decision, unless the task is
-    complete earlier. If the policy can make no progress, ``commands`` is an empty text. The memory is None at the first decision. A
-    policy object never changes. Therefore one object can serve many episodes.
+    ``decide(view, memory, rng)`` returns ``(commands, memory)``. Shoal sends all returned commands before the next decision, unless
+    the task is complete earlier. If the policy can make no progress, ``commands`` is an empty text. ``memory`` is None at the first
+    decision of an episode. A policy object never changes, so that one policy object can serve many episodes.
     """
 
     @property
     def name(self) -> str:
-        """Name of the policy with its options, for summaries and files."""
+        """Name of the policy with its options, as written in summaries and files."""
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next commands and the memory for the next decision."""
+        """Return the next commands, and the policy's memory for its next decision."""

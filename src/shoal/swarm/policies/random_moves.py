@@ -1,4 +1,4 @@
-"""Policy random-moves: each command is drawn uniformly at random."""
+"""Policy random-moves: draw each command uniformly at random."""
 
 from __future__ import annotations
 

@@ -22,11 +22,12 @@ class _Phase:
 class WallSweep(Compiled):
     """Move left to the wall. Alternate the commands up and right until no particle moves right. Then alternate down and left.
 
-    Repeat while cells are classified.
+    Repeat the cycle of moves up and down as long as each cycle classifies cells.
 
-    On a rectangle k cells tall, with k particles along its left wall (placement left-wall), the policy needs 4m/k moves for m free
-    cells. The policy is not suitable for other shapes. If a whole cycle classifies no cell, the policy stops, and the episode ends
-    as stalled. Source: paper D, section III.B.2.
+    On a rectangle of m free cells that is k cells
+    tall, the policy needs 4m/k moves. The k particles must start along the left wall (placement left-wall). The policy sweep is not
+    suitable for other shapes than rectangles. If a whole cycle classifies no cell, the policy stops, and the episode ends as
+    stalled. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"

@@ -1,6 +1,6 @@
-"""Closed-loop control of a real or simulated rig: send commands, and receive positions.
+"""Closed-loop control of a real or simulated rig: send commands, and receive the positions of particles.
 
-A *rig* is a device, or its simulation, that moves particles and observes their positions. Every policy works with every rig.
+A *rig* is a real or simulated device that moves particles and observes the particles' positions. Every policy works with every rig.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Mapping with a rig: run any policy in the same closed loop as simulations, and replay the log."""
+"""Mapping with a rig: run any policy on a rig, in the closed loop that simulations also use, and replay logs."""
 
 from __future__ import annotations
 
@@ -34,24 +34,26 @@ from shoal.swarm.simulation.loop import OnMoves, closed_loop
 
 @dataclass(frozen=True, eq=False)
 class Drive(WithTrace):
-    """The result of driving a rig. ``bool(drive)`` is true if the map is complete.
+    """The result of a run on a rig. ``bool(drive)`` is true if the map is complete.
 
     Parameters
     ----------
     policy : str
-        Name of the policy that ran. For the policy ``auto``, this is the name of the policy that ``auto`` chose.
+        Name of the policy that chose the commands. If the problem has the policy ``auto``, the field contains the name of the
+        selected policy.
     status : Status
     trace : Trace
-        The commands that were sent, and their effects.
+        All commands sent to the rig, with the effect of each command.
     belief : Belief
-        The belief about the map at the end.
+        The belief at the end of the run: the known state of each cell.
     cells : ndarray of int64, shape (n, ndim)
-        Estimated cells of the particles at the end.
+        Estimated cells of the particles at the end of the run.
     episode : SwarmEpisode or None
-        The run as an episode, for films, figures and verification. The workspace of the episode consists of the free cells that
-        were found. With noise, the episode also contains the scans. If no free cell was found, there is no episode (None).
+        The run as an episode, for films, figures and verification. The workspace of the episode consists of the free cells that the
+        particles found. If the rig has noise, the episode also contains the scans. If the particles found no free cell, ``episode``
+        is None.
     link : LinkCounts or None
-        Connection statistics of a remote rig.
+        Statistics of the connection to a remote rig, or None for other rigs.
     seconds : float
     """
 
@@ -69,17 +71,17 @@ class Drive(WithTrace):
 
     @property
     def reason(self) -> str:
-        """Return one sentence that explains the status."""
+        """Return one sentence that explains the status of the run."""
         rest = "" if self else f"; {len(self.belief.frontier)} frontier cells left"
         return f"{REASONS[self.status]} after {self.moves} moves{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
-        """Return the numbers of wrongly classified cells: walls classified as free, and free cells classified as walls.
+        """Return two numbers: obstacles that the run classified as free, and free cells that the run classified as obstacles.
 
         Raises
         ------
         InvalidInputError
-            If ``truth`` and the map of the rig have different shapes.
+            Raised if ``truth`` and the field of view of the rig have different shapes.
         """
         if truth.shape != self.belief.open.layout.shape:
             raise InvalidInputError(f"map: expected one of shape {self.belief.open.layout.shape}, got {truth.shape}")
@@ -88,29 +90,29 @@ class Drive(WithTrace):
 
 
 def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnMoves | None = None, **fields: Any) -> Drive:
-    """Map the workspace of a rig. The policy uses only the observed positions.
+    """Map the workspace of a rig. The policy knows no positions except those that the rig reports.
 
-    The rig gets a stop command at the end, even after an error or Ctrl-C.
+    At the end of the run, the function stops the rig, even after an error or Ctrl-C.
 
     Parameters
     ----------
     rig : Rig
     seed : int
-        Seed for policies with random decisions.
+        Seed of the random numbers, for policies with random decisions.
     log : DriveLog, optional
-        Log file. Each command and each scan is written immediately.
+        Log of the run. Shoal writes each command and each scan to the log immediately.
     on_moves : callable, optional
-        Function that is called with the progress.
+        Function that `drive` calls during the run, with the numbers of moves made and frontier cells left.
     **fields
-        Fields of `SwarmProblem` listed in `shoal.swarm.problem.DRIVEN`. If ``slip``, ``misplace`` or ``miss`` is given, no
-        observation counts as an error of the rig.
+        Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the valid fields. If ``slip``, ``misplace`` or
+        ``miss`` is given, wrong positions count as noise, and not as an error of the rig.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid.
+        Raised if an argument is invalid.
     RigError
-        If the rig does not answer, or its particles violate the move rule.
+        Raised if the rig does not answer, or if its particles violate the move rule.
 
     Examples
     --------
@@ -168,18 +170,18 @@ def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None 
 
 
 class _RecordedRuns:
-    """The runs of a log: equal commands up to the next scan."""
+    """Divides the commands of a log into runs: equal commands up to the next scan."""
 
     def __init__(self, rig: RecordedRig) -> None:
         self._rig, self._at = rig, 0
 
     @property
     def due(self) -> bool:
-        """Whether a scan followed the last run of commands in the log."""
+        """Whether the log contains a scan after the last run of commands."""
         return self._at in self._rig.scans
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run of commands; see `Decider`."""
+        """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
         commands, first = self._rig.commands, self._at
         if first == len(commands):
             return None
@@ -189,25 +191,25 @@ class _RecordedRuns:
         return commands[first], self._at - first
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Do nothing, because the log determines the scans."""
+        """Return true. The log determines the scans."""
         return True
 
 
 def replay_log(path: str | os.PathLike[str], *, trust: bool = False) -> tuple[Drive, Verification]:
-    """Replay the commands of a log, and compare the final map and the status with those in the log.
+    """Replay the commands of a log, and compare the final map and the status with the log.
 
     Parameters
     ----------
     path : path
     trust : bool
-        Whether a third-party task that the log names may run.
+        Whether Shoal may run a third-party task that the log names.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or not a log.
+        Raised if the file is missing, damaged or not a log.
     RigError
-        If the recorded positions violate the move rule.
+        Raised if the recorded positions violate the move rule.
     """
     rig = read_log(path, trust=trust)
     result = _driven(rig, rig.problem, seed=rig.seed)

@@ -1,4 +1,4 @@
-"""The log of a rig run: a file of JSON lines, written during the run. The function `replay_log` replays this file."""
+"""The log of a run on a rig: a file of JSON lines, written during the run. The function `replay_log` replays a log."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ LARGEST_LOG = 2**31  # bytes
 
 
 class DriveLog:
-    """A log that is written line by line, so that a crash loses no line that was already recorded.
+    """A log file that is written line by line. A crash of the process loses no recorded line.
 
-    The file is created when the rig reports its first positions.
+    The log file is created when the rig reports its first positions.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class DriveLog:
     Raises
     ------
     OutputError
-        If the file exists already or cannot be written.
+        Raised if the log file already exists, or if Shoal cannot write the file.
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
@@ -54,7 +54,7 @@ class DriveLog:
         self._waiting: list[dict[str, Any]] = []
 
     def begin(self, rig: Rig, problem: SwarmProblem, *, policy: str, seed: int) -> None:
-        """Write the header: the rig, the problem, the policy and the seed."""
+        """Write the header of the log: the rig, the problem, the policy and the seed."""
         try:
             self._file = self.path.open("x", encoding="utf-8", buffering=1)
         except OSError as error:
@@ -67,15 +67,15 @@ class DriveLog:
             self._write(entry)
 
     def command(self, move: int, command: str) -> None:
-        """Record that a command is about to be sent."""
+        """Record a command just before it is sent."""
         self._write({"kind": "command", "move": move, "command": command, "time": self._time()})
 
     def scan(self, move: int, cells: NDArray[np.int64]) -> None:
-        """Record the cells of a scan."""
+        """Record the cells in which a scan showed particles."""
         self._write({"kind": "scan", "move": move, "cells": cells.tolist(), "time": self._time()})
 
     def event(self, what: str, details: dict[str, Any]) -> None:
-        """Record an event of the connection, such as its loss."""
+        """Record an event of the connection, such as the loss of the connection."""
         entry = {"kind": "event", "event": what} | details
         if self._file is None:
             self._waiting.append(entry)
@@ -83,7 +83,7 @@ class DriveLog:
             self._write(entry | {"time": self._time()})
 
     def end(self, status: Status, *, moves: int, belief: Belief | None) -> None:
-        """Record the status, and a digest of the map unless the run was interrupted. Close the file."""
+        """Record the status at the end of the run and, unless the run was interrupted, a digest of the map. Close the log file."""
         if self._file is None:
             return
         found = {} if belief is None else {"moves": moves} | map_digest(belief)
@@ -102,7 +102,7 @@ class DriveLog:
 
 
 def map_digest(belief: Belief) -> dict[str, Any]:
-    """Return a digest of the map: the numbers of cells of each state, and a checksum of the belief about each cell."""
+    """Return a digest of a final belief: the numbers of free cells and obstacles, and a checksum of the states of all cells."""
     return {
         "free": len(belief.open),
         "obstacles": len(belief.obstacles),
@@ -163,27 +163,27 @@ _ANY: TypeAdapter[_Header | _Command | _Scan | _Event | _End] = TypeAdapter(
 
 @dataclass
 class RecordedRig:
-    """A rig that plays back a log: it accepts the recorded commands and returns the recorded scans.
+    """A rig that plays back a log. The recorded rig accepts the recorded commands and returns the recorded scans.
 
     Parameters
     ----------
     name : str
         Name of the recorded rig.
     shape : tuple of int
-        Shape of the rig's field of view in cells.
+        Shape of the recorded rig's field of view, in cells.
     problem : SwarmProblem
-        The problem with which the rig was driven.
+        The problem of the recorded run.
     policy : str
-        The policy that ran.
+        Name of the policy that chose the commands.
     seed : int
     commands : str
-        The recorded commands before the last scan. Later commands are left out.
+        The recorded commands before the last scan. Commands after the last scan are omitted.
     scans : dict
-        Observed cells of each scan. The keys are the numbers of commands before the scans.
+        The cells in which each scan showed particles. The key of a scan is the number of commands before the scan.
     events : list of dict
-        Events on the connection.
+        Recorded events of the connection, such as the loss of the connection.
     ended : dict or None
-        The last line of the log, or None if the log is truncated.
+        The last line of the log, which contains the status. ``ended`` is None if the log is truncated.
     """
 
     name: str
@@ -199,16 +199,16 @@ class RecordedRig:
 
     @property
     def rule(self) -> str:
-        """The move rule of the rig."""
+        """The move rule of the recorded rig."""
         return self.problem.rule
 
     def send(self, command: str) -> None:
-        """Accept a command, which must be the next command of the log.
+        """Accept a command. The command must be the next command of the log.
 
         Raises
         ------
         RigError
-            If the command differs from the recorded command.
+            Raised if the command differs from the next command of the log.
         """
         if self._at >= len(self.commands) or self.commands[self._at] != command:
             there = self.commands[self._at : self._at + 1] or "the end"
@@ -216,7 +216,7 @@ class RecordedRig:
         self._at += 1
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells that the recorded rig observed after the commands sent so far."""
+        """Return the cells that the recorded rig observed after an equal number of commands."""
         if self._at not in self.scans:
             raise RigError(f"the log: expected a scan after move {self._at}, got none")
         return np.array(self.scans[self._at], dtype=np.int64).reshape(-1, len(self.shape))
@@ -226,14 +226,14 @@ class RecordedRig:
 
 
 def read_log(path: str | os.PathLike[str], *, trust: bool = False) -> RecordedRig:
-    """Read a log. An incomplete last line, for example after a power failure, is ignored.
+    """Read a log file. Ignore an incomplete last line, which a power failure may leave.
 
-    A third-party task runs only if ``trust`` is true.
+    If ``trust`` is false, refuse a log with a third-party task.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged or not a log. The message names the line.
+        Raised if the file is missing, damaged or not a log. The error message contains the number of the wrong line.
     """
     source = Path(path)
     check_file(source, what="log", most=LARGEST_LOG)

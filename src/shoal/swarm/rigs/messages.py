@@ -1,8 +1,8 @@
-"""Messages between Shoal and a rig, protocol version 1: one JSON object per line, with a checksum as its last member.
+"""Messages between Shoal and a rig (protocol version 1). Each message is one line: a JSON object that ends with a checksum.
 
-Requests are numbered consecutively. A rig that receives a request number again repeats its answer, but does not act again.
-Therefore a rig never carries out a request twice, even if the request is repeated after a lost connection. docs/concepts/rigs.md
-describes every message.
+Shoal numbers its requests consecutively. A rig that receives a request number again repeats its answer, but does not act again.
+Therefore a rig never carries out a request twice, even if Shoal repeats the request after a lost connection. The page
+docs/concepts/rigs.md describes every message.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ _CRC = re.compile(rb',"crc":"([0-9a-f]{8})"}$')
 
 
 class _Message(BaseModel):
-    """Base class of all messages. Unknown members of a message are ignored, so that rigs may send additional members."""
+    """Base class of all messages. Shoal ignores unknown members of a message, so that rigs may send additional members."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, strict=True)
 
 
 class Hello(_Message):
-    """Begin a session with a rig, or resume it after a lost connection."""
+    """Request to begin a session with a rig, or to resume a session after a lost connection."""
 
     type: Literal["hello"] = "hello"
     protocol: int = PROTOCOL
@@ -36,7 +36,7 @@ class Hello(_Message):
 
 
 class Command(_Message):
-    """Move all particles by one command, a letter of ``lurd`` (``lurdio`` in 3-D)."""
+    """Request to move all particles by one command: a letter of ``lurd`` in 2-D, or of ``lurdio`` in 3-D."""
 
     type: Literal["command"] = "command"
     seq: Annotated[int, Field(ge=1)]
@@ -44,20 +44,20 @@ class Command(_Message):
 
 
 class Observe(_Message):
-    """Request the positions of the particles."""
+    """Request to observe all particles and report their positions."""
 
     type: Literal["observe"] = "observe"
     seq: Annotated[int, Field(ge=1)]
 
 
 class Stop(_Message):
-    """Stop all motion at once and refuse further commands in this session."""
+    """Request to stop all motion at once. After a stop, the rig refuses further commands of the session."""
 
     type: Literal["stop"] = "stop"
 
 
 class Welcome(_Message):
-    """Answer to hello: the description of the rig, and the number of the last request that the rig carried out."""
+    """Answer of a rig to hello: a description of the rig, and the number of the last request that the rig carried out."""
 
     type: Literal["welcome"] = "welcome"
     protocol: int
@@ -69,14 +69,14 @@ class Welcome(_Message):
 
 
 class Done(_Message):
-    """Answer to a command: the command has been carried out."""
+    """Answer of a rig to a command: the rig has carried out the command."""
 
     type: Literal["done"] = "done"
     seq: int
 
 
 class Positions(_Message):
-    """Answer to observe: the cells of the particles."""
+    """Answer of a rig to observe: the cells of all observed particles."""
 
     type: Literal["positions"] = "positions"
     seq: int
@@ -84,19 +84,19 @@ class Positions(_Message):
 
 
 class Stopped(_Message):
-    """Answer to stop."""
+    """Answer of a rig to stop: the rig has stopped."""
 
     type: Literal["stopped"] = "stopped"
 
 
 class Again(_Message):
-    """Report that the last line was damaged, and request this line again."""
+    """Message that the last line arrived damaged, and that the sender must repeat the line."""
 
     type: Literal["again"] = "again"
 
 
 class Refusal(_Message):
-    """The answer of a rig that cannot carry out the request. The text gives the reason."""
+    """Answer of a rig that cannot carry out a request. The member ``text`` gives the reason."""
 
     type: Literal["error"] = "error"
     seq: int | None = None
@@ -108,9 +108,9 @@ _ANY: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator=
 
 
 def encode_message(message: Message) -> bytes:
-    r"""Return the line of a message, which consists of JSON with a checksum, and a newline.
+    r"""Return a message as a line of bytes: a JSON object with a checksum, and a newline.
 
-    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, in eight hexadecimal digits.
+    The checksum is the CRC-32 (as in zlib) of all bytes of the line before ``,"crc":``, written with eight hexadecimal digits.
 
     Examples
     --------
@@ -122,13 +122,13 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(line: bytes) -> Message | None:
-    """Return the message of a line, or None if the line is damaged.
+    """Return the message in a line of bytes, or None if the line is damaged.
 
     Raises
     ------
     InvalidInputError
-        If the line has a correct checksum but is not a message of this protocol, which is a fault of the rig and not of the
-        connection.
+        Raised if the line has a correct checksum, but contains no message of the protocol. Such a line shows a fault of the rig,
+        and not of the connection.
     """
     line = line.strip()
     found = _CRC.search(line)

@@ -1,4 +1,4 @@
-"""The interface of rigs: devices that carry out commands and observe particles."""
+"""The interface of rigs: devices that carry out commands and observe the positions of particles."""
 
 from __future__ import annotations
 
@@ -10,28 +10,28 @@ from numpy.typing import NDArray
 
 @runtime_checkable
 class Rig(Protocol):
-    """A device, or its simulation, that moves particles and observes them.
+    """A real or simulated device that moves particles and observes the particles' positions.
 
-    A rig is at rest between two commands, so that a policy may compute for any time.
+    A rig is at rest between two commands. Therefore a policy may take any time to compute a command.
     """
 
     @property
     def name(self) -> str:
-        """Name for summaries and files."""
+        """Name of the rig, as written in summaries and files."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape (rows, columns) or (layers, rows, columns) of the field of view, in cells."""
+        """Shape of the rig's field of view in cells: (rows, columns) or (layers, rows, columns)."""
 
     @property
     def rule(self) -> str:
         """The rig's move rule: "block", "merge" or "tilt"."""
 
     def send(self, command: str) -> None:
-        """Carry out one command once. A command is a letter of ``lurd`` (``lurdio`` in 3-D)."""
+        """Carry out one command: a letter of ``lurd`` in 2-D, or a letter of ``lurdio`` in 3-D."""
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells of the particles; int64, shape (n, ndim)."""
+        """Return the cells of all observed particles (int64, shape (n, ndim))."""
 
     def stop(self) -> None:
-        """Stop all motion at once and refuse further commands."""
+        """Stop all motion at once. After `stop`, the rig refuses further commands."""

@@ -1,4 +1,4 @@
-"""A remote rig over an unreliable connection. The connection may be lost, and may damage messages."""
+"""A remote rig behind an unreliable connection. The connection may break, and may damage messages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ from shoal.swarm.rigs.messages import (
 from shoal.swarm.rigs.transports import ConnectionCutError, Transport, open_transport
 
 OnEvent = Callable[[str, dict[str, Any]], None]
-"""Function that is called with connection events ("cut", "reconnected", "damaged" or "resent") and their details."""
+"""Function that `RemoteRig` calls for an event: "cut", "reconnected", "damaged" or "resent", and the details of the event."""
 REPEAT_AFTER, END_AFTER = 5.0, 60.0  # seconds
 FIRST_PAUSE, LONGEST_PAUSE = 0.02, 1.0  # seconds between two attempts to reconnect
 STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
@@ -43,16 +43,16 @@ STOP_EVERY = 0.5  # seconds between two stop commands until the rig confirms one
 
 @dataclass
 class LinkCounts:
-    """Statistics of a connection.
+    """Statistics of the connection to a remote rig.
 
     Parameters
     ----------
     requests, resent : int
-        Number of requests, and number of repeated requests.
+        ``requests`` is the number of requests, and ``resent`` is the number of repetitions of requests.
     damaged : int
-        Number of lines with a wrong checksum, as received by Shoal or reported by the rig.
+        Number of damaged lines (lines with a wrong checksum) that Shoal received or the rig reported.
     reconnects : int
-        Number of reconnections after a lost connection.
+        Number of times that Shoal opened a lost connection again.
     """
 
     requests: int = 0
@@ -62,31 +62,34 @@ class LinkCounts:
 
 
 class RemoteRig:
-    """A rig that uses the protocol of `shoal.swarm.rigs.messages` over a connection.
+    """A remote rig, which exchanges the messages of `shoal.swarm.rigs.messages` with Shoal over a connection.
 
-    Requests are numbered. An unanswered request is repeated under the same number. After ``end_after`` seconds of silence an error
-    is raised. A lost connection is opened again, and the session continues. A rig carries out each request number only once.
+    Shoal numbers its requests, and repeats an unanswered request without changing its number. The rig carries out a request once,
+    even if Shoal repeats the request. After ``end_after`` seconds without an answer, Shoal raises an error. If the connection is
+    lost, Shoal opens it again and continues the session.
 
     Parameters
     ----------
     transport : Transport
     repeat_after : float
-        Seconds to wait for an answer before the request is repeated.
+        Time without an answer after which Shoal repeats a request, in seconds.
     end_after : float
-        Seconds without an answer after which the rig counts as lost. The time without a connection is included.
+        Time without an answer after which the rig counts as lost, in seconds. The time without a connection also counts as time
+        without an answer.
     on_event : callable, optional
-        Function that is called with connection events.
+        Function that the object calls with the events of the connection.
     session : str, optional
-        Session identifier. The default is a random word.
+        Identifier of the session. The default identifier is a random word.
 
     Raises
     ------
     RigError
-        If the rig does not answer or uses another protocol version.
+        Raised if the rig does not answer, or if the rig uses another version of the protocol.
 
     Notes
     -----
-    The object is a context manager that closes the connection at the end. Only `stop` stops the rig.
+    A `RemoteRig` is a context manager that closes the connection at the end of the ``with`` block. Closing the connection does not
+    stop the rig; the method `stop` does.
     """
 
     def __init__(
@@ -109,12 +112,12 @@ class RemoteRig:
 
     @property
     def name(self) -> str:
-        """The rig's own name."""
+        """Name of the rig, as reported by the rig."""
         return self._welcome.name
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the rig's field of view in cells."""
+        """Shape of the rig's field of view, in cells."""
         return tuple(self._welcome.shape)
 
     @property
@@ -129,18 +132,18 @@ class RemoteRig:
         self.close()
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection to the rig."""
         self.transport.close()
 
     def send(self, command: str) -> None:
-        """Send one command, and wait until the rig has carried it out.
+        """Send one command, and wait until the rig has carried out the command.
 
         Raises
         ------
         InvalidInputError
-            If the letter is not a command.
+            Raised if ``command`` is not a command letter.
         RigError
-            If the rig does not answer or refuses the command.
+            Raised if the rig does not answer, or if the rig refuses the command.
         """
         if len(command) != 1 or command not in letters_of(len(self.shape)):
             raise InvalidInputError(f"expected one command out of {letters_of(len(self.shape))!r}, got {command!r}")
@@ -148,12 +151,12 @@ class RemoteRig:
         self._ask(Command(seq=self._seq, command=command), Done)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells of the particles; int64, shape (n, ndim).
+        """Return the cells of all observed particles (int64, shape (n, ndim)).
 
         Raises
         ------
         RigError
-            If the rig does not answer, or its answer has invalid cells.
+            Raised if the rig does not answer, or if the answer of the rig contains invalid cells.
         """
         self._seq += 1
         answer = self._ask(Observe(seq=self._seq), Positions)
@@ -163,12 +166,12 @@ class RemoteRig:
             raise RigError(str(error)) from None
 
     def stop(self) -> None:
-        """Stop the rig, even after an error. The request to stop is repeated until the rig confirms the stop.
+        """Stop the rig, even after an error. Repeat the stop request until the rig confirms the stop.
 
         Raises
         ------
         RigError
-            If the rig does not confirm the stop within ``end_after`` seconds.
+            Raised if the rig does not confirm the stop within ``end_after`` seconds.
         """
         until, pause = time.monotonic() + self.end_after, FIRST_PAUSE
         while time.monotonic() < until:
@@ -183,12 +186,12 @@ class RemoteRig:
         raise RigError(f"{self.transport.name}: the rig has not confirmed the stop command within {self.end_after:g} s")
 
     def _messages(self, timeout: float) -> Iterator[Message | None]:
-        """Yield the messages that arrive in time, and None for each damaged message.
+        """Yield the messages that arrive within ``timeout`` seconds, and None for each damaged message.
 
         Raises
         ------
         RigError
-            If an undamaged line is not a message of the protocol.
+            Raised if an undamaged line is not a message of the protocol.
         """
         until = time.monotonic() + timeout
         while (left := until - time.monotonic()) > 0:
@@ -202,7 +205,7 @@ class RemoteRig:
                     raise RigError(f"{self.transport.name}: {error}") from None
 
     def _stopped(self, timeout: float) -> bool:
-        """Wait until the rig confirms the stop. Return False if the stop must be repeated. Other messages are ignored."""
+        """Wait until the rig confirms the stop. Return False if Shoal must repeat the stop request. Ignore all other messages."""
         try:
             for message in self._messages(timeout):
                 if isinstance(message, Stopped | Again):
@@ -212,7 +215,7 @@ class RemoteRig:
         return False
 
     def _ask(self, request: Command | Observe, kind: type[Any]) -> Any:
-        """Send a request and repeat it until the rig answers."""
+        """Send a request, and repeat the request until the rig answers."""
         self.counts.requests += 1
         self._heard = time.monotonic()
         while True:
@@ -231,7 +234,7 @@ class RemoteRig:
             self.on_event("resent", {"seq": request.seq})
 
     def _answer(self, seq: int) -> Any:
-        """Return the answer to a request, or None if the request must be repeated."""
+        """Return the rig's answer to a request, or None if Shoal must repeat the request."""
         for message in self._messages(self.repeat_after):
             if message is None or isinstance(message, Again):
                 self.counts.damaged += 1
@@ -259,7 +262,7 @@ class RemoteRig:
         self.on_event("reconnected", {"seq": self._seq})
 
     def _reopen(self, pause: float) -> float:
-        """Wait, try once to open the connection again, and return the next waiting time."""
+        """Wait ``pause`` seconds, try once to open the connection again, and return the next waiting time in seconds."""
         self.transport.close()
         time.sleep(pause)
         try:
@@ -269,7 +272,7 @@ class RemoteRig:
         return FIRST_PAUSE
 
     def _connect(self, *, new: bool) -> Welcome:
-        """Open the connection and say hello until the rig answers."""
+        """Open the connection, and send hello messages until the rig answers."""
         pause = FIRST_PAUSE
         while True:
             why = ""
@@ -289,7 +292,7 @@ class RemoteRig:
             pause = min(2 * pause, LONGEST_PAUSE)
 
     def _greet(self) -> Welcome | None:
-        """Say hello. Return the answer, or None on timeout."""
+        """Send a hello message, and return the rig's answer. If no answer arrives in time, return None."""
         for _ in range(3):
             self.transport.write(b"\n" + encode_message(Hello(session=self._session)))
             for message in self._messages(self.repeat_after):
@@ -301,7 +304,7 @@ class RemoteRig:
         return None
 
     def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:
-        """Check that the answer comes from the expected rig and session."""
+        """Check that the answer to hello comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got {welcome.protocol}")
         if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > MAX_CELLS:
@@ -328,19 +331,19 @@ def open_rig(
     Parameters
     ----------
     spec : str
-        ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line has 115200 baud. The spec may end with
-        another speed, as in ``serial:/dev/ttyUSB0@9600``. A command is a program that uses the protocol on its standard input and
-        output.
+        Address of the rig: ``serial:/dev/ttyUSB0``, ``tcp:HOST:PORT``, or ``exec:COMMAND``. A serial line runs at 115200 baud. The
+        address of a serial line may end with another speed in baud, as in ``serial:/dev/ttyUSB0@9600``. ``COMMAND`` starts a
+        program that exchanges the messages of the protocol on its standard input and output.
     repeat_after, end_after, on_event
-        Options of `RemoteRig`.
+        Options of the class `RemoteRig`.
 
     Raises
     ------
     InvalidInputError
-        If the spec has none of these forms.
+        Raised if the address has another form.
     MissingExtraError
-        If pyserial is not installed (``pip install 'shoal[serial]'``) and the rig is on a serial line.
+        Raised if the rig is on a serial line, and pyserial is not installed (``pip install 'shoal[serial]'``).
     RigError
-        If the rig does not answer, or uses another protocol version.
+        Raised if the rig does not answer, or if the rig uses another version of the protocol.
     """
     return RemoteRig(open_transport(spec), repeat_after=repeat_after, end_after=end_after, on_event=on_event)

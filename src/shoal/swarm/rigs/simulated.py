@@ -1,4 +1,4 @@
-"""Simulated rigs, without and with noise."""
+"""Simulated rigs with noise and without noise."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.swarm.noise.simulated import truth_of
 
 
 class SimulatedRig:
-    """Simulated particles in a workspace. This rig moves and observes particles without errors.
+    """A simulated rig without noise: it moves and observes particles in a workspace without errors.
 
     Parameters
     ----------
@@ -44,21 +44,21 @@ class SimulatedRig:
 
     @property
     def name(self) -> str:
-        """Name of the workspace."""
+        """Name of the rig: the name of the simulated workspace."""
         return self._world.workspace.name
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the workspace."""
+        """Shape of the simulated workspace, in cells."""
         return self._world.workspace.shape
 
     @property
     def rule(self) -> str:
-        """The move rule."""
+        """Name of the move rule: "block", "merge" or "tilt"."""
         return self._world.rule
 
     def send(self, command: str) -> None:
-        """Carry out one command."""
+        """Move all particles by one command."""
         if self._stopped:
             raise RigError("the simulated rig has been stopped")
         self._move(command)
@@ -67,18 +67,18 @@ class SimulatedRig:
         self._state = self._world.step(self._state, command)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells of the particles; int64, shape (n, ndim)."""
+        """Return the cells of all particles (int64, shape (n, ndim))."""
         return self._state.cells
 
     def stop(self) -> None:
-        """Refuse all further commands."""
+        """Stop the rig. A stopped rig refuses all further commands."""
         self._stopped = True
 
 
 class NoisyRig(SimulatedRig):
-    """A simulated rig with noise under the move rule block. Particles may slip, stay unseen, or appear in a neighbouring cell.
+    """A simulated rig with noise, under the move rule block. Particles may slip, remain unseen, or appear in a neighbouring cell.
 
-    Each scan draws new errors.
+    Each call of `observe` draws new random errors.
 
     Parameters
     ----------
@@ -107,9 +107,10 @@ class NoisyRig(SimulatedRig):
         noisy_state.move_noisy(self._noisy, encode(command, ndim=len(self.shape))[0], self._rng)
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which particles are observed; int64, shape (k, ndim).
+        """Return the cells in which the rig observes particles (int64, shape (k, ndim)).
 
-        Cells of the rim have the row -1 or H, or the column -1 or W.
+        Particles may also appear in rim cells outside the workspace. In a workspace of H rows and W columns, a rim cell has the row
+        -1 or H, or the column -1 or W.
         """
         noisy_state.look(self._noisy, self._rng)
         return np.argwhere(inner_of(self._noisy.seen, self.shape, rim=1)) - 1

@@ -1,4 +1,4 @@
-"""The particles of a rig in the closed loop. The observed positions of the particles update the belief."""
+"""The particles of a rig in the closed loop: the positions that the rig observes update the belief."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ NOISY = "if particles slip or are observed wrongly, give the probabilities slip,
 
 
 class RigSwarm(ABC):
-    """The particles of a rig in the closed loop; see `shoal.swarm.simulation.loop.Controlled`.
+    """Base class of the swarms that the closed loop controls on a rig.
 
     Parameters
     ----------
     rig : Rig
-        The rig, which is observed once at the start.
+        The rig. The constructor observes the particles of the rig once.
 
     Attributes
     ----------
     belief : Belief
     state : SwarmState
-        Observed or estimated cells of the particles.
+        Observed or estimated cells of all particles.
     start : ndarray of int64, shape (n, ndim)
-        The first positions.
+        Cells of the particles at the start.
     first_frontier : int
         Number of frontier cells at the start.
     moves : int
-        Number of commands sent.
+        Number of commands sent to the rig.
     log : DriveLog, optional
-        Log of all commands and scans.
+        Log to which the object writes all commands and scans.
     """
 
     belief: Belief
@@ -60,30 +60,31 @@ class RigSwarm(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether no particle can classify a further frontier cell."""
+        """Whether the particles can classify no more frontier cell."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """Update the belief after ``steps`` equal commands without a scan, and return the same entries as `update`.
+        """Update the belief after ``steps`` equal commands without a scan.
 
-        If a scan is necessary, return None and change nothing.
+        Return the trace entries of each command, as `update` does. If a scan is necessary, return None and leave the belief
+        unchanged.
         """
 
     @abstractmethod
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Update the belief with a scan after ``steps`` equal commands.
+        """Update the belief with the result ``cells`` of a scan after ``steps`` equal commands.
 
-        Return (classified, frontier, travelled) for each command.
+        Return the trace entries (classified, frontier, travelled) of each command.
         """
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells in which the rig observes particles; int64, shape (n, ndim)."""
+        """Return the cells in which the rig observes particles (int64, shape (n, ndim))."""
         return check_cells(self.rig.observe(), self.rig.shape, what="positions")
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send a run of equal commands, and observe the particles unless the outcome is certain.
+        """Send a run of ``steps`` equal commands. Observe the particles if ``scan`` is true or the outcome is uncertain.
 
-        Return the entries of the trace, and whether the particles were observed.
+        Return the trace entries of each command, and whether the rig observed the particles.
         """
         for _ in range(steps):
             self.moves += 1
@@ -100,13 +101,13 @@ class RigSwarm(ABC):
 
 
 class ExactRigSwarm(RigSwarm):
-    """The particles of a rig that always reports correct positions.
+    """The particles of a rig without noise. Such a rig always reports correct positions.
 
     Raises
     ------
     RigError
-        If no positions are observed, or a position is outside the field of view. Also if the commands cannot explain the change of
-        the positions between two observations.
+        Raised if the rig observes no particles, or if a position lies outside the field of view. Also raised if the commands cannot
+        explain the change of the positions between two observations.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -119,11 +120,14 @@ class ExactRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether the frontier is empty."""
+        """Whether the belief has no frontier cells left."""
         return self.belief.complete
 
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """See `RigSwarm`. The outcome is certain if no particle tries to enter an unknown cell."""
+        """Update the belief without a scan if no particle tries to enter an unknown cell.
+
+        If a particle tries to enter an unknown cell, a scan is necessary: return None.
+        """
         state, code = self.state, self._code(command)
         for _ in range(self._pushes(steps)):
             if state.occupied.shifted(command) - self.belief.known:
@@ -134,12 +138,12 @@ class ExactRigSwarm(RigSwarm):
         return self.update(command, steps, state.cells)
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """See `RigSwarm`.
+        """Update the belief with a scan after ``steps`` equal commands.
 
         Raises
         ------
         RigError
-            If the commands cannot explain the observed positions.
+            Raised if the commands cannot explain the change of the observed positions.
         """
         after, rows = self._state_at(cells), []
         try:
@@ -173,7 +177,7 @@ class ExactRigSwarm(RigSwarm):
         return SwarmState.of_cells(self.layout, cells, shared=self.rule == "merge")
 
     def _check(self, belief: Belief, code: int, after: SwarmState) -> None:
-        """Refuse positions that the previous positions and the cells known to be free do not explain."""
+        """Refuse positions that do not follow from the previous positions and the known free cells."""
         should = pushed(self.layout, belief.open.words, self.state, code, self.rule)
         wrong = should.occupied ^ after.occupied
         if wrong or should != after:
@@ -187,7 +191,7 @@ class ExactRigSwarm(RigSwarm):
 
 
 class NoisyRigSwarm(RigSwarm):
-    """The particles of a rig whose positions may be wrong.
+    """The particles of a rig with noise. Such a rig may report wrong positions.
 
     Parameters
     ----------
@@ -198,7 +202,7 @@ class NoisyRigSwarm(RigSwarm):
     Attributes
     ----------
     observations : list of ndarray of int64, shape (k, ndim)
-        Observed cells of each scan.
+        Cells in which each scan showed particles.
     """
 
     def __init__(self, rig: Rig, noise: Noise, confidence: float) -> None:
@@ -210,18 +214,18 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether no particle can reach a further frontier cell."""
+        """Whether the particles can reach no more frontier cell."""
         return self._noisy.finished
 
     def predict(self, command: str, steps: int) -> list[Row]:
-        """See `RigSwarm`. The estimated positions of the particles change, and no cell is classified."""
+        """Update the estimated positions of the particles after ``steps`` commands without a scan. Do not classify any cell."""
         for _ in range(steps):
             self._noisy.spread(command)
         self._take_over()
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """See `RigSwarm`. The travelled distance is unknown, and is reported as 0."""
+        """Update the belief with a scan after ``steps`` equal commands. Report 0 as the travelled distance, which is unknown."""
         rows = self.predict(command, steps - 1)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)

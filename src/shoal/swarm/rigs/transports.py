@@ -1,6 +1,6 @@
 """Connections to a rig: a serial port, TCP, or a program's standard input and output.
 
-A connection transmits lines of text, and may be lost at any time.
+A connection transmits lines of text. A connection may break at any time.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ WRITING = 5.0  # seconds after which a blocked write counts as a lost connection
 
 
 class ConnectionCutError(Exception):
-    """The connection was lost."""
+    """Raised if the connection to a rig is lost."""
 
 
 class Transport(ABC):
-    """A connection that can be reopened after a loss.
+    """A connection to a rig. A lost connection can be opened again.
 
     Parameters
     ----------
     name : str
-        Name of the connection in messages.
+        Name of the connection in error messages.
     """
 
     def __init__(self, name: str) -> None:
@@ -46,18 +46,21 @@ class Transport(ABC):
         self._pending = b""
 
     def open(self) -> None:
-        """Open the connection, or raise ConnectionCutError."""
+        """Open the connection. Raise ConnectionCutError if the connection cannot be opened."""
         self._pending = b""
         with _cuts():
             self._open()
 
     def write(self, data: bytes) -> None:
-        """Send bytes, or raise ConnectionCutError."""
+        """Send bytes. Raise ConnectionCutError if the connection is lost."""
         with _cuts():
             self._write(data)
 
     def read(self, timeout: float) -> bytes | None:
-        """Return the next line without its newline, or None after ``timeout`` seconds, or raise ConnectionCutError."""
+        """Return the next line without its newline, or None after ``timeout`` seconds.
+
+        Raise ConnectionCutError if the connection is lost.
+        """
         until = time.monotonic() + timeout
         while b"\n" not in self._pending:
             if len(self._pending) > LONGEST_LINE:
@@ -79,16 +82,16 @@ class Transport(ABC):
 
     @abstractmethod
     def _read(self, timeout: float) -> bytes:
-        """Return the bytes received, or b"" on timeout."""
+        """Return the bytes received. If no bytes arrive within ``timeout`` seconds, return b""."""
 
     @abstractmethod
     def close(self) -> None:
-        """Close the connection in any state."""
+        """Close the connection. Do nothing if the connection is not open."""
 
 
 @contextmanager
 def _cuts() -> Iterator[None]:
-    """Convert the operating system's errors for lost connections to ConnectionCutError."""
+    """Convert the operating system's errors for lost connections, raised inside the ``with`` block, to ConnectionCutError."""
     try:
         yield
     except (OSError, EOFError, ValueError) as error:  # ValueError: the pipe is already closed
@@ -96,19 +99,19 @@ def _cuts() -> Iterator[None]:
 
 
 def _opened(end: T | None) -> T:
-    """Return one end of an open connection. A closed connection counts as lost."""
+    """Return one end of an open connection. If the connection is closed, raise the error of a lost connection."""
     if end is None:
         raise EOFError("the connection is not open")
     return end
 
 
 class SerialTransport(Transport):
-    """A serial port, which the library pyserial opens.
+    """A connection by a serial port, which the library pyserial opens.
 
     Parameters
     ----------
     device : str
-        Device name such as ``/dev/ttyUSB0``. If the device disappears and returns under the same name, the connection continues.
+        Device name such as ``/dev/ttyUSB0``. If the device disappears and returns with an unchanged name, the connection continues.
     baud : int
     """
 
@@ -135,14 +138,14 @@ class SerialTransport(Transport):
         return first + bytes(port.read(port.in_waiting)) if first else b""
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the serial port."""
         if self._port is not None:
             with suppress(OSError):
                 self._port.close()
 
 
 class TcpTransport(Transport):
-    """A TCP connection.
+    """A connection by TCP.
 
     Parameters
     ----------
@@ -174,18 +177,18 @@ class TcpTransport(Transport):
         return data
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the TCP connection."""
         if self._socket is not None:
             self._socket.close()
 
 
 class ProcessTransport(Transport):
-    """A program's standard input and output. This object starts the program, and starts it again if it ends.
+    """A connection by a program's standard input and output. The object starts the program, and restarts a program that has ended.
 
     Parameters
     ----------
     command : str
-        Program and arguments, quoted as for a shell. No shell is used.
+        Program and arguments, quoted as for a shell. The program starts without a shell.
     """
 
     def __init__(self, command: str) -> None:
@@ -214,7 +217,7 @@ class ProcessTransport(Transport):
         return data
 
     def close(self) -> None:
-        """Close the program's input, wait for a short time, and then terminate the program."""
+        """Close the standard input of the program, wait for a short time, and then terminate the program."""
         if self._child is None:
             return
         if self._child.stdin is not None:
@@ -231,7 +234,7 @@ class ProcessTransport(Transport):
 
 
 def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
-    """Forward received bytes. b"" marks the end."""
+    """Forward bytes from a pipe to a queue. At the end of the pipe, put b"" into the queue."""
     with suppress(OSError, ValueError):
         while data := pipe.read(CHUNK):
             came.put(data)
@@ -239,7 +242,7 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
 
 
 def open_transport(spec: str) -> Transport:
-    """Return the connection that ``spec`` names, not yet opened; see `shoal.swarm.rigs.open_rig`.
+    """Return the connection for an address, not yet opened. `shoal.swarm.rigs.open_rig` explains the addresses.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The closed loop in compiled code for built-in policies.
 
-The compiled loop gives the same result as the Python loop, move by move.
+The compiled closed loop and the Python closed loop give equal results, move by move.
 """
 
 from __future__ import annotations
@@ -41,27 +41,30 @@ NOISY_PIECE = 256  # moves with noise between two points at which progress is sh
 
 
 class Game(Protocol):
-    """The state of a policy that runs in compiled code. Each call of `play_on` fills one trace."""
+    """An episode that runs in compiled code, piece by piece.
+
+    Each call of `play_on` computes one piece of the episode and fills a trace.
+    """
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Continue until the trace is full or the episode ends, for at most ``limit`` moves. Return (moves, status code)."""
+        """Play at most ``limit`` moves, until the trace is full or the episode ends. Return (number of moves, status code)."""
 
     @property
     def remaining(self) -> int:
-        """Number of frontier cells left."""
+        """Number of frontier cells left in the belief."""
 
     @property
     def largest(self) -> int:
-        """Maximum number of moves that one call may compute."""
+        """Maximum number of moves that one call of `play_on` may compute."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode at its maximum number of moves. Add a last scan if a run of commands is interrupted."""
+        """Return the status of an episode at its maximum number of moves. If a run of commands is interrupted, add a last scan."""
 
 
 def compiled_loop(
     game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
 ) -> tuple[Trace, Status]:
-    """Run an episode in compiled code, in pieces of a fraction of a second. For a replay, ``scanned`` holds the recorded scans."""
+    """Run an episode in compiled code, in pieces that each take a fraction of a second. ``scanned`` holds the scans of a replay."""
     room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     while moves < max_moves and ended == RUNNING:
@@ -85,7 +88,7 @@ def compiled_loop(
 
 
 def trail_of(layout: GridLayout) -> policy_episode.DepthFirstSpace:
-    """Return the memory in which the policy depth-first stores its path."""
+    """Return the working memory in which the policy depth-first stores its path."""
     return policy_episode.DepthFirstSpace(empty_boards(layout, 1)[0], np.zeros(int(np.prod(layout.window)), dtype=np.int8))
 
 
@@ -95,14 +98,14 @@ PLAYED: dict[int, tuple[Any, Callable[[GridLayout], Any]]] = {
     policy_episode.DEPTH_FIRST: (policy_episode.play_depth_first, trail_of),
     policy_episode.SWEEP: (policy_episode.play_sweep, lambda _: None),
 }
-"""For each policy code: the kernel that runs the policy, and the function that makes its working memory.
+"""For each policy code, the kernel that runs the policy, and the function that makes the policy's working memory.
 
-Fixed commands need no kernel and no working memory.
+The policies manual and random-moves have no entry, because their commands are fixed or drawn before the kernel runs.
 """
 
 
 class SearchGame:
-    """An episode in compiled code by a built-in policy that is not a planner.
+    """An episode of a built-in policy in compiled code, for all policies that are not planners.
 
     Parameters
     ----------
@@ -113,10 +116,10 @@ class SearchGame:
     rule : str
     mapping : bool
     n_free : int
-        Number of free cells of the workspace.
+        Number of free cells in the workspace.
     rng : Generator
     scanning : ScanRule or None
-        The scan rule, or None for a replay, where the traces contain the scans.
+        The scan rule, or None for a replay, which takes the scans from the recorded trace.
     """
 
     def __init__(
@@ -139,7 +142,7 @@ class SearchGame:
             choose_driven(policy.code, state, self.policy_state, rng)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Run one piece; see `Game`. For the policy random-moves, this method draws the commands."""
+        """Compute one piece of the episode. For the policy random-moves, first draw the commands of the piece."""
         if self.code == policy_episode.RANDOM:
             trace.commands[:] = self.rng.integers(0, len(self.policy_state.search.neighbours), size=trace.moves)
         played, status = self.play(self.code, self.field, self.rule, self.mapping, self.policy_state, self.scan_planner, trace)
@@ -147,11 +150,11 @@ class SearchGame:
 
     @property
     def remaining(self) -> int:
-        """Number of frontier cells left."""
+        """Number of frontier cells left in the belief."""
         return int(self.policy_state.memory.remaining)
 
     def cut(self, trace: Trace) -> Status:
-        """Add a last scan if the episode ends within a run of commands whose outcome is not certain; see `Game`."""
+        """Return the status of an episode at its maximum number of moves. Add a last scan after a run with an uncertain outcome."""
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
@@ -160,13 +163,13 @@ class SearchGame:
 
     @property
     def final(self) -> tuple[SwarmState, Belief]:
-        """Return the current state and belief."""
+        """Return the current state of the swarm and the current belief."""
         boards = (self.field.open, self.field.known, self.field.frontier)
         return state_of(self.layout, self.field), Belief(*(board_of(self.layout, words) for words in boards))
 
 
 class PlannerGame:
-    """An episode in compiled code by a planner. See `SearchGame` for the parameters."""
+    """An episode of a planner in compiled code. `SearchGame` explains the parameters."""
 
     def __init__(
         self, policy: PlannerPolicy, free: Board, state: SwarmState, belief: Belief, *, rule: str, mapping: bool, rng: Generator
@@ -179,7 +182,7 @@ class PlannerGame:
         self.planner = planner_of(belief.open.layout, belief, rule=rule, mapping=mapping, seed=seed, options=options)
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Run one piece; see `Game`."""
+        """Compute one piece of the episode, as `Game` describes."""
         moves, status, piece = 0, RUNNING, TIMED_PIECE if self.pace.milliseconds else max(1, trace.moves)
         while moves < trace.moves and status == RUNNING:
             part = trace.part(moves, moves + piece)
@@ -190,24 +193,24 @@ class PlannerGame:
 
     @property
     def remaining(self) -> int:
-        """Number of frontier cells left."""
+        """Number of frontier cells left in the belief."""
         return int(self.planner.memory.remaining)
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status limit, because planners scan after every move."""
+        """Return the status ``limit``. A planner scans after every move and therefore needs no additional scan."""
         return Status.LIMIT
 
 
 class NoisyGame:
-    """An episode in compiled code by the policy closest-frontier with noise.
+    """An episode of the policy closest-frontier with noise, in compiled code.
 
     Parameters
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        The belief, whose arrays also hold the true state of the simulation.
+        The belief. The belief's arrays also hold the true state of the simulation.
     rng : Generator
-        Generator of the noise.
+        Generator of the random numbers for the noise.
     every : int
         Maximum number of commands before each scan.
     """
@@ -220,38 +223,38 @@ class NoisyGame:
         self.belief, self.rng, self.every = belief, rng, every
 
     def play_on(self, trace: Trace, limit: int) -> tuple[int, int]:
-        """Run one piece; see `Game`."""
+        """Compute one piece of the episode, as `Game` describes."""
         return self.belief.play(self.search, self.rng, trace, every=self.every, limit=limit)
 
     @property
     def remaining(self) -> int:
-        """Number of frontier cells left."""
+        """Number of frontier cells left in the belief."""
         return self.belief.remaining
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status complete if the task is finished, otherwise the status limit."""
+        """Return the status ``complete`` if the task is finished, and the status ``limit`` if the task is unfinished."""
         return Status.COMPLETE if self.belief.finished else Status.LIMIT
 
 
 def is_compiled(task: Any) -> bool:
-    """Return whether kernels support a task: a built-in task, or a subclass with the same ``begin`` and ``update``."""
+    """Return whether kernels support a task: a built-in task, or a subclass that keeps ``begin``, ``update`` and ``mapping``."""
     parts = ("begin", "update", "mapping")
     builtin = (known for known in (Mapping, Coverage) if isinstance(task, known))
     return any(all(getattr(type(task), part) is getattr(known, part) for part in parts) for known in builtin)
 
 
 def largest_piece(field: moves.Field) -> int:
-    """Return how many moves one call of compiled code may compute. Such a call takes a fraction of a second."""
+    """Return the number of moves that compiled code computes in a fraction of a second."""
     return int(np.clip(2**25 // field.free.size, 64, 2**16))
 
 
 def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule in the form that kernels use. Without a rule, the trace determines the scans."""
+    """Return a scan rule as kernels expect it. If ``scanning`` is None, the recorded trace determines the scans."""
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 
 def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
-    """Return the working memory of the adaptive scan rule, or None for other rules."""
+    """Return the working memory of the adaptive scan rule. For all other scan rules, return None."""
     if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)
@@ -278,7 +281,7 @@ def policy_state_of(
     scanning: ScanRule | None = EVERY_MOVE,
     space: Any = None,
 ) -> policy_episode.PolicyState:
-    """Return the initial memory of a built-in policy, or of a policy that follows the commands ``plan``."""
+    """Return the initial memory of a built-in policy. A policy with fixed commands follows ``plan``."""
     search = search_of(layout, ties=ties, neighbours=neighbours, plan_size=max(n_free + 2, len(plan), lookahead.LONGEST_PLAN))
     memory = new_record(policy_episode.MEMORY)
     memory.run_command, memory.scanned = -1, 1
@@ -290,7 +293,7 @@ def policy_state_of(
 
 
 def choose_driven(code: int, state: SwarmState, policy_state: policy_episode.PolicyState, rng: Generator) -> None:
-    """Choose the particle that a policy moves: a random one for elect-particle, the first one for depth-first, otherwise none."""
+    """Choose the particle that a policy moves: a random particle for elect-particle, and the first particle for depth-first."""
     if code not in {policy_episode.ELECT, policy_episode.DEPTH_FIRST}:
         return
     layout, cells = state.occupied.layout, state.occupied.cells

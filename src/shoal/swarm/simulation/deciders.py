@@ -1,4 +1,4 @@
-"""Deciders convert the commands of a policy into runs of equal commands, each followed by a scan."""
+"""Deciders convert the commands of a policy into runs of equal commands. A scan follows each run."""
 
 from __future__ import annotations
 
@@ -23,33 +23,34 @@ from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 
 PATIENCE = policy_episode.PATIENCE
-"""Number of consecutive runs without any motion or classified cell after which the policy counts as stalled."""
+"""Number of consecutive runs, without any motion or classified cell, after which the episode ends as stalled."""
 NOISY_TIMES = 20
-"""Factor for noise.
+"""Factor in the maximum number of moves without progress, for episodes with noise.
 
-A policy without progress is stopped after this multiple of closest-frontier's longest path through known free cells.
+The longest path of the policy closest-frontier through known free cells is multiplied by `NOISY_TIMES`. The product is about the
+maximum number of moves without progress, after which the policy is stopped.
 """
 
 
 class Decider(Protocol):
-    """Chooses the runs of commands of an episode."""
+    """Chooses the runs of equal commands in an episode."""
 
     @property
     def due(self) -> bool:
         """Whether a scan must follow the last run of commands.
 
-        If the value is false, a scan may be left out if its outcome is certain.
+        If `due` is false, the swarm may omit a scan with a certain outcome.
         """
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return a command and its number of repetitions, or None if no commands are left."""
+        """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Record that the last run classified ``learnt`` cells. Return whether a scan had to follow the run."""
+        """Take note that the last run classified ``learnt`` cells. Return whether a scan was necessary after the last run."""
 
 
 def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decider:
-    """Return the decider for the policy and the scan rule of a problem. ``belief`` is the belief at the start."""
+    """Return the decider for the policy and the scan rule of a problem. ``belief`` is the belief at the start of the episode."""
     policy, scanning = problem.chosen_policy, problem.scanning
     if problem.noise is not None:
         return ReplannedRuns(policy, rng, every=scanning.step, max_moves=problem.max_moves)
@@ -61,10 +62,10 @@ def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decid
 
 
 class PlannedRuns:
-    """Divides the plans of a policy into runs.
+    """Divides the plans of a policy into runs of equal commands.
 
-    A run never includes a change of direction in the plan. The last commands of a plan, all in one direction, lead to a frontier
-    cell. The run of these commands may continue beyond this cell, except with the policy manual.
+    A run never extends over a change of direction in a plan. The last commands of a plan, all in one direction, lead to a frontier
+    cell. The last run of a plan may continue beyond the frontier cell, except with the policy manual.
     """
 
     due = True
@@ -75,7 +76,7 @@ class PlannedRuns:
         self.plan, self.at, self.streak, self.last = "", 0, 0, ""
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run of commands; see `Decider`."""
+        """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
         if self.at >= len(self.plan):
             (self.plan, self.memory), self.at = decided(self.policy, view, self.memory, self.rng), 0
             if not self.plan or idle >= PATIENCE:
@@ -94,17 +95,17 @@ class PlannedRuns:
         return limit if stretch == len(rest) and not isinstance(self.policy, Manual) else min(limit, stretch)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Request a scan after every run; see `Decider`."""
+        """Return true, because a scan is necessary after every run."""
         return True
 
 
 class AdaptiveRuns:
-    """The adaptive scan rule. The kernels of compiled episodes choose the runs.
+    """Chooses runs by the adaptive scan rule, with the kernels that also choose the runs of compiled episodes.
 
     Parameters
     ----------
     belief : Belief
-        The belief at the start.
+        The belief at the start of the episode.
     rule : str
     mapping : bool
     scanning : ScanRule
@@ -121,7 +122,7 @@ class AdaptiveRuns:
         self.scan_planner = scan_planner_of(layout, scanning)
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next run of commands; see `Decider`."""
+        """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
         memory, belief = self.policy_state.memory, view.belief
         memory.remaining, memory.idle, memory.run_left = len(belief.frontier), idle, 0
         # the belief replaces the true state, because no kernel called here moves particles
@@ -132,18 +133,18 @@ class AdaptiveRuns:
         return LETTERS[memory.run_command], int(memory.run_left)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Request a scan if the last run classified cells; see `Decider`."""
+        """Return whether a scan was necessary after the last run, which classified ``learnt`` cells."""
         self.policy_state.memory.learnt = learnt
         return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.policy_state, self.scan_planner, False))
 
 
 class ReplannedRuns:
-    """Runs of commands with noise: one command at a time, and a new plan after each scan, because any scan may change the plan.
+    """Chooses runs in episodes with noise. Each run is one command. The policy plans anew after each scan.
 
-    A scan follows after ``every`` commands, and after the end of each plan. After a scan, the rest of a plan is discarded if the
-    policy has no memory. A policy that classifies no new cell for too many moves is stopped. Therefore every episode ends. The
-    limit on these moves is `NOISY_TIMES` times the largest number of moves that closest-frontier may need to cross all known free
-    cells.
+    The swarm scans after every ``every`` commands, and at the end of each plan. After a scan, a policy without memory discards the
+    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. The limit on
+    the number of moves without a new cell is about `NOISY_TIMES` times the number of moves that closest-frontier may need to cross
+    all known free cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:
@@ -153,7 +154,7 @@ class ReplannedRuns:
         self.plan, self.in_vain, self.wakes = "", 0, 0
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
-        """Return the next command; see `Decider`."""
+        """Return the next command, in a run of length 1. If no commands are left, return None."""
         self.in_vain = 0 if view.classified else self.in_vain + 1
         if self.in_vain > NOISY_TIMES * (NOISY_PATIENCE + TIMES * len(view.belief.open)):
             return None
@@ -177,14 +178,14 @@ class ReplannedRuns:
         return command, 1
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return whether the scan after the last command was required; see `Decider`."""
+        """Return whether a scan was necessary after the last command."""
         return self.due
 
 
 def decided(policy: Policy, view: View, memory: Any, rng: Generator) -> tuple[str, Any]:
-    """Call a policy, and return its decision.
+    """Call the method ``decide`` of a policy, and return the decision.
 
-    If the policy returns an invalid answer or raises an exception, raise an error of one sentence.
+    If the policy raises an exception or returns an invalid decision, raise an error with a one-sentence message.
     """
     try:
         answer = policy.decide(view, memory, rng)

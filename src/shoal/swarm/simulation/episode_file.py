@@ -1,4 +1,4 @@
-"""Episode files of swarms: one ``.npz`` file without pickles, with a validated JSON header."""
+"""Episode files of swarms. Each episode file is an ``.npz`` file with a validated JSON header and without pickled objects."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from shoal.swarm.problem import SwarmProblem
 FORMAT: Literal[1] = 1
 _COLUMNS = {name: kind for name, kind in COLUMNS.items() if name != "scanned"}
 MOST_COMMANDS = 20_000_000
-"""Maximum number of commands in an episode file. Such a file has 340 MB."""
+"""Maximum number of commands in an episode file. A file with the maximum number of commands has 340 MB."""
 
 _ROOM = 1024  # maximum bytes of an array's header
 _LIMITS = {
@@ -51,9 +51,9 @@ def write(
     start: NDArray[np.int64],
     targets: NDArray[np.bool_] | None,
 ) -> None:
-    """Write an episode. ``told`` holds the fields of the episode that are not arrays.
+    """Write an episode file. ``told`` holds all fields of the episode that are not arrays.
 
-    See `shoal.swarm.episode.SwarmEpisode.save`.
+    `shoal.swarm.episode.SwarmEpisode.save` describes the errors.
     """
     target = check_suffix(path, ".npz")
     workspace, fields = problem.place, problem.to_dict()
@@ -78,7 +78,7 @@ def write(
 
 
 def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
-    """Return the problem, the other fields, the trace, the start and the targets; see `shoal.swarm.episode.SwarmEpisode.load`."""
+    """Read an episode file, and return the problem, the other fields, the trace, the start cells and the target cells."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
         raise InvalidInputError(
@@ -95,7 +95,7 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, di
 
 
 def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an episode from the file. Other arrays are ignored."""
+    """Return the arrays of an episode from an ``.npz`` file. Ignore all other arrays in the file."""
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("expected a zip archive of arrays, got another format or a truncated archive")
     file.seek(0)
@@ -116,7 +116,7 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
 
 
 def _check_sizes(file: BinaryIO) -> None:
-    """Refuse arrays that unpack to more data than an episode can hold, before any array is unpacked."""
+    """Refuse a file with arrays that are larger than an episode can hold. Do not unpack any array."""
     try:
         with zipfile.ZipFile(file) as archive:
             sizes = {one.filename.removesuffix(".npy"): one.file_size for one in archive.infolist()}

@@ -1,4 +1,7 @@
-"""A simulated swarm without noise. States and beliefs are never changed in place."""
+"""A simulated swarm without noise.
+
+Each command makes a new state and a new belief. The old state and the old belief stay unchanged.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from shoal.swarm.grid.world import GridWorld
 
 
 class ExactSwarm:
-    """Particles in a simulated world without noise, with the belief of a task; see `shoal.swarm.simulation.loop.Controlled`.
+    """A simulated swarm without noise, for the closed loop: particles in a world, with the belief of a task.
 
     Parameters
     ----------
@@ -21,7 +24,7 @@ class ExactSwarm:
     task : Task
     state : SwarmState
     belief : Belief
-        The belief at the start.
+        The belief at the start of the episode.
     """
 
     def __init__(self, world: GridWorld, task: Any, state: SwarmState, belief: Belief) -> None:
@@ -29,16 +32,16 @@ class ExactSwarm:
 
     @property
     def rule(self) -> str:
-        """The move rule."""
+        """Name of the move rule: "block", "merge" or "tilt"."""
         return self.world.rule
 
     @property
     def finished(self) -> bool:
-        """Whether the frontier is empty."""
+        """Whether the belief has no frontier cells left."""
         return self.belief.complete
 
     def carry_out(self, command: str, steps: int, *, scan: bool = True) -> tuple[list[Row], bool]:
-        """Send one command several times; see `shoal.swarm.simulation.loop.Controlled`."""
+        """Send ``steps`` equal commands, and update the state and the belief."""
         rows, stuck = [], False
         for pushes in self._pushes(command, steps):
             travelled = classified = 0
@@ -54,9 +57,9 @@ class ExactSwarm:
         return rows, True
 
     def _pushes(self, command: str, steps: int) -> Iterator[Iterator[SwarmState]]:
-        """Yield, for each command of a run, the states after its pushes.
+        """Yield, for each command of a run, the states of the swarm after the command's pushes.
 
-        If a run has several commands, only its end is observed.
+        If a run has several commands, the method infers the states from the state after the last command.
         """
         if steps == 1:
             yield self.world.pushes(self.state, command)
@@ -71,15 +74,15 @@ class ExactSwarm:
 
 
 def distance_of_push(before: SwarmState, after: SwarmState, command: str) -> int:
-    """Return the number of particles that moved by one cell in a push.
+    """Return the number of particles that a push moved by one cell.
 
-    The number of moved particles is the change of the sum of all coordinates along the direction of the command.
+    The number of moved particles equals the change of the sum of all particle coordinates along the direction of the command.
     """
     axis, sign = AXES[command]
     return sign * int(after.cells[:, axis].sum() - before.cells[:, axis].sum())
 
 
 def newly_classified(before: Belief, after: Belief) -> int:
-    """Return the number of cells that a push classified: newly known cells (mapping) or covered frontier cells (coverage)."""
+    """Return the number of cells that a push classified: newly known cells in a mapping, or newly covered cells in a coverage."""
     learnt = len(after.known) - len(before.known)
     return learnt if learnt else len(before.frontier - after.frontier)

@@ -1,4 +1,7 @@
-"""The closed loop in Python (observe, decide, send, record), which simulations, noise and rigs use."""
+"""The closed loop in Python: observe, decide, send, record.
+
+Simulations with or without noise, and runs on rigs, use the closed loop.
+"""
 
 from __future__ import annotations
 
@@ -13,48 +16,50 @@ from shoal.swarm.policies.protocol import View
 from shoal.swarm.simulation.deciders import Decider
 
 OnMoves = Callable[[int, int], None]
-"""Function that is called at intervals with (moves so far, frontier cells left)."""
+"""Function that the closed loop calls after each run of commands, with the numbers of moves made and frontier cells left."""
 
 OnTrace = Callable[[Trace], None]
-"""Function that is called with each piece of the trace during the run."""
+"""Function that the closed loop calls with each new piece of the trace."""
 
 
 class Controlled(Protocol):
-    """The swarm that the loop controls. The controlled swarm carries out commands, and knows the map and the particles' cells.
+    """The swarm that the closed loop controls.
 
-    Policies see ``belief`` and ``state``. For a rig and with noise, the map and the particles' cells are estimates.
+    The controlled swarm carries out commands, and provides the belief and the cells of the particles.
+
+    Policies read ``belief`` and ``state``. With noise, the map and the cells of the particles are estimates.
     """
 
     @property
     def belief(self) -> Belief:
-        """The belief about the map."""
+        """The belief of the task: the known state of each cell."""
 
     @property
     def state(self) -> SwarmState:
-        """The state of a swarm: the cells of the particles."""
+        """The state of the controlled swarm: the cells of all particles."""
 
     @property
     def rule(self) -> str:
-        """The move rule."""
+        """Name of the move rule: "block", "merge" or "tilt"."""
 
     @property
     def finished(self) -> bool:
-        """Whether no cell is left that the particles can classify or cover."""
+        """Whether no cells are left that particles can still classify or cover."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send ``steps`` equal commands, observe, and update belief and state.
+        """Send ``steps`` equal commands, scan, and update the belief and the state.
 
         Parameters
         ----------
         command : str
         steps : int
         scan : bool
-            Whether a scan must follow. If false, the scan may be left out if its outcome is certain.
+            Whether a scan must follow the commands. If ``scan`` is false, the swarm may omit a scan with a certain outcome.
 
         Returns
         -------
         list of tuple of int, and bool
-            (classified, frontier, travelled) of each command, and whether a scan was made.
+            The trace entries (classified, frontier, travelled) of each command, and whether the swarm made a scan.
         """
 
 
@@ -67,24 +72,24 @@ def closed_loop(
     on_moves: OnMoves | None = None,
     on_trace: OnTrace | None = None,
 ) -> tuple[Trace, Status]:
-    """Run until no frontier cell is left, the policy has no more commands, or the maximum number of moves is reached.
+    """Run a swarm until no frontier cells are left, the policy has no more commands, or the maximum number of moves is reached.
 
     The policy makes no decision between two scans. The scan at the end of a run of equal commands determines the effect of each
-    command.
+    command in the run.
 
     Parameters
     ----------
     swarm : Controlled
     decider : Decider
-        Converts the policy's commands into runs of equal commands.
+        Object that converts the policy's commands into runs of equal commands.
     max_moves : int
     mapping : bool
-        Whether frontier cells are unknown. Policies receive this value.
+        Whether frontier cells are unknown (in a mapping) or known to be free (in a coverage). Policies receive ``mapping``.
     on_moves, on_trace : callable, optional
 
     Returns
     -------
-    The trace of the run, and its status.
+    The trace and the status of the run.
     """
     recorder = Recorder()
     while True:

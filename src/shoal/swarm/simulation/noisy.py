@@ -1,4 +1,4 @@
-"""A simulated swarm with noise: particles slip and are observed wrongly, and a Bayes filter estimates the belief."""
+"""A simulated swarm with noise: particles slip, scans show wrong positions, and a Bayes filter estimates the belief."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.swarm.noise.belief import NoisyBelief
 
 
 class NoisySwarm:
-    """Particles with noise, whose true state is stored in the arrays of their belief; see `shoal.swarm.simulation.loop.Controlled`.
+    """A simulated swarm with noise, for the closed loop. The arrays of the belief also hold the true state of the particles.
 
     Parameters
     ----------
     noisy : NoisyBelief
-        The belief, which changes in place.
+        The belief of the swarm. Commands and scans change the belief object in place.
     rng : Generator
-        Generator of the noise.
+        Generator of the random numbers for the noise.
     """
 
     rule = "block"
@@ -33,11 +33,11 @@ class NoisySwarm:
 
     @property
     def finished(self) -> bool:
-        """Whether no reachable frontier cell is left, and no cell was given up as undecidable."""
+        """Whether particles can reach no more frontier cell, and the policy has given up no cell as undecidable."""
         return self.noisy.finished
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send commands, and scan after the last command if ``scan`` is true; see `shoal.swarm.simulation.loop.Controlled`."""
+        """Send ``steps`` equal commands. Scan after the last command if ``scan`` is true."""
         code, rows = encode(command, ndim=self.noisy.layout.ndim)[0], []
         for step in range(1, steps + 1):
             travelled, classified = int(noisy_state.move_noisy(self.noisy.state, code, self.rng)), 0

@@ -1,4 +1,4 @@
-"""Replays of episodes: without noise, with the same noise, and from the recorded scans of a rig."""
+"""Replays of episodes without noise, of simulations with noise, and of runs on a rig with recorded scans."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from shoal.swarm.simulation.exact import ExactSwarm
 
 
 class End(NamedTuple):
-    """The state at the end of a replay."""
+    """The result of a replay: the state, the belief, the trace, and the number of frontier cells at the start."""
 
     state: SwarmState
     belief: Belief
@@ -43,22 +43,22 @@ class Replay(Protocol):
     """A replay of an episode from its commands and scans."""
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each command."""
+        """Yield the state of the swarm and the belief, at the start and after each command."""
 
     def moments(self) -> Iterator[Moment]:
         """Yield a `Moment` of an episode with noise, at the start and after each command."""
 
     @property
     def end(self) -> End:
-        """The state and the belief at the end, and the trace of the replay."""
+        """The state of the swarm and the belief at the end of the replay, and the trace of the replay."""
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that does not follow the scan rule, or None."""
+        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None."""
 
 
 @dataclass(frozen=True)
 class ExactReplay:
-    """A replay without noise.
+    """A replay of an episode without noise.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ class ExactReplay:
     start : ndarray of int64, shape (n, ndim)
     targets : ndarray of bool, or None
     trace : Trace
-        The trace that provides commands and scans.
+        The recorded trace, from which the replay takes the commands and the scans.
     """
 
     world: GridWorld
@@ -81,9 +81,9 @@ class ExactReplay:
         return state, self.task.begin(self.world, state, self.targets)
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield state and belief at the start and after each command.
+        """Yield the state of the swarm and the belief, at the start and after each command.
 
-        The belief contains the information of the last scan, and of later commands whose outcome is certain.
+        The belief contains the information of the last scan, and of later commands with a certain outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -95,12 +95,12 @@ class ExactReplay:
             yield swarm.state, shown
 
     def moments(self) -> Iterator[Moment]:
-        """Yield nothing, because the replay has no noise."""
+        """Yield nothing, because an episode without noise has no moments."""
         yield from ()
 
     @cached_property
     def end(self) -> End:
-        """See `Replay`. Built-in tasks are replayed in compiled code."""
+        """The result of the replay. Compiled code replays built-in tasks."""
         state, belief = self._begin()
         first = len(belief.frontier)
         if is_compiled(self.task):
@@ -116,9 +116,9 @@ class ExactReplay:
         return End(swarm.state, swarm.belief, recorder.trace, first)
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that does not follow the scan rule, or None.
+        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None.
 
-        Before each change of direction, a scan is necessary.
+        Every scan rule also requires a scan before each change of direction.
         """
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():
@@ -136,22 +136,24 @@ class ExactReplay:
 
 
 class _BeliefReplay(ABC):
-    """Base class of the replays with noise, which step from belief to belief."""
+    """Base class of the replays with noise, which compute one belief after another."""
 
     trace: Trace
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and the particles' cells as an array with the rim.
+        """Yield the belief and the cells of the particles (a mask with the rim) at the start and after each command.
 
-        For a rig, the particles' cells are the observed cells.
+        The belief object changes in place.
+
+        For a rig, the cells of the particles are the cells in which the last scan showed particles.
         """
 
     @abstractmethod
     def _truth(self) -> NDArray[np.bool_] | None: ...
 
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
-        """Yield the estimated state and the belief, at the start and after each command."""
+        """Yield the estimated state of the swarm and the belief, at the start and after each command."""
         for belief, _ in self.beliefs():
             yield SwarmState(belief.occupied), belief.belief
 
@@ -163,9 +165,9 @@ class _BeliefReplay(ABC):
             yield Moment(particles, looks_of(belief, truth))
 
     def wrong_scan(self, scanning: ScanRule) -> str | None:
-        """Return a description of the first scan that does not follow the scan rule, or None.
+        """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None.
 
-        With noise, the direction may change without a scan.
+        In an episode with noise, the direction of the commands may change without a scan.
         """
         unseen, most = 0, scanning.step
         for move, scan in enumerate(self.trace.scanned.tolist(), start=1):
@@ -177,7 +179,7 @@ class _BeliefReplay(ABC):
 
 @dataclass(frozen=True)
 class NoisyReplay(_BeliefReplay):
-    """A replay with the same noise as in the episode.
+    """A replay of a simulation with noise. The replay draws the noise of the episode again from the episode's seed.
 
     Parameters
     ----------
@@ -205,7 +207,7 @@ class NoisyReplay(_BeliefReplay):
         return self.workspace.free
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and the cells with particles."""
+        """Yield the belief and the true cells of the particles, at the start and after each command."""
         belief, rng = self._begin()
         yield belief, self._particles(belief)
         for code, scanned in zip(self.trace.commands, self.trace.scanned.tolist(), strict=True):
@@ -222,7 +224,7 @@ class NoisyReplay(_BeliefReplay):
 
     @cached_property
     def last(self) -> tuple[NoisyBelief, End]:
-        """The belief after the last command as a `NoisyBelief`, and the `End` of the replay."""
+        """The belief after the last command as a `NoisyBelief`, and the result of the replay as an `End`."""
         belief, rng = self._begin()
         first, trace = belief.remaining, Trace.empty(self.trace.moves)
         trace.commands[:], trace.scanned[:] = self.trace.commands, self.trace.scanned
@@ -231,13 +233,13 @@ class NoisyReplay(_BeliefReplay):
 
     @property
     def end(self) -> End:
-        """See `Replay`."""
+        """The result of the replay."""
         return self.last[1]
 
 
 @dataclass(frozen=True)
 class ObservedReplay(_BeliefReplay):
-    """A replay from the recorded scans of a rig.
+    """A replay of a run on a rig with noise, from the recorded scans.
 
     Parameters
     ----------
@@ -246,9 +248,9 @@ class ObservedReplay(_BeliefReplay):
     confidence : float
     trace : Trace
     observations : tuple of ndarray of int64, shape (k, ndim)
-        Observed cells of each scan, including the scan before the first command.
+        Cells in which each scan showed particles, including the scan before the first command.
     truth : ndarray of bool, or None
-        The true free cells, if they are known.
+        The true free cells, or None if the true map is unknown.
     """
 
     shape: tuple[int, ...]
@@ -262,7 +264,7 @@ class ObservedReplay(_BeliefReplay):
         return self.truth
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief, which changes in place, and the cells of the last scan."""
+        """Yield the belief and the cells of the last scan, at the start and after each command."""
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)
@@ -278,9 +280,10 @@ class ObservedReplay(_BeliefReplay):
 
     @cached_property
     def end(self) -> End:
-        """See `Replay`.
+        """The result of the replay.
 
-        The columns ``classified`` and ``travelled`` are copies from the trace, because the scans do not determine them.
+        The columns ``classified`` and ``travelled`` are copies of the recorded columns, because the recorded scans do not determine
+        these columns.
         """
         frontier: list[int] = []
         belief: Any = None

@@ -1,4 +1,4 @@
-"""The start of an episode: random start cells and targets, and the swarm that the closed loop controls."""
+"""The start of an episode: drawing start cells and target cells, and making the swarm that the closed loop controls."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from shoal.swarm.simulation.noisy import NoisySwarm
 
 
 def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """Return the start cells (int64, shape (n, ndim)), and the mask of the task's random targets or None.
+    """Return the start cells (int64, shape (n, ndim)), and the mask of random target cells, if the task has targets.
 
-    If the problem gives the start cells, no cells are drawn.
+    If the problem contains start cells, return the cells of the problem without drawing any.
     """
     workspace = problem.place
     if problem.start is None:
@@ -31,7 +31,7 @@ def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64]
 def swarm_of(
     problem: SwarmProblem, start: NDArray[np.int64], targets: NDArray[np.bool_] | None, seed: int, trial: int = 0
 ) -> ExactSwarm | NoisySwarm:
-    """Return the swarm at the start of an episode. The noise depends on ``seed`` and ``trial``."""
+    """Return the swarm at the start of an episode. ``seed`` and ``trial`` determine the noise."""
     if problem.noise is not None:
         rng = noise_rng(seed, trial)
         return NoisySwarm(noisy_belief(problem.place, start, problem.noise, problem.confidence, rng), rng)

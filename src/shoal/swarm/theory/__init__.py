@@ -1,1 +1,1 @@
-"""Theory of the papers: exact formulas in one dimension, scan schedules, and bounds on the number of moves."""
+"""Theory from paper M and its extensions: exact formulas in one dimension, scan schedules, and bounds on the number of moves."""

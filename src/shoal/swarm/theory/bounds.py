@@ -1,4 +1,4 @@
-"""Lower bounds on the number of moves on any map."""
+"""Lower bounds on the number of moves of a mapping or coverage on any map."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ _AXES = ((0, 2), (1, 3), (4, 5))  # commands with opposite directions
 
 @dataclass(frozen=True)
 class LowerBound:
-    """Lower bounds on the number of moves of any plan. ``moves`` is the largest bound.
+    """Three lower bounds on the number of moves of any plan. The property ``moves`` is the largest of the three bounds.
 
     Parameters
     ----------
     count : int
-        Counting bound: each move classifies at most one cell per particle.
+        Counting bound: a lower bound that follows because each move classifies at most one cell per particle.
     distance : int
-        Distance bound: the distance from the particles to the farthest cell. If N cells are farther away than d, a plan needs at
-        least d moves plus the counting bound of these N cells.
+        Distance bound: at least the distance from the particles to the farthest cell. If N cells are farther from the particles
+        than d moves, a plan needs at least d moves plus the counting bound of the N cells.
     axes : int
-        Axis bound: the sum of the minimum numbers of commands along each axis. Some cells cannot be reached with fewer commands
-        along an axis, and some walls can be probed only along one axis.
+        Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number along an axis follows
+        from cells that need many commands along the axis, and from walls that particles can probe along this axis only.
     """
 
     count: int
@@ -36,18 +36,18 @@ class LowerBound:
 
     @property
     def moves(self) -> int:
-        """The largest of the bounds."""
+        """The largest of the three lower bounds."""
         return max(self.count, self.distance, self.axes)
 
 
 def flat_cells(workspace: GridWorkspace) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
-    """Return the free cells as a flat array with a rim of one cell, and the offset of each command."""
+    """Return the mask of free cells as a flat array with a rim of one cell, and the index offset of each command."""
     padded = np.pad(workspace.free, 1)
     return padded.ravel(), offsets_of(padded.shape)
 
 
 def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return a set of cells as a flat array with a rim of one cell, in the layout of `flat_cells`."""
+    """Return the mask of a set of cells as a flat array with a rim of one cell, in the layout of `flat_cells`."""
     mask = np.zeros(workspace.shape, dtype=np.bool_)
     mask[tuple(cells.T)] = True
     return np.pad(mask, 1).ravel()
@@ -56,7 +56,7 @@ def flat_mask(workspace: GridWorkspace, cells: NDArray[np.int64]) -> NDArray[np.
 def check_case(
     workspace: GridWorkspace, start: ArrayLike, task: str, targets: NDArray[np.bool_] | None, rule: str
 ) -> NDArray[np.int64]:
-    """Return the start cells. Refuse a task, targets or a move rule for which no bounds are known."""
+    """Return the start cells of the particles. Refuse a task, targets or a move rule for which no lower bounds are known."""
     if rule not in ("block", "merge"):
         raise InvalidInputError(
             f"rule: expected block or merge, under which a particle moves at most one cell per command, got {rule}"
@@ -84,11 +84,12 @@ def lower_bound(
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
     task : str
-        "coverage" or "mapping". In a mapping task, all free cells and walls that the particles can reach must be classified.
+        "coverage" or "mapping". In a mapping, the particles must classify all free cells that they can reach, and all walls beside
+        reachable cells.
     targets : ndarray of bool, the shape of the workspace, optional
-        For coverage: the cells to cover. The default is all free cells.
+        For a coverage: the cells that the particles must cover. By default, the particles must cover all free cells.
     rule : str
-        "block" or "merge".
+        The move rule: "block" or "merge".
 
     Raises
     ------
@@ -102,7 +103,7 @@ def lower_bound(
 
     Notes
     -----
-    Proofs: docs/concepts/bounds.md.
+    The page docs/concepts/bounds.md proves the lower bounds.
     """
     from shoal.swarm.kernels.theory.command_costs import FAR, fewest_both_ways, fewest_paid
 
@@ -129,7 +130,7 @@ def lower_bound(
 
 
 def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return the number of walls that only this command can probe, because they have a single free neighbour."""
+    """Return the number of walls that only ``command`` can probe, because each such wall has a single free neighbour."""
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]

@@ -1,4 +1,4 @@
-"""Minimum numbers of moves of small coverage tasks, proved by a complete search."""
+"""Minimum numbers of moves for small coverage tasks, proved by an exhaustive search."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ MOST_STATES = 2_000_000
 
 @dataclass(frozen=True)
 class Optimum:
-    """The minimum number of moves of a task, proved by a complete search.
+    """The minimum number of moves for a coverage task, proved by an exhaustive search.
 
     Parameters
     ----------
     moves : int
     commands : str
-        A plan with this number of moves.
+        A plan with the minimum number of moves, as command letters.
     states : int
         Number of states that the search expanded.
     """
@@ -43,23 +43,23 @@ def optimum(
     rule: str = "block",
     most_states: int = MOST_STATES,
 ) -> Optimum:
-    """Return the minimum number of moves that cover all free cells or all targets. The method is an A* search.
+    """Return the minimum number of moves that cover all free cells or all target cells, found by an A* search.
 
     Parameters
     ----------
     workspace : GridWorkspace
-        A small workspace, because the number of states grows exponentially.
+        A small workspace. The number of states grows exponentially with the number of cells.
     start : array_like of int, shape (n, ndim)
     targets : ndarray of bool, the shape of the workspace, optional
     rule : str
-        "block" or "merge".
+        The move rule: "block" or "merge".
     most_states : int
-        Maximum number of states to expand.
+        Maximum number of states that the search may expand.
 
     Raises
     ------
     InvalidInputError
-        If a cell cannot be reached, or the search needs more than ``most_states`` states.
+        Raised if particles cannot reach a target cell, or if the search needs more than ``most_states`` states.
 
     Examples
     --------
@@ -116,16 +116,16 @@ class SmallWorld:
 
     @staticmethod
     def number(mask: NDArray[np.bool_]) -> int:
-        """Return a set of cells as an integer."""
+        """Return a mask of cells as an integer with one bit per cell."""
         return int.from_bytes(np.packbits(mask, bitorder="little").tobytes(), "little")
 
     @staticmethod
     def shifted(cells: int, offset: int) -> int:
-        """Return the cells shifted by an offset."""
+        """Return a set of cells, shifted by a number of bits."""
         return cells << offset if offset > 0 else cells >> -offset
 
     def push(self, particles: int, command: int, free: int | None = None) -> int:
-        """Return the cells of the particles after one command."""
+        """Return the cells that hold particles after one command."""
         offset = self.offsets[command]
         moving = particles & self.shifted(self.free if free is None else free, -offset)
         staying = particles & ~moving
@@ -138,7 +138,7 @@ class SmallWorld:
         return staying | self.shifted(moving, offset)
 
     def balls(self, cell: int) -> list[int]:
-        """Return the sets of cells that lie within 0, 1, 2, ... moves of a cell."""
+        """Return a list of sets of cells: set number d contains all cells within d moves of ``cell``."""
         found = [1 << cell]
         while True:
             wider = found[-1]

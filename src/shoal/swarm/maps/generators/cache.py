@@ -1,4 +1,4 @@
-"""Disk cache of generated maps. A command can reuse a stored map instead of generating the map again."""
+"""Disk cache of generated maps. Reading a map from the cache is faster than generating the map again."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from shoal.swarm.maps.generators.names import generate
 
 
 def generate_cached(spec: str) -> NDArray[np.bool_]:
-    """Return the map of the given name, from the user's cache folder if possible, and otherwise from `generate`.
+    """Return the generated map with the given name. Read the map from the user's cache folder, or generate and store it.
 
-    Only maps of slow generators are cached, in a folder of `shoal.core.files.users_cache`. Maps from another
-    version of the generators are ignored. If the folder is read-only, maps are generated without the cache.
+    Shoal caches the maps of slow generators, in a folder of `shoal.core.files.users_cache`. A cached map from another version of
+    the generators is ignored. If the cache folder is read-only, Shoal generates every map anew.
     """
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:
@@ -42,7 +42,7 @@ def generate_cached(spec: str) -> NDArray[np.bool_]:
 
 @cache
 def _fingerprint() -> str:
-    """Return a digest of the generators' source code, because changed code may generate other maps."""
+    """Return a digest of the source code of the map generators. A change of the code may change the generated maps."""
     digest = hashlib.sha256(np.__version__.encode())
     for file in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(file.read_bytes())

@@ -1,4 +1,4 @@
-"""The catalogue of map generators: name, size, example and function. A new generator needs one entry in this catalogue."""
+"""The catalogue of map generators, with the name, size, example and function of each generator."""
 
 from __future__ import annotations
 
@@ -19,27 +19,27 @@ from shoal.swarm.maps.reading import MAX_CELLS
 
 @dataclass(frozen=True)
 class Generator:
-    """A generator of maps of any size.
+    """A map generator, which can make maps of many sizes.
 
     Attributes
     ----------
     name : str
-        The first part of the map name.
+        Name of the generator, which is the first part of a map name.
     summary : str
-        Description of the map's appearance.
+        Description of the appearance of the generated maps.
     axes : tuple of str
-        Names of the numbers in a size, such as ("ROWS", "COLUMNS").
+        Names of the numbers in the size of a map name, such as ("ROWS", "COLUMNS").
     example : str
-        An example of a map name.
+        An example of the name of a generated map.
     function : callable
-        Function with one integer argument per axis, and the argument ``seed`` if the generator is seeded. The
-        function returns a bool ndarray of shape (H, W) or (D, H, W).
+        Function with one integer argument for each number of the size, and the argument ``seed`` if ``seeded`` is true. The
+        function returns the map as a bool ndarray of shape (H, W) or (D, H, W).
     seeded : bool
-        Whether the map depends on a seed. For other maps, a map name with a seed is refused.
+        Whether the generated map depends on a seed. If ``seeded`` is false, Shoal refuses a map name with a seed.
     smallest, largest : int
-        Limits on the product of the size's numbers.
+        Smallest and largest product of the numbers in the size of a map name.
     slow : bool
-        Whether generation is slow enough to cache the maps on disk.
+        Whether the generator is so slow that Shoal caches its maps on disk.
     """
 
     name: str
@@ -54,17 +54,17 @@ class Generator:
 
     @property
     def size(self) -> str:
-        """The syntax of the size, such as ``ROWSxCOLUMNS``."""
+        """The syntax of the size in a map name, such as ``ROWSxCOLUMNS``."""
         return "x".join(self.axes)
 
 
 def draw_line(count: int) -> NDArray[np.bool_]:
-    """Return a straight corridor one cell wide, shape (1, count). Source: paper M, figure 7 (map "linear", count 5000)."""
+    """Return a straight corridor of shape (1, count). Source: paper M, figure 7, map "linear" with 5000 cells."""
     return np.ones((1, count), dtype=np.bool_)
 
 
 def draw_rectangle(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Return an empty room. Source: paper M, Fig. 7 (map "empty rectangle", 50 rows, 100 columns)."""
+    """Return a rectangle without obstacles. Source: paper M, figure 7, map "empty rectangle" with 50 rows and 100 columns."""
     return np.ones((rows, columns), dtype=np.bool_)
 
 

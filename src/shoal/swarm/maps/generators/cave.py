@@ -1,4 +1,4 @@
-"""Cave maps: random cells smoothed by a cellular automaton. Only the largest connected part of the cave is kept."""
+"""Cave maps: a cellular automaton smooths random cells, and the largest connected part becomes the map."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ ROUNDS = 5  # smoothing steps; small pictures get fewer, otherwise their caves w
 
 
 def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
-    """Return a cave with smooth walls.
+    """Return a map of a cave with smooth walls.
 
     Parameters
     ----------
     width, height : int
         Size of the map in cells.
     seed : int
-        The same seed gives the same map.
+        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
 
     Returns
     -------
@@ -40,7 +40,7 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
 
 
 def _smooth(free: Mask) -> Mask:
-    """Replace each cell by the majority of its 3 x 3 neighbourhood. Cells outside the map count as walls."""
+    """Replace each cell by the majority of the 3 x 3 cells around it. Cells outside the map count as walls."""
     count = np.pad(free, 1).astype(np.int8)
     count = count[:-2] + count[1:-1] + count[2:]
     count = count[:, :-2] + count[:, 1:-1] + count[:, 2:]

@@ -1,4 +1,4 @@
-"""Largest connected part of a map, and removal of empty borders. Several generators and the vessel finder use both functions."""
+"""Functions for map generators and the vessel finder: the largest connected part of a map, and the removal of borders."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ Mask = NDArray[np.bool_]
 
 
 def largest_part(free: Mask, *, corners: bool = False) -> Mask:
-    """Return the largest connected part of the free cells. An empty map is returned unchanged.
+    """Return the largest connected part of the free cells of a map. If the map has no free cells, return the map unchanged.
 
     Parameters
     ----------
@@ -29,5 +29,5 @@ def largest_part(free: Mask, *, corners: bool = False) -> Mask:
 
 
 def crop(free: Mask) -> Mask:
-    """Remove empty rows, columns and layers at the borders of a map with at least one free cell."""
+    """Remove rows, columns and layers without free cells at the borders of a map. The map must have at least one free cell."""
     return np.ascontiguousarray(free[tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(free))])

@@ -1,10 +1,11 @@
-"""H-tree maps: bars that fork at right angles. After every two levels the bars become half as long.
+"""H-tree maps: bars that fork at right angles. After every two levels of forks, the bars become half as long.
 
-The map of paper M has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells, and its bars have the
-half-lengths 32, 32, 16, 16, 8, 8, 4, 4, 2, 2. From the tree of 5953 cells, one branch after another is removed until 5000 cells
-remain, beginning at one corner. On the H-tree map of 5000 cells, the mean moves of the closest-frontier policy agree with the
-published means within 10 %. A tree with one more level, of half-length 1, has loops because its bars touch. On a map cut from a
-tree with loops, the mean moves are up to 38 % too low.
+The H-tree map of paper M has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells, and its bars have
+half-lengths of 32, 32, 16, 16, 8, 8, 4, 4, 2 and 2 cells. The generator removes one branch after another from the tree of 5953
+cells, beginning at one corner, until 5000 cells remain. On the H-tree map of 5000 cells, the mean number of moves of the
+closest-frontier policy differs from the published mean by at most 10 %. A tree with one more level of bars, whose half-length is 1
+cell, has loops because its bars touch. On a map cut from a tree with loops, the mean number of moves is up to 38 % lower than the
+published mean.
 """
 
 from __future__ import annotations
@@ -22,10 +23,10 @@ DOWN_UP = np.array([[1, 0], [-1, 0]])
 
 
 def draw_htree(count: int) -> NDArray[np.bool_]:
-    """Return an H-tree with exactly ``count`` free cells. The tree has no loops, and its corridors are one cell wide.
+    """Return a map of an H-tree with exactly ``count`` free cells. The tree has no loops, and its corridors are one cell wide.
 
-    The generator takes the smallest regular tree with enough cells. Then the generator removes branches, beginning in the lower
-    left corner and at the tips of each branch, until ``count`` cells remain.
+    The generator draws the smallest regular tree with at least ``count`` cells. Then the generator removes cells one by one,
+    beginning at the tips of the branches in the lower left corner, until ``count`` cells remain.
 
     Parameters
     ----------
@@ -35,12 +36,12 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True at free cells. The shape is 125 by 125 for 5000 cells.
+        True at free cells. A map of 5000 free cells has the shape (125, 125).
 
     Raises
     ------
     InvalidInputError
-        If the map would have more than ``MAX_CELLS`` cells, including obstacles.
+        Raised if the map would have more than ``MAX_CELLS`` free and obstacle cells.
 
     Source: paper M, figure 7 (map "H-tree").
     """
@@ -54,7 +55,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
 
 
 def half_lengths(count: int) -> tuple[int, ...]:
-    """Return the half-lengths of the bars at each level of the smallest tree with at least ``count`` cells.
+    """Return the half-length of the bars at each level of the smallest H-tree with at least ``count`` cells, in cells.
 
     >>> half_lengths(5000)
     (32, 32, 16, 16, 8, 8, 4, 4, 2, 2)
@@ -66,24 +67,25 @@ def half_lengths(count: int) -> tuple[int, ...]:
 
 
 def tree_size(halves: tuple[int, ...]) -> int:
-    """Return the number of cells of the whole tree. Level k of the tree has 2^(k+1) half bars."""
+    """Return the number of cells of a complete H-tree. Level k of the tree, counted from 0, has 2^(k+1) half bars."""
     return 1 + sum(half << (level + 1) for level, half in enumerate(halves))
 
 
 def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
-    """Return the tree whose bars have the given half-lengths, cut down to ``count`` cells.
+    """Return a map of the H-tree whose bars have the given half-lengths, cut down to ``count`` cells.
 
     Parameters
     ----------
     halves : tuple of int
-        Half-length of the bars of each level. Bars of even levels are horizontal, and bars of odd levels are vertical.
+        Half-length of the bars at each level of the tree, in cells. Bars at even levels are horizontal, and bars at odd levels are
+        vertical.
     count : int
         Number of cells to keep, from 1 to ``tree_size(halves)``.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True at free cells. The map has no empty border.
+        True at free cells. The map has no border rows or columns of obstacles.
     """
     cells = np.zeros((1, 2), dtype=np.int64)
     if halves:
@@ -101,7 +103,7 @@ def draw_bars(halves: tuple[int, ...], count: int) -> NDArray[np.bool_]:
 
 
 class _Arms(NamedTuple):
-    """Half bars: each arm has the cells ``start + step``, ..., ``start + length * step``."""
+    """Arms (half bars) of an H-tree. Each arm has the cells ``start + step``, ..., ``start + length * step``."""
 
     start: NDArray[np.int64]  # (arms, 2), row and column
     step: NDArray[np.int64]  # (arms, 2)
@@ -109,15 +111,15 @@ class _Arms(NamedTuple):
 
 
 def _regular(levels: int) -> tuple[int, ...]:
-    """Return half-lengths that halve after every two levels and end with 2."""
+    """Return the half-lengths of an H-tree in cells. The half-lengths halve after every two levels and end with 2 cells."""
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
 
 def _arms(halves: tuple[int, ...]) -> _Arms:
-    """Return all arms in the order in which they are cut.
+    """Return all arms of an H-tree in the order in which the generator removes them.
 
-    All arms that grow from an arm come before this arm. At a fork, the arm to the left or downwards comes first, with all its
-    branches. Therefore the cut starts at the lower left corner and removes one branch after another.
+    Each arm comes after all arms that grow from it. At a fork, the arm to the left or downwards comes first, with all its branches.
+    Therefore the generator starts in the lower left corner and removes one branch after another.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

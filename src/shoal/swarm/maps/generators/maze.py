@@ -1,4 +1,4 @@
-"""Perfect mazes: exactly one path between any two cells, with corridors one cell wide."""
+"""Perfect mazes: exactly one path connects any two free cells, and all corridors are one cell wide."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from numpy.typing import NDArray
 
 
 def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
-    """Return a maze carved by a randomized depth-first search.
+    """Return a map of a maze, carved by a randomized depth-first search.
 
-    Rooms lie at even rows and columns, with walls between them. If the width (or height) is even, the last column (or row) contains
-    short random dead ends instead of rooms.
+    The rooms of the maze lie in even rows and even columns, with walls between the rooms. If the width is even, the last column
+    contains short random dead ends instead of rooms. If the height is even, the last row contains short random dead ends instead of
+    rooms.
 
     Parameters
     ----------
     width, height : int
-        Size of the maze in cells.
+        Width and height of the maze, in cells.
     seed : int
-        The same seed gives the same map.
+        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
 
     Returns
     -------
@@ -40,7 +41,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
 
 
 def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the flat index of every room except the first, and of the room from which each room was entered."""
+    """Return the flat index of each room except the first room, and of the room from which the search entered it."""
     # Twelve is a multiple of 1, 2, 3 and 4, so one draw chooses uniformly among that many doors.
     draws = rng.integers(0, 12, rows * columns).tolist()
     unvisited = bytearray(b"\x01") * (rows * columns)
@@ -64,7 +65,7 @@ def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np
 
 
 def _doors(room: int, rows: int, columns: int, unvisited: bytearray) -> list[int]:
-    """Return the unvisited neighbouring rooms."""
+    """Return the flat indices of the unvisited rooms beside ``room``."""
     row, column = divmod(room, columns)
     doors = []
     if column > 0 and unvisited[room - 1]:

@@ -1,4 +1,4 @@
-"""Map names: parse a name, check its numbers and generate the map."""
+"""Names of generated maps: parse a name, check the numbers in the name, and generate the map."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.swarm.maps.generators.catalogue import GENERATORS, Generator
 
 
 def is_spec(text: str) -> bool:
-    """Return whether ``text`` is a map name. In a map name, the part before the first colon is the name of a generator.
+    """Return whether ``text`` names a generated map: whether the part before the first colon is the name of a generator.
 
     >>> is_spec("maze:61x41"), is_spec("maze"), is_spec("maze.png")
     (True, True, False)
@@ -22,24 +22,24 @@ def is_spec(text: str) -> bool:
 
 
 def generate(spec: str) -> NDArray[np.bool_]:
-    """Return the map with the given name.
+    """Return the generated map with the given name.
 
     Parameters
     ----------
     spec : str
-        ``NAME:SIZE`` or ``NAME:SIZE:SEED``, such as ``vessels:5000:7``.
+        Name of the map: ``NAME:SIZE`` or ``NAME:SIZE:SEED``, such as ``vessels:5000:7``.
 
     Returns
     -------
     ndarray, bool, shape (H, W) or (D, H, W)
-        C-contiguous, True at free cells, with row 0 on top.
+        The map: True at free cells, with row 0 at the top. The array is C-contiguous.
 
     Raises
     ------
     UnknownNameError
-        If no generator has that name. The message suggests the nearest name.
+        Raised if no generator has the given name. The error message suggests the nearest name.
     InvalidInputError
-        If the size or the seed is missing or invalid.
+        Raised if the size in the name is missing or invalid, or if the seed is invalid.
 
     Examples
     --------
@@ -65,7 +65,7 @@ def generate(spec: str) -> NDArray[np.bool_]:
 
 
 def _size(text: str, generator: Generator, spec: str) -> tuple[int, ...]:
-    """Return the numbers of a size such as ``50x100``."""
+    """Return the numbers in the size of a map name, such as 50 and 100 for ``50x100``."""
     axes = generator.axes
     if not text:
         raise InvalidInputError(
@@ -93,5 +93,5 @@ def _size(text: str, generator: Generator, spec: str) -> tuple[int, ...]:
 
 
 def _cut(text: str) -> str:
-    """Return the text in quotes, shortened for a message."""
+    """Return a text in quotes, shortened for an error message."""
     return repr(text if len(text) <= 40 else text[:40] + "…")

@@ -1,11 +1,11 @@
-"""Centre lines of a vascular network, grown by space colonization.
+"""Centre lines of a network of blood vessels, grown by space colonization.
 
-Attraction points fill the outline of an organ. The network grows towards nearby points and removes the points that it has reached
-(Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with increasingly dense points give
-trunks, branches and twigs. Then twigs that end close to another vessel are joined to this vessel. The joints form
-the closed loops of a leaf or a capillary bed.
+Attraction points fill the outline of an organ. The network grows towards nearby attraction points and removes the attraction points
+that it has reached (Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with more and more
+attraction points give trunks, branches and twigs. Finally, the generator joins each twig that ends close to another vessel to the
+other vessel. The joints form closed loops, as in a leaf or a capillary bed.
 
-Coordinates are real (x, y) pairs in units of a cell, with the organ's centre at the origin.
+Coordinates are pairs (x, y) of real numbers, in cells, with the organ's centre at the origin.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ JOINED_SHARE = 0.6  # fraction of twigs that are joined; the others stay dead en
 
 @dataclass(frozen=True)
 class VesselNetwork:
-    """A vascular network: a tree of nodes, and the joints that close loops.
+    """A network of blood vessels: trees of nodes, and the joints that close loops.
 
     Attributes
     ----------
     points : ndarray, float64, shape (nodes, 2)
-        Position of each node.
+        Position (x, y) of each node, in cells.
     parents : ndarray, int64, shape (nodes,)
-        Parent of each node, always a node with a smaller index. The parent of a root is the root itself.
+        Index of the parent of each node. A parent has a smaller index than its children. The parent of a root is the root itself.
     joints : tuple of ndarray, float64, shape (k, 2)
-        Curves from the tip of a twig to another vessel.
+        Curves from the tip of a twig to another vessel, as points (x, y) in cells.
     """
 
     points: Points
@@ -47,25 +47,25 @@ class VesselNetwork:
 
 @dataclass(frozen=True)
 class OrganOutline:
-    """A smooth closed curve around the origin, given as a radius for each angle."""
+    """The outline of an organ: a smooth closed curve around the origin, given by a radius for each angle."""
 
     radius: float
     stretch: float
     waves: Points
 
     def limit(self, angle: Points) -> Points:
-        """Return the radius of the outline at each angle (radians)."""
+        """Return the radius of the outline, in cells, at each angle in radians."""
         order = np.arange(2, 2 + len(self.waves))
         wave = (self.waves[:, 0, None] * np.cos(order[:, None] * angle + self.waves[:, 1, None])).sum(axis=0)
         return np.asarray(self.radius * (1 + wave))
 
     def at(self, angle: float, share: float) -> Points:
-        """Return the point at the fraction ``share`` of the line from the centre to the outline in direction ``angle``."""
+        """Return the point at the fraction ``share`` of the radius of the outline, in the direction ``angle`` (radians)."""
         limit = share * self.limit(np.array([angle]))
         return np.array([limit[0] * np.cos(angle) * self.stretch, limit[0] * np.sin(angle) / self.stretch])
 
     def scatter(self, spacing: float, rng: np.random.Generator) -> Points:
-        """Return random points inside the outline, with a mean of one point per square of side ``spacing``."""
+        """Return random points inside the outline, with on average one point per square of side ``spacing`` (cells)."""
         half = 1.6 * self.radius
         points = rng.uniform(-half, half, (int((2 * half / spacing) ** 2) + 8, 2))
         flat = points / (self.stretch, 1 / self.stretch)
@@ -74,14 +74,14 @@ class OrganOutline:
 
 
 def random_outline(area: float, rng: np.random.Generator) -> OrganOutline:
-    """Return a random smooth outline of approximately the given area (in cells)."""
+    """Return a random smooth outline with approximately the given area, in cells."""
     amplitude = rng.uniform(0.3, 1.0, 4) * (0.085, 0.06, 0.035, 0.02)
     waves = np.column_stack([amplitude, rng.uniform(0, 2 * np.pi, 4)])
     return OrganOutline(float(np.sqrt(area / np.pi)), float(rng.uniform(1.02, 1.12)), waves)
 
 
 def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
-    """Grow a network that fills a random outline of about ``area`` cells."""
+    """Grow a vessel network that fills a random outline with an area of about ``area`` cells."""
     outline = random_outline(area, rng)
     points, parents = _roots(outline, rng)
     for coarseness in ROUNDS:
@@ -93,7 +93,7 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 
 
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
-    """Return each node's index in depth-first order and the size of its subtree, each of shape (nodes,).
+    """Return two arrays of shape (nodes,): the index of each node in depth-first order, and the size of each node's subtree.
 
     In depth-first order, a node with index ``first`` and its descendants have the indices ``first`` to ``first + size - 1``.
     """
@@ -114,13 +114,13 @@ def subtrees(parents: Indices) -> tuple[Indices, Indices]:
 
 
 def _tips(parents: Indices) -> Indices:
-    """Return the nodes without children."""
+    """Return the indices of the nodes without children."""
     grown_from = parents[parents != np.arange(len(parents))]
     return np.flatnonzero(np.bincount(grown_from, minlength=len(parents)) == 0)
 
 
 def _roots(outline: OrganOutline, rng: np.random.Generator) -> tuple[Points, Indices]:
-    """Return the first nodes: one vessel that enters the organ, or two vessels from different sides."""
+    """Return the first nodes of the network: one vessel that enters the organ, or two vessels from different sides."""
     angles = rng.uniform(0, 2 * np.pi) + np.array([0, rng.uniform(0.6, 1.4) * np.pi])
     stems = [_stem(outline, float(angle)) for angle in angles[: rng.integers(1, 3)]]
     starts = np.cumsum([0] + [len(stem) for stem in stems])
@@ -129,7 +129,7 @@ def _roots(outline: OrganOutline, rng: np.random.Generator) -> tuple[Points, Ind
 
 
 def _stem(outline: OrganOutline, angle: float) -> Points:
-    """Return the nodes of a straight vessel that starts at the outline and points inwards."""
+    """Return the nodes of a straight vessel from the outline towards the inside of the organ."""
     entry, inner = outline.at(angle, 1.0), outline.at(angle, 0.8)
     pieces = max(2, int(np.hypot(*(entry - inner)) / STEP))
     return np.asarray(entry + np.linspace(0, 1, pieces)[:, None] * (inner - entry))
@@ -138,7 +138,7 @@ def _stem(outline: OrganOutline, angle: float) -> Points:
 def _colonise(
     points: Points, parents: Indices, targets: Points, spacing: float, rng: np.random.Generator
 ) -> tuple[Points, Indices]:
-    """Grow towards ``targets`` until each target is reached or has no node within range."""
+    """Grow the network towards ``targets``, until each target has been reached or has no node within range."""
     from scipy.spatial import cKDTree
 
     distance, nearest = cKDTree(points).query(targets)
@@ -166,9 +166,9 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return the nodes that have the highest rank among the nodes within the distance ``room``.
+    """Return each node with the highest rank among all nodes within the distance ``room`` (cells).
 
-    This selection prevents dense rows of parallel vessels.
+    Choosing the nodes of highest rank prevents dense rows of parallel vessels.
     """
     from scipy.spatial import cKDTree
 
@@ -178,7 +178,10 @@ def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> In
 
 
 def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.Generator) -> Points:
-    """Return the unit growth direction of each attracted node, with nodes in ascending order."""
+    """Return the unit vector of the growth direction of each attracted node.
+
+    The directions are in ascending order of the node index.
+    """
     slot = np.unique(nearest, return_inverse=True)[1]
     pull = _unit(targets - points[nearest])
     total = np.column_stack([np.bincount(slot, pull[:, axis]).astype(np.float64) for axis in (0, 1)])
@@ -186,12 +189,12 @@ def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.
 
 
 def _unit(vectors: Points) -> Points:
-    """Return vectors of shape (k, 2) scaled to length 1. Zero vectors stay zero."""
+    """Return vectors of shape (k, 2) scaled to length 1. Zero vectors stay unchanged."""
     return np.asarray(vectors / (np.hypot(vectors[:, 0], vectors[:, 1]) + 1e-9)[:, None])
 
 
 def _smooth(points: Points, parents: Indices) -> Points:
-    """Return the nodes shifted towards the mean of their neighbours. Forks, roots and tips stay in place."""
+    """Return the nodes, each shifted towards the mean of its neighbours. Forks, roots and tips stay in place."""
     nodes = np.arange(len(parents))
     is_root = parents == nodes
     grown = np.bincount(parents[~is_root], minlength=len(parents))
@@ -229,7 +232,7 @@ def _join_tips(points: Points, parents: Indices, rng: np.random.Generator) -> tu
 
 
 def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
-    """Return the shortest segment between the first tree and the second tree, if there is a second tree."""
+    """Return the shortest segment between the two trees of a network. For a network with a single tree, return an empty list."""
     from scipy.spatial import cKDTree
 
     one, two = points[in_first_tree], points[~in_first_tree]
@@ -241,7 +244,7 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
-    """Return the candidate that is near the tip and ahead of it, or None."""
+    """Return the best candidate node near a tip and ahead of the tip, or None without such a node."""
     if not len(candidates):
         return None
     way = points[candidates] - points[tip]
@@ -253,7 +256,7 @@ def _best_target(points: Points, tip: int, heading: Points, candidates: Indices)
 
 
 def _bend(start: Points, end: Points, heading: Points) -> Points:
-    """Return a curve from ``start`` to ``end`` with initial direction ``heading``, shape (k, 2)."""
+    """Return a curve from ``start`` to ``end`` with the initial direction ``heading``, as points of shape (k, 2)."""
     length = float(np.hypot(*(end - start)))
     control = start + heading / (np.hypot(*heading) + 1e-9) * 0.5 * length
     share = np.linspace(0, 1, int(length / STEP) + 2)[:, None]
@@ -261,7 +264,7 @@ def _bend(start: Points, end: Points, heading: Points) -> Points:
 
 
 def _ancestor(parents: Indices, node: int, steps: int) -> int:
-    """Return the ancestor of a node ``steps`` generations back, or the root if there are fewer generations."""
+    """Return the ancestor of a node ``steps`` generations back. If the node has fewer generations of ancestors, return the root."""
     for _ in range(steps):
         node = int(parents[node])
     return node

@@ -1,4 +1,4 @@
-"""Vascular maps: a grown network drawn on a grid, with an exact number of free cells."""
+"""Maps of blood vessels: a grown vessel network, drawn on a grid with an exact number of free cells."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPECK = 2  # largest hole that is filled, in cells: such holes appear where two 
 
 
 def draw_vessels(count: int, *, seed: int = 0) -> Mask:
-    """Return a vascular network with exactly ``count`` free cells.
+    """Return a map of a blood vessel network with exactly ``count`` free cells.
 
     The network has one or two inlets, vessels that narrow at each fork, closed loops and dead ends.
 
@@ -25,12 +25,12 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     count : int
         Number of free cells.
     seed : int
-        The same seed gives the same map.
+        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True at free cells. The free cells are 4-connected, and the map has no empty border.
+        True at free cells. The free cells are 4-connected, and the map has no border rows or columns of obstacles.
     """
     rng = np.random.default_rng([seed, count])
     network = grow_network(AREA_PER_CELL * count, rng)
@@ -38,7 +38,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
 
 
 def _fit(network: VesselNetwork, count: int) -> Mask:
-    """Return the network drawn at the scale that gives ``count`` free cells or slightly more."""
+    """Return a map of the vessel network at the scale that gives ``count`` free cells or slightly more."""
     start, end, width = _pieces(network, TRUNK_WIDTH * (count / 5000) ** (1 / 6))
     scale, best, best_excess = 1.0, None, count
     for attempt in range(40):
@@ -55,10 +55,10 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
 
 
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
-    """Return start and end points (segments, 2) and the width (segments,) of every straight vessel segment.
+    """Return the start and end point (segments, 2) and the width in cells (segments,) of every straight vessel segment.
 
-    The width is a power of the total vessel length behind the segment. The power is chosen so that the widest segment has the width
-    ``trunk_width`` and the ends of twigs have the width ``TIP_WIDTH``.
+    The width of a segment is a power of the total length of the vessels that the segment supplies. The exponent gives the widest
+    segment the width ``trunk_width`` and the ends of twigs the width ``TIP_WIDTH``.
     """
     points, parents = network.points, network.parents
     size = subtrees(parents)[1]
@@ -73,7 +73,7 @@ def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points,
 
 
 def _draw(start: Points, end: Points, width: Points) -> Mask:
-    """Return the cells that the segments cover. Each segment is 4-connected."""
+    """Return the cells that the vessel segments cover. The cells of each segment are 4-connected."""
     share = np.linspace(0, 1, SAMPLES)[None, :, None]
     at = start[:, None] + share * (end - start)[:, None]
     margin = int(np.ceil(width.max() / 2)) + 1
@@ -99,7 +99,7 @@ def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> N
 
 
 def _fill_specks(free: Mask) -> Mask:
-    """Return the map with its smallest holes filled."""
+    """Return a copy of the map without the smallest holes."""
     from shoal.jit.kernels.connected import connected_parts  # needs Numba, which is slow to import
 
     holes = connected_parts(~free, corners=True)[0]
@@ -124,7 +124,7 @@ def _trim(free: Mask, count: int, rng: np.random.Generator) -> Mask:
 
 
 def _dead_ends(free: Mask) -> Indices:
-    """Return the free cells with exactly one free neighbour, shape (k, 2). The map's border must be obstacles."""
+    """Return the free cells with exactly one free neighbour, shape (k, 2). All border cells of the map must be obstacles."""
     neighbours = np.zeros(free.shape, dtype=np.int64)
     neighbours[1:-1, 1:-1] = free[:-2, 1:-1].astype(np.int64) + free[2:, 1:-1] + free[1:-1, :-2] + free[1:-1, 2:]
     return np.argwhere(free & (neighbours == 1))
@@ -136,7 +136,7 @@ def _free_neighbours(free: Mask, row: int, column: int) -> int:
 
 
 def _nearest_cells(free: Mask, count: int) -> Mask:
-    """Return the ``count`` free cells with the shortest paths to the first free cell."""
+    """Return the ``count`` free cells with the shortest paths to the first free cell of the map."""
     from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
 
     kept = np.zeros_like(free)

@@ -1,4 +1,4 @@
-"""Vessel trees in 3-D: a volume is split repeatedly, and a branch supplies each half. The radii follow Murray's law."""
+"""Vessel trees in 3-D. The generator splits a volume repeatedly, and a branch supplies each half. The radii follow Murray's law."""
 
 from __future__ import annotations
 
@@ -18,30 +18,31 @@ LOOPS = 0.12  # fraction of the tips that are joined to another tip
 
 
 def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
-    """Return a vessel tree with exactly ``count`` free cells; see `draw_vessel_net`.
+    """Return a 3-D map of a vessel tree with exactly ``count`` free cells. `draw_vessel_net` explains the method.
 
     Returns
     -------
     ndarray, bool, shape (D, H, W)
-        True at free cells. The free cells are 6-connected, and the map has no empty border.
+        True at free cells. The free cells are 6-connected, and the map has no border layers of obstacles.
     """
     return _draw_vessels(count, np.random.default_rng([seed, count]), loops=0.0)
 
 
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
-    """Return a vessel network with loops: a vessel tree in which some twigs are joined to twigs of other branches.
+    """Return a 3-D map of a vessel network with loops: a vessel tree with some twigs joined to twigs of other branches.
 
-    The tips of the network are distributed in an ellipsoid. A branch grows from the inlet towards the centre of its tips. A plane
-    along the branch then divides the tips into two groups, and a new branch supplies each group. The division continues until each
-    group is a single tip. The cube of a branch's radius is proportional to the number of tips that it supplies. Therefore the radii
-    follow Murray's law, r0³ = r1³ + r2³.
+    The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre of
+    all tips. A plane along each branch divides the branch's tips into two groups, and a new branch supplies each group. The
+    division continues until each group is a single tip. The cube of a branch's radius is proportional to the number of tips that
+    the branch supplies. Therefore the radius r0 of a branch and the radii r1 and r2 of its daughters follow Murray's law, r0³ = r1³
+    + r2³.
 
     Parameters
     ----------
     count : int
         Number of free cells.
     seed : int
-        The same seed gives the same map.
+        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
 
     Returns
     -------
@@ -66,12 +67,12 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the radius of each branch in cells, from the number of tips that it supplies."""
+    """Return the radius of each branch in cells. ``fed`` is the number of tips that each branch supplies."""
     return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
 
 
 def _spread(tips: int, rng: np.random.Generator) -> Points:
-    """Return random points in an ellipsoid, shape (tips, 3): layer, row, column."""
+    """Return random points in an ellipsoid as an array of shape (tips, 3) with the columns layer, row and column."""
     found: Points = np.zeros((0, 3))
     while len(found) < tips:
         cube = rng.uniform(-1, 1, (2 * tips + 8, 3))
@@ -80,7 +81,7 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return start and end of each branch, shape (n, 3), and the number of its tips, shape (n,). The trunk is first."""
+    """Return the start and the end of each branch, shape (n, 3), and the number of tips of each branch, shape (n,), trunk first."""
     starts, ends, fed = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
@@ -98,9 +99,9 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Split points by a plane that contains a branch and crosses the direction in which the points spread most.
+    """Split points by a plane that contains a branch and crosses the direction of the largest spread of the points.
 
-    Neither half is empty.
+    Each half contains at least one point.
     """
     offset = points - points.mean(axis=0)
     length = float(np.linalg.norm(along))
@@ -116,7 +117,10 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
 
 
 def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
-    """Return twigs between tips that are close in space but far apart in the tree. ``tips`` are in growth order."""
+    """Return twigs between tips that are close in space but far apart in the tree.
+
+    ``tips`` lists the tips in the order of growth.
+    """
     from scipy.spatial import cKDTree
 
     near = cKDTree(tips).query(tips, k=min(8, len(tips)))
@@ -134,7 +138,7 @@ def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
 
 
 def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int) -> Mask:
-    """Return the tree drawn at the scale that gives ``count`` free cells or slightly more."""
+    """Return a map of the vessel tree at the scale that gives ``count`` free cells or slightly more."""
     scale, low, high, best = 2.0 * float(np.cbrt(count)), 0.0, np.inf, None
     for attempt in range(30):
         free = _drawn(start * scale, end * scale, radius)
@@ -153,7 +157,7 @@ def _fitted(start: Points, end: Points, radius: NDArray[np.float64], count: int)
 
 
 def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
-    """Return the cells that the branches cover. Each branch is 6-connected."""
+    """Return the cells that the branches cover. The cells of each branch are 6-connected."""
     steps = np.maximum(1, np.ceil(2 * np.linalg.norm(end - start, axis=1)).astype(np.int64))
     branch = np.repeat(np.arange(len(start)), steps + 1)
     first = np.repeat(np.cumsum(steps + 1) - steps - 1, steps + 1)
@@ -173,7 +177,10 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
 
 
 def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
-    """Mark all cells as free whose centre lies within ``radius`` of a centre. Thick branches need fewer centres."""
+    """Mark all cells as free whose centre lies within ``radius`` of a ball's centre.
+
+    A thick branch needs fewer balls than a thin branch.
+    """
     for reach in range(1, int(np.ceil(radius.max())) + 1):
         thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))
         thick = thick[:: max(1, reach // 2)]
@@ -185,7 +192,7 @@ def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: ND
 
 
 def _trimmed(free: Mask, count: int) -> Mask:
-    """Return the ``count`` free cells with the shortest paths to the inlet, without an empty border. The twigs become shorter."""
+    """Return a map of the ``count`` free cells with the shortest paths to the inlet, without border layers of obstacles."""
     from shoal.swarm.kernels.search.breadth_first import nearest_cells  # needs Numba, which is slow to import
 
     padded = np.pad(free, 1)

@@ -1,4 +1,7 @@
-"""Centre lines of vessels: a mask's skeleton as segments between junctions and ends, with the width along each segment."""
+"""Centre lines of vessels: the skeleton of a mask, as segments between junctions and ends.
+
+The module also measures the width along each segment.
+"""
 
 from __future__ import annotations
 
@@ -20,18 +23,18 @@ SMOOTHING = 2.0  # standard deviation of the smoothing along a centre line, in p
 
 
 class Segment(NamedTuple):
-    """A vessel between two nodes.
+    """The centre line of a vessel between two nodes, which are junctions or ends.
 
     Attributes
     ----------
     points : ndarray, float64, shape (k, 2)
-        The smoothed centre line as (row, column), from the first node to the last.
+        Points of the smoothed centre line as (row, column) in pixels, from the first node to the last node.
     along : ndarray, float64, shape (k,)
-        Length of the centre line up to each point, in pixels.
+        Length of the centre line from the first node to each point, in pixels.
     area : ndarray, float64, shape (k,)
-        Number of vessel pixels that are nearer to each point than to any other point of a centre line.
+        For each point, the number of vessel pixels that are nearer to the point than to any other point of a centre line.
     nodes : tuple of int
-        The indices of the first and the last node in `CentreLines`.
+        Indices of the first and the last node of the segment in the array ``places`` of `CentreLines`.
     """
 
     points: Points
@@ -44,11 +47,14 @@ class Segment(NamedTuple):
 
     @property
     def length(self) -> float:
-        """Length of the centre line in pixels."""
+        """Length of the segment's centre line, in pixels."""
         return float(self.along[-1])
 
     def width(self, first: float, last: float) -> float:
-        """Return the mean width in pixels between two distances along the segment, or NaN for fewer than two points."""
+        """Return the mean width, in pixels, between two distances along the segment.
+
+        For fewer than two centre line points, return NaN.
+        """
         part = np.flatnonzero((self.along >= first) & (self.along <= last))
         if len(part) < 2:
             return float("nan")
@@ -56,23 +62,23 @@ class Segment(NamedTuple):
         return float((self.area[part].sum() - ends) / (self.along[part[-1]] - self.along[part[0]]))
 
     def backward(self) -> Segment:
-        """Return the same segment from its last node to its first."""
+        """Return the reversed segment, which runs from the last node to the first node."""
         return Segment(self.points[::-1], self.length - self.along[::-1], self.area[::-1], self.nodes[::-1])
 
 
 class CentreLines(NamedTuple):
-    """The centre lines of a mask.
+    """The centre lines of the vessels in a mask.
 
     Attributes
     ----------
     segments : list of Segment
-        Closed curves without a junction are left out.
+        The segments between nodes. The list omits closed curves without a junction.
     places : ndarray, float64, shape (nodes, 2)
-        Row and column of each junction or end.
+        Row and column of each node (a junction or an end), in pixels.
     radii : ndarray, float64, shape (nodes,)
-        Radius in pixels of the largest disc around each node that lies inside the vessels.
+        Radius of the largest disc around each node inside the vessels, in pixels.
     skeleton : ndarray of bool, shape (H, W)
-        True on the centre lines.
+        True for pixels on the centre lines.
     """
 
     segments: list[Segment]
@@ -84,9 +90,9 @@ class CentreLines(NamedTuple):
         return one_line(self)
 
     def branches(self) -> list[list[Segment]]:
-        """Return the segments of each node, each directed away from the node.
+        """Return, for each node, all segments that end at the node, directed away from the node.
 
-        A segment with both ends at the same node occurs twice.
+        A segment whose two ends are the same node occurs twice in the node's list.
         """
         found: list[list[Segment]] = [[] for _ in self.places]
         for one in self.segments:
@@ -96,15 +102,15 @@ class CentreLines(NamedTuple):
 
 
 def centre_lines(mask: Mask) -> CentreLines:
-    """Return the centre lines of a mask of shape (H, W), True on vessels.
+    """Return the centre lines of a mask of shape (H, W), which is True on vessels.
 
-    Connected junctions are joined if their largest discs inside the vessels overlap. Two crossing vessels therefore have one
-    junction of four segments.
+    The function joins two connected junctions if the largest discs around them inside the vessels overlap. Therefore two crossing
+    vessels have one junction of four segments.
 
     Raises
     ------
     MissingExtraError
-        If scikit-image is not installed.
+        Raised if scikit-image is not installed.
     """
     from scipy import ndimage
 
@@ -127,7 +133,7 @@ def centre_lines(mask: Mask) -> CentreLines:
 
 
 def _links(skeleton: Mask, at: Indices) -> Links:
-    """Return the neighbours of each pixel. A diagonal neighbour counts only if no skeleton pixel touches both pixels."""
+    """Return the neighbours of each skeleton pixel. A diagonal neighbour counts only if no skeleton pixel is beside both pixels."""
     index = np.full(skeleton.shape, -1)
     index[tuple(at.T)] = np.arange(len(at))
     links: Links = [[] for _ in at]
@@ -143,7 +149,7 @@ def _links(skeleton: Mask, at: Indices) -> Links:
 
 
 def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
-    """Return the chains of pixels between nodes, and the node of each pixel that is a junction or an end."""
+    """Return the chains of pixels between nodes, and the number of the node for each pixel at a junction or an end."""
     node_of: dict[int, int] = {}
     nodes = 0
     for pixel, near in enumerate(links):
@@ -169,7 +175,10 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
 
 
 def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
-    """Return the pixels of a short open branch without its junction, or nothing if the chain is not one."""
+    """Return the pixels of a spur (a short branch with an open end), except its junction.
+
+    For other chains, return an empty list.
+    """
     one, two = len(links[chain[0]]), len(links[chain[-1]])
     if min(one, two) != 1 or max(one, two) < 3:
         return []
@@ -178,7 +187,7 @@ def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
 
 
 def _joined(segments: list[Segment], node_of: dict[int, int], at: Indices, depth: Points, skeleton: Mask) -> CentreLines:
-    """Return the centre lines with junctions joined whose discs overlap."""
+    """Return the centre lines after joining all connected junctions with overlapping discs."""
     from scipy import sparse
 
     pixels, nodes = np.array(list(node_of), dtype=np.int64), np.array(list(node_of.values()), dtype=np.int64)
@@ -204,7 +213,7 @@ def _joined(segments: list[Segment], node_of: dict[int, int], at: Indices, depth
 
 
 def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
-    """Return a chain of pixels as a segment. The ends of the segment stay in place, because the line is extended for smoothing."""
+    """Smooth a chain of pixels and return it as a segment. The ends of the segment stay in place."""
     from scipy import ndimage
 
     beyond = min(int(3 * SMOOTHING), len(chain) - 1)

@@ -1,7 +1,7 @@
-"""Filters that respond to vessels: background subtraction, line detectors of several lengths, and ridge filters of several widths.
+"""Image filters that find vessels: background subtraction, line detectors of several lengths, and ridge filters of several widths.
 
-The parameters are for eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. For thicker vessels,
-the filters also run on reduced pictures: at half the size, a quarter of the size, and so on.
+The constants of the filters suit eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. To find
+thicker vessels, the filters also run on reduced pictures of half the size, a quarter of the size, and so on.
 """
 
 from __future__ import annotations
@@ -26,16 +26,18 @@ RIDGE_WEIGHT = 0.5  # weight of the ridge filters relative to the line detector
 
 
 def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
-    """Return the vessel response of each pixel. The response is about 0 on the background.
+    """Return the vessel response of each pixel: how much the pixel looks like part of a vessel.
+
+    Background pixels have about the response 0.
 
     Parameters
     ----------
     flat : ndarray of float64, shape (H, W)
-        A picture with a flat background, in which vessels have high values.
+        A picture with a flat background, in which vessels are brighter than the background.
     view : ndarray of bool, shape (H, W)
-        Mask of the pixels to evaluate.
+        Mask of the pixels for which the response is computed.
     levels : int
-        Number of scales: 1 for vessels up to 10 pixels wide, and one more scale for each doubling of this width.
+        Number of picture sizes: 1 for vessels up to 10 pixels wide, and one more for each doubling of the vessel width.
     """
     answers = []
     for level in range(levels):
@@ -51,9 +53,9 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
-    """Subtract the background, which is the median over a wide window.
+    """Subtract the background of a picture: the median over a wide window around each pixel.
 
-    For the median, mirror images of pixels inside the field of view replace the pixels outside.
+    Before the median is computed, mirror images of pixels inside the field of view replace the pixels outside the field of view.
     """
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
@@ -69,7 +71,7 @@ def _enlarged(coarse: Grey, shape: tuple[int, ...], step: int) -> Grey:
 
 
 def standardised(values: Grey, view: Mask) -> Grey:
-    """Scale values to mean 0 and standard deviation 1 over the field of view."""
+    """Scale the pixel values to mean 0 and standard deviation 1 over the field of view."""
     inside = values[view]
     return np.asarray((values - inside.mean()) / (inside.std() + 1e-12))
 
@@ -85,7 +87,7 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 
 
 def _line_strength(grey: Grey, view: Mask) -> Grey:
-    """Return the response of the multi-scale line detector: the brightest line through a pixel minus its surroundings."""
+    """Return the response of a line detector: the mean of the brightest line through each pixel, minus the mean around it."""
     total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)
@@ -95,13 +97,16 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 
 
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
-    """Return for each pixel the highest mean value along a line through this pixel. The lines have `ANGLES` angles."""
+    """Return, for each pixel, the highest mean value along a line through the pixel.
+
+    The function tries `ANGLES` different angles.
+    """
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)
 
 
 def _line(length: int, angle: float) -> Grey:
-    """Return the pixel weights of a line. Positions between pixels are distributed over their neighbours."""
+    """Return the pixel weights of a straight line. A point between pixels adds weight to all neighbouring pixels."""
     weights = np.zeros((length + 2, length + 2))
     for step in np.arange(length) - (length - 1) / 2:
         row, column = (length + 1) / 2 + step * np.sin(angle), (length + 1) / 2 + step * np.cos(angle)
@@ -112,11 +117,10 @@ def _line(length: int, angle: float) -> Grey:
 
 
 def _ridge_strength(grey: Grey) -> Grey:
-    """Return the maximum response of ridge filters.
+    """Return, for each pixel, the maximum response of ridge filters of all widths and angles.
 
-    A filter is the second derivative of a Gaussian across a vessel, and is long along the vessel.
-
-    The filters cover all widths and angles. Each filter has energy 1, so that all filters respond equally to noise.
+    Each ridge filter is the second derivative of a Gaussian across a vessel, stretched along the vessel. Each ridge filter is
+    scaled to energy 1, so that all ridge filters respond equally to noise.
     """
     reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")

@@ -21,42 +21,42 @@ def segment_vessels(
     bright: bool | None = None,
     thickest: float | None = None,
 ) -> Mask:
-    """Return the main vascular network of a picture as a map.
+    """Return the largest connected vessel network of a picture as a map.
 
     Parameters
     ----------
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
         Greyscale or colour picture with any range of values.
     width : int, optional
-        Larger side of the map in cells; the default is 160. The map is smaller if the vessels extend over fewer pixels.
+        Larger side of the map in cells; the default is 160 cells. The map has fewer cells if the vessels extend over fewer pixels.
     low, high, bright, thickest
-        Options of `find_vessels`.
+        Options ``low``, ``high``, ``bright`` and ``thickest`` of the function `find_vessels`.
 
     Returns
     -------
     ndarray, bool, shape (H, W)
-        True at free cells. The map contains one 4-connected network without an empty border.
+        True at free cells. The map contains one 4-connected network, and has no border rows or columns of obstacles.
 
     Raises
     ------
     InvalidInputError
-        If the array is not a picture, an option is out of range, or no vessels are found.
+        Raised if the array is not a picture, if an option is out of range, or if the picture shows no vessels.
     MissingExtraError
-        If scikit-image is not installed.
+        Raised if scikit-image is not installed.
     """
     return map_of_vessels(find_vessels(image, low=low, high=high, bright=bright, thickest=thickest).mask, width=width)
 
 
 def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
-    """Return the largest connected network of a mask of shape (H, W) as grid cells. Thin vessels stay connected.
+    """Return the largest connected network of a mask of shape (H, W) as a map of cells. Thin vessels stay connected.
 
-    The map has the extent of the network's bounding box. The longer side of the map has at most ``width`` cells, or 160 if
-    ``width`` is None.
+    The map covers the bounding box of the vessel network. The longer side of the map has at most ``width`` cells, or at most 160
+    cells if ``width`` is None.
 
     Raises
     ------
     InvalidInputError
-        If the width is less than 1.
+        Raised if ``width`` is less than 1 cell.
     """
     vessels = crop(_joined(mask))
     factor = 1 / _pixels_a_cell(vessels, width)
@@ -70,12 +70,12 @@ def map_of_vessels(mask: Mask, *, width: int | None = None) -> Mask:
 
 
 def pixels_a_cell(mask: Mask, *, width: int | None = None) -> float:
-    """Return the side of one map cell in pixels, for the map that `map_of_vessels` makes of a mask of shape (H, W).
+    """Return the side of one cell, in pixels, of the map that `map_of_vessels` makes from a mask of shape (H, W).
 
     Raises
     ------
     InvalidInputError
-        If the width is less than 1.
+        Raised if ``width`` is less than 1 cell.
     """
     return _pixels_a_cell(crop(_joined(mask)), width)
 
@@ -87,7 +87,7 @@ def _pixels_a_cell(network: Mask, width: int | None) -> float:
 
 
 def _joined(mask: Mask) -> Mask:
-    """Return the largest network of a mask after bridging gaps of up to a hundredth of the larger side."""
+    """Bridge gaps of up to 1 % of the mask's larger side, and return the largest connected network of the mask."""
     from scipy import ndimage
 
     reach = max(mask.shape) / 200
@@ -102,7 +102,7 @@ def _joined(mask: Mask) -> Mask:
 
 
 def _trace(skeleton: Mask, rows: NDArray[np.int64], columns: NDArray[np.int64], share: NDArray[np.float64]) -> Mask:
-    """Return the cells through which a skeleton passes, with a corner cell at each diagonal step."""
+    """Return the cells through which a skeleton passes. A corner cell at each diagonal step makes the cells 4-connected."""
     free = np.zeros(share.shape, dtype=np.bool_)
     at = np.argwhere(skeleton)
     free[rows[at[:, 0]], columns[at[:, 1]]] = True

@@ -1,4 +1,4 @@
-"""Photographs as numeric arrays: one grey channel and the field of view, scaled to the size that the filters expect."""
+"""Photographs as numeric arrays: one grey channel and the field of view, scaled to the size that the vessel filters expect."""
 
 from __future__ import annotations
 
@@ -24,34 +24,34 @@ RIM, MIRRORED = 6, 2
 
 
 class Photograph(NamedTuple):
-    """A photograph at the size on which the filters run."""
+    """A photograph, scaled to the size that the vessel filters expect."""
 
     grey: Grey
     view: Mask
-    """The field of view without its border."""
+    """Mask of the pixels inside the field of view, without the border of the field of view."""
 
     within: Mask
-    """The pixels in which the finder searches for vessels."""
+    """Mask of the pixels in which the vessel finder searches for vessels."""
 
     def __repr__(self) -> str:
         return one_line(self)
 
     @property
     def has_surround(self) -> bool:
-        """Whether the photograph has pixels outside the field of view."""
+        """Whether the photograph has a surround: pixels outside the field of view."""
         return not self.view.all()
 
 
 def read_photograph(image: ArrayLike) -> Photograph:
-    """Return a picture as one grey channel, with values from 0 to 1, and its field of view.
+    """Return the field of view of a picture, and one grey channel with values from 0 to 1.
 
-    Of a colour picture, the green channel is used, because green shows blood with the best contrast. If the green channel has
-    little contrast, the brightness is used.
+    The grey channel of a colour picture is its green channel, because green shows blood with the best contrast. If the green
+    channel has little contrast, the grey channel is the brightness of the picture.
 
     Raises
     ------
     InvalidInputError
-        If the array is not a picture or has a single colour.
+        Raised if the array is not a picture, or if all pixels have a single colour.
     """
     array = np.asarray(image)
     if array.ndim not in (2, 3) or (array.ndim == 3 and array.shape[2] not in (3, 4)):
@@ -76,7 +76,7 @@ def read_photograph(image: ArrayLike) -> Photograph:
 
 
 def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
-    """Return a picture in another size. A picture is smoothed before its size is reduced."""
+    """Return a picture scaled to another size. Smooth the picture before reducing its size."""
     from PIL import Image
 
     floats = Image.fromarray(np.asarray(picture, dtype=np.float32))
@@ -84,7 +84,7 @@ def resized(picture: NDArray[np.generic], shape: tuple[int, ...]) -> Grey:
 
 
 def _from_0_to_1(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Scale values to the range from 0 to 1. Return zeros if all values are almost equal."""
+    """Scale pixel values to the range from 0 to 1. If all values are almost equal, return zeros."""
     darkest, brightest = float(values.min()), float(values.max())
     if not brightest - darkest > 1e-9 * max(abs(brightest), abs(darkest)):
         return np.zeros(values.shape, dtype=np.float32)
@@ -96,7 +96,7 @@ def _scaled(shape: tuple[int, ...], factor: float) -> tuple[int, ...]:
 
 
 def _field_of_view(light: NDArray[np.float32]) -> Mask:
-    """Return the mask of the pixels that are not part of a black or white surround, at a size of at most `SIDE`."""
+    """Return the mask of the pixels outside a black or white surround. The larger side of the mask is at most `SIDE` pixels."""
     from scipy import ndimage
 
     small = resized(light, _scaled(light.shape, min(1.0, SIDE / max(light.shape))))

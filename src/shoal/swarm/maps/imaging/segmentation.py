@@ -1,4 +1,4 @@
-"""Vessel segmentation of a photograph, with a confidence that the picture shows vessels."""
+"""Vessel segmentation: find the vessels in a photograph, and compute a confidence that the photograph shows vessels."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from shoal.swarm.maps.imaging.photographs import Grey, Photograph, read_photogra
 
 LOW, HIGH = 0.6, 1.2  # thresholds, as multiples of the threshold that best splits the responses
 SHARES = {True: (0.09, 0.16), False: (0.02, 0.4)}
-"""Minimum and maximum fraction of pixels above the threshold, with and without a field of view.
+"""Minimum and maximum fraction of pixels above the threshold: for photographs with a surround (True) and without one (False).
 
-In photographs with one, experts mark 12 % on average.
+In photographs with a surround, experts mark on average 12 % of the pixels as vessels.
 """
 THICKEST = {True: 0.0185, False: 0.035}
-"""Width of the thickest vessel relative to the larger side, with a field of view and without."""
+"""Width of the thickest vessel as a fraction of the photograph's larger side: with a surround (True) and without one (False)."""
 CLEARLY_BRIGHTER = 3.0  # if bright lines are this much stronger than dark lines, dark lines are not tried
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
@@ -42,11 +42,11 @@ class Vessels:
     Parameters
     ----------
     mask : ndarray of bool, shape (H, W)
-        True at vessel pixels, at the photograph's own resolution.
+        True at vessel pixels. The mask has the resolution of the photograph.
     confidence : float
-        Confidence from 0 (noise, or edges of other objects) to 1 (vessels).
+        Confidence that the photograph shows vessels: from 0 (noise, or edges of other objects) to 1 (vessels).
     bright : bool
-        Whether vessels are brighter than their surroundings.
+        Whether vessels are brighter than the surrounding pixels.
     """
 
     mask: Mask
@@ -55,7 +55,7 @@ class Vessels:
 
     @property
     def warning(self) -> str | None:
-        """A warning that the picture may show no vessels. The value is None if the confidence is high."""
+        """A warning that the photograph may show no vessels, or None if the confidence is high."""
         if self.confidence >= SURE:
             return None
         return f"the picture may show no vessels: confidence {self.confidence:.2f} of 1 (compare the overlay)"
@@ -64,48 +64,51 @@ class Vessels:
 def find_vessels(
     image: ArrayLike, *, low: float = LOW, high: float = HIGH, bright: bool | None = None, thickest: float | None = None
 ) -> Vessels:
-    """Return the vessel pixels of a picture.
+    """Find the vessels in a picture, and return the mask of vessel pixels with a confidence.
 
     Parameters
     ----------
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
-        Greyscale or colour picture with any range of values. A fourth channel (opacity) is ignored.
+        Greyscale or colour picture with any range of values. The function ignores a fourth channel (opacity).
     low, high : float
-        Thresholds of the filter response, as multiples of Otsu's threshold between vessels and background. A vessel continues while
-        its response is above ``low``, and counts if its response exceeds ``high`` somewhere. Lower values give more and finer
-        vessels.
+        Thresholds of the filter response, as multiples of Otsu's threshold between vessels and background. A vessel consists of
+        connected pixels with a response above ``low``, of which at least one has a response above ``high``. Lower thresholds give
+        more and finer vessels.
     bright : bool, optional
-        Whether vessels are brighter than their surroundings. By default, the clearer lines (bright or dark) are taken as vessels.
+        Whether vessels are brighter than the surrounding pixels. By default, the clearer lines count as vessels: the bright lines
+        or the dark lines.
     thickest : float, optional
         Width of the thickest vessel as a fraction of the picture's larger side. The default is 0.0185 for a photograph with a
-        surround, such as a photograph of an eye, and 0.035 otherwise.
+        surround, such as a photograph of an eye, and 0.035 for a photograph without a surround.
 
     Raises
     ------
     InvalidInputError
-        If the array is not a picture, an option is out of range, or no vessels are found.
+        Raised if the array is not a picture, if an option is out of range, or if the picture shows no vessels.
     MissingExtraError
-        If scikit-image is not installed.
+        Raised if scikit-image is not installed.
 
     Notes
     -----
-    The response is the sum of two standardized filters. The first is the multi-scale line detector (U. T. V. Nguyen et al., Pattern
-    Recognition 46, 2013). The second, with half the weight, consists of elongated second derivatives of Gaussians, similar to Gabor
-    filters (J. V. B. Soares et al., IEEE Transactions on Medical Imaging 25, 2006). `python -m benchmarks.vessels_from_photographs`
-    measures the accuracy on synthetic photographs of eyes.
+    The filter response of a pixel is the sum of two standardized filters. The first filter is the multi-scale line detector by
+    Nguyen and others (Pattern Recognition 46, 2013). The second filter has half the weight of the first filter, and consists of
+    elongated second derivatives of Gaussians. The elongated derivatives are similar to the Gabor filters by Soares and others (IEEE
+    Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs` measures the accuracy of
+    the vessel finder on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
 
 class VesselFinder:
-    """A photograph with its filter responses.
+    """A photograph with its filter responses, in which vessels can be found for any thresholds.
 
-    The filters run once, and then the finder can find vessels for many pairs of thresholds.
+    The filters run once for each photograph. With the stored responses, the vessel finder quickly finds vessels for many pairs of
+    thresholds.
 
     Parameters
     ----------
     image, bright, thickest
-        Options of `find_vessels`.
+        Arguments ``image``, ``bright`` and ``thickest`` of the function `find_vessels`.
     """
 
     def __init__(self, image: ArrayLike, *, bright: bool | None = None, thickest: float | None = None) -> None:
@@ -118,7 +121,7 @@ class VesselFinder:
         self._clearest: _Filtered | None = None
 
     def find(self, *, low: float = LOW, high: float = HIGH) -> Vessels:
-        """Return the vessels; see `find_vessels`."""
+        """Return the vessels in the photograph for two thresholds. The function `find_vessels` explains the thresholds."""
         _check_thresholds(low, high)
         first = 0.0
         for levels in self.tried:
@@ -134,9 +137,9 @@ class VesselFinder:
         )
 
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
-        """Return the mask of vessels for other thresholds, resized to ``shape``.
+        """Return the mask of the photograph's vessels for other thresholds, resized to ``shape``.
 
-        The method is fast, because it reuses the filter responses of the last `find` and computes no confidence.
+        The method is fast, because it reuses the filter responses of the last call of `find` and computes no confidence.
         """
         _check_thresholds(low, high)
         if self._clearest is None:
@@ -145,9 +148,9 @@ class VesselFinder:
         return self._clearest.mask(low, high, shape)
 
     def _clearest_at(self, levels: int, low: float, high: float) -> tuple[float, bool, _Filtered]:
-        """Return the result for bright or for dark lines, whichever has the higher confidence.
+        """Find bright lines and dark lines, and return the result with the higher confidence.
 
-        The filters run at ``levels`` sizes of the picture.
+        The vessel filters run on ``levels`` sizes of the picture.
         """
         view = self.picture.view
         flat = without_ground(self.picture.grey, view, FLATTENING * 2 ** (levels - 1))
@@ -167,7 +170,7 @@ class VesselFinder:
 
 @dataclass(frozen=True)
 class _Filtered:
-    """A picture with a flat background, without structures of opposite brightness; with its response and threshold."""
+    """A picture with a flat background, the filter response of each pixel, and the threshold between vessels and background."""
 
     flat: Grey
     response: Grey
@@ -183,7 +186,7 @@ class _Filtered:
 
 
 def photograph_response(image: ArrayLike) -> Grey:
-    """Return the vessel response of each pixel of a photograph with dark vessels, such as a photograph of an eye; shape (H, W)."""
+    """Return the vessel response, shape (H, W), of each pixel of a photograph with dark vessels, such as a photograph of an eye."""
     picture = read_photograph(image)
     levels = _levels(picture, THICKEST[picture.has_surround])
     flat = without_ground(picture.grey, picture.view, FLATTENING * 2 ** (levels - 1))
@@ -191,7 +194,7 @@ def photograph_response(image: ArrayLike) -> Grey:
 
 
 def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
-    """Return the filter response of a flat picture over ``levels`` sizes, and the threshold that divides it best."""
+    """Return the filter response of a picture on ``levels`` picture sizes, and the threshold between vessels and background."""
     from scipy.ndimage import gaussian_filter, grey_dilation
 
     filters, view = imaging_module("filters"), picture.view
@@ -207,9 +210,9 @@ def _filter(flat: Grey, picture: Photograph, levels: int) -> _Filtered:
 
 
 def _without_opposite(flat: Grey, view: Mask) -> Grey:
-    """Return a flat picture with its low values clipped.
+    """Clip the low values of a picture with a flat background.
 
-    With the low values, the filters would respond beside structures of opposite brightness.
+    Without clipping, the vessel filters would respond to pixels beside very dark structures.
     """
     return np.maximum(flat, -3 * 1.4826 * float(np.median(np.abs(flat[view]))))
 
@@ -228,20 +231,20 @@ def imaging_module(module: str) -> Any:
 
 
 def _levels(picture: Photograph, thickest: float) -> int:
-    """Return the number of picture sizes at which the filters must run to detect the thickest vessel."""
+    """Return the number of picture sizes on which the vessel filters must run to detect the thickest vessel."""
     width = thickest * max(picture.grey.shape) / THICKEST_VESSEL
     return 1 + max(0, int(np.ceil(np.log2(width) - 0.2)))
 
 
 def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
-    """Return the strength of bright lines: the mean of the strongest responses, of which a given fraction is taken."""
+    """Return the strength of bright lines: the mean of the highest responses. ``share`` is the fraction of pixels in the mean."""
     lines: NDArray[np.float64] = strongest_line(flat)[view]
     kept = max(1, int(share * lines.size))
     return float(np.partition(lines, -kept)[-kept:].mean())
 
 
 def _without_small(found: Mask, least: float) -> Mask:
-    """Remove parts with fewer than ``least`` pixels. If all parts are smaller, keep the largest ones."""
+    """Remove connected parts with fewer than ``least`` pixels. If all connected parts are smaller, keep the largest ones."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(found, np.ones((3, 3)))
@@ -251,11 +254,12 @@ def _without_small(found: Mask, least: float) -> Mask:
 
 
 def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
-    """Return the confidence that a network consists of vessels.
+    """Return the confidence, from 0 to 1, that a network of lines consists of vessels.
 
-    The confidence combines four criteria. First, vessels give stronger lines than noise of the same spectrum. Second, a vessel
-    differs in brightness from both of its sides, but an edge differs from only one side. Third, vessels are connected over long
-    distances, but letters and stars are not. Fourth, vessels have all directions, but the joints of a wall do not.
+    The confidence combines four criteria. First, vessels give stronger lines than noise with the spectrum of the picture. Second, a
+    vessel differs in brightness from the background on both sides, but the edge of an object differs on one side only. Third,
+    vessels are connected over long distances, but letters and stars are not. Fourth, vessels run in all directions, but the joints
+    of a brick wall run in two directions.
     """
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))
@@ -275,7 +279,10 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
 
 
 def _mean_extent(network: Mask, middle: Mask) -> float:
-    """Return the mean diagonal of the network's connected parts relative to the larger side, averaged over the centre lines."""
+    """Return the mean diagonal of a network's connected parts, as a fraction of the larger side of the picture.
+
+    The weight of a connected part in the mean is the part's number of centre line pixels.
+    """
     from scipy import ndimage
 
     parts, _ = ndimage.label(network, np.ones((3, 3)))
@@ -284,10 +291,10 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
 
 
 def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, float]:
-    """Return two measures of the network's centre lines, each from 0 to 1.
+    """Return two measures of the centre lines of a network. Both measures lie between 0 and 1.
 
-    The first is the fraction of centre lines whose contrast on one side is at least half the contrast on the other. The second is
-    the alignment of all centre lines with one direction or its perpendicular.
+    The first measure is the fraction of centre line pixels whose contrast on one side is more than half the contrast on the other
+    side. The second measure is the alignment of all centre lines with one direction or with the perpendicular direction.
     """
     from scipy import ndimage
 
@@ -302,7 +309,10 @@ def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, flo
 
 
 def _in_own_pixels(network: Mask, response: Grey, low: float, shape: tuple[int, ...]) -> Mask:
-    """Return a network at the photograph's resolution. Its edges lie where the response crosses the threshold."""
+    """Return a vessel network at the photograph's resolution.
+
+    The edges of the vessels lie where the filter response crosses the threshold.
+    """
     if network.shape == shape:
         return network
     from scipy import ndimage

@@ -1,4 +1,4 @@
-"""Statistics of vessel networks: branching angles, ratios of widths, Murray's exponent, lengths, tortuosity, density, dead ends."""
+"""Statistics of vessel networks, such as branching angles, width ratios, Murray's exponent, tortuosity and density."""
 
 from __future__ import annotations
 
@@ -23,22 +23,23 @@ LARGEST_EXPONENT = 50.0
 
 @dataclass(frozen=True)
 class VesselStatistics:
-    """Measures of one vessel network. Lengths are in pixels of the mask.
+    """Measures of one vessel network. All lengths are in pixels of the mask.
 
     Parameters
     ----------
     angles : ndarray, float64, shape (k,)
         Angle in degrees between the two daughters of each measured bifurcation.
     radii : ndarray, float64, shape (k, 3)
-        Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation.
+        Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation, in pixels.
     lengths, chords, widths : ndarray, float64, shape (s,)
-        Length, distance between the ends, and mean width of each segment between two junctions.
+        Length, distance between the ends, and mean width of each vessel segment, in pixels.
     area_density : float
-        Fraction of the view that vessels cover.
+        Fraction of the area of the view that vessels cover.
     dead_ends : float
-        Number of dead ends per length of 100 mean vessel widths, or NaN if the network is not longer than its mean width.
+        Number of dead ends per network length of 100 mean vessel widths. The number is NaN if the network is not longer than the
+        mean vessel width.
     fractal_dimension : float
-        Box-counting dimension of the centre lines.
+        Box-counting dimension of the network's centre lines.
     """
 
     angles: Values
@@ -52,25 +53,28 @@ class VesselStatistics:
 
     @property
     def area_ratios(self) -> Values:
-        """Cross-section of both daughter vessels divided by the cross-section of the parent vessel; shape (k,)."""
+        """For each bifurcation, the total cross-section of both daughter vessels divided by the parent vessel's cross-section."""
         return np.asarray((self.radii[:, 1] ** 2 + self.radii[:, 2] ** 2) / self.radii[:, 0] ** 2)
 
     @property
     def asymmetry(self) -> Values:
-        """Radius of the narrower daughter vessel divided by the radius of the wider one; shape (k,)."""
+        """Radius of the narrower daughter vessel divided by the radius of the wider daughter vessel, for each bifurcation."""
         return np.asarray(self.radii[:, 2] / self.radii[:, 1])
 
     @property
     def exponents(self) -> Values:
-        """Exponent of each bifurcation, shape (k,); see `murray_exponents`."""
+        """Exponent of Murray's law for each bifurcation, computed by `murray_exponents`."""
         return murray_exponents(self.radii)
 
     def summary(self) -> dict[str, float]:
-        """Return one number for each measure, or NaN if the network has no bifurcation or segment.
+        """Return one number for each measure.
+
+        If a network has no bifurcations or no segments, the measures of bifurcations or segments are NaN.
 
         The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations, because vessels that cross or
-        touch give outliers. The ratio of length to diameter is the mean over all segments. The tortuosity is the length of all
-        segments divided by the length of their chords.
+        touch give outliers. The ratio of length to diameter is the mean over all vessel segments. The tortuosity is the total
+        length of all segments divided by the total length of their chords. A chord is the straight line between the ends of a
+        segment.
         """
         bifurcations = {
             "branching_angle": self.angles,
@@ -89,28 +93,28 @@ class VesselStatistics:
 
 
 def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> VesselStatistics:
-    """Return the statistics of a vessel network.
+    """Measure a vessel network and return its statistics.
 
     Parameters
     ----------
     mask : array_like of bool, shape (H, W)
-        True on vessels: a map, or the mask of `find_vessels`.
+        Mask that is True on vessels: a map, or the mask of `find_vessels`.
     view : array_like of bool, shape (H, W), optional
-        The field of view of a photograph. The default is the convex hull of the vessels.
+        Mask of the field of view of a photograph. The default field of view is the convex hull of the vessels.
 
     Raises
     ------
     InvalidInputError
-        If the mask has no vessels, or the mask and the view have different shapes.
+        Raised if the mask has no vessels, or if the mask and the view have different shapes.
     MissingExtraError
-        If scikit-image is not installed.
+        Raised if scikit-image is not installed.
 
     Notes
     -----
-    The centre lines are the skeleton of the mask. The width of a part of a vessel is its area divided by its length. A bifurcation
-    is a junction of three segments, and each of these segments is measured outside the largest disc that fits into the junction.
-    The parent is the widest segment. If several segments are about as wide, the parent is the segment for which the angle between
-    the other two segments is smallest.
+    The centre lines of the vessels are the skeleton of the mask. The width of a vessel part is the part's area divided by its
+    length. A bifurcation is a junction of three segments. The function measures the segments of a bifurcation outside the largest
+    disc that fits into the junction. The parent vessel of a bifurcation is the widest segment. If several segments are about
+    equally wide, the parent is the segment opposite the smallest angle between two segments.
 
     Examples
     --------
@@ -147,17 +151,18 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
 
 
 def murray_exponents(radii: ArrayLike) -> Values:
-    """Return the exponent k of Murray's law, ``r0**k == r1**k + r2**k``, of bifurcations.
+    """Return, for each bifurcation, the exponent k of Murray's law ``r0**k == r1**k + r2**k``.
 
     Parameters
     ----------
     radii : array_like, shape (k, 3)
-        Radius r0 of the parent vessel, and radii r1 and r2 of the daughter vessels.
+        Radius r0 of the parent vessel, and radii r1 and r2 of the daughter vessels, in any common unit.
 
     Returns
     -------
     ndarray, float64, shape (k,)
-        Infinite if a daughter vessel is at least as wide as the parent vessel, or if the exponent is above 50.
+        Exponent of each bifurcation. The exponent is infinite if a daughter vessel is at least as wide as the parent vessel, or if
+        the exponent would exceed 50.
 
     Examples
     --------
@@ -175,20 +180,20 @@ def murray_exponents(radii: ArrayLike) -> Values:
 
 
 def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
-    """Return the box-counting dimension of a mask: 1 for a line, 2 for an area.
+    """Return the box-counting dimension of a mask, which is 1 for a line and 2 for an area.
 
     Parameters
     ----------
     mask : array_like of bool, shape (H, W)
-        True on the network.
+        Mask that is True on the network.
     smallest : float
-        Side of the smallest boxes in pixels. Each further size of boxes has twice the side of the previous size, up to a quarter of
-        the network's larger side.
+        Side of the smallest boxes, in pixels. The side of the boxes doubles from size to size, up to a quarter of the network's
+        larger side.
 
     Returns
     -------
     float
-        NaN if the network is too small for boxes of two sizes.
+        The box-counting dimension, or NaN if the network is too small for two sizes of boxes.
 
     Examples
     --------
@@ -206,7 +211,7 @@ def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
 
 
 def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, list[float]] | None:
-    """Return the angle between the daughters and the three radii, or None if the junction has no three long branches."""
+    """Return the angle between the daughter vessels (degrees) and the three radii, or None if a branch is too short to measure."""
     if len(branches) != 3 or any(one.nodes[0] == one.nodes[1] for one in branches):
         return None
     radius = radii[branches[0].nodes[0]]
@@ -222,14 +227,14 @@ def _bifurcation(branches: list[Segment], radii: list[float]) -> tuple[float, li
 
 
 def _heading(segment: Segment, first: float, last: float) -> Values:
-    """Return the unit vector from one length of a segment to another."""
+    """Return the unit vector from the point at length ``first`` along a segment to the point at length ``last``."""
     ends = [[np.interp(length, segment.along, axis) for axis in segment.points.T] for length in (first, last)]
     step = np.subtract(ends[1], ends[0])
     return np.asarray(step / np.hypot(*step))
 
 
 def _ends_inside(lines: CentreLines, ends: Mask, view: Mask | None) -> int:
-    """Return the number of ends that the border of the view does not cut off."""
+    """Return the number of vessel ends inside the field of view. Ends at the border of the view do not count."""
     from scipy import ndimage
 
     if view is None:

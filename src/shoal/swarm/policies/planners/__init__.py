@@ -1,1 +1,1 @@
-"""Planning policies: they simulate plans in a predicted world before they send a command."""
+"""Planning policies. A planning policy simulates plans in a predicted world before it sends a command."""

@@ -1,4 +1,4 @@
-"""Policy beam-rollout, the best planner: the policy rollout with a second base policy and a prediction of more cells."""
+"""Policy beam-rollout, Shoal's best planner: the policy rollout with a second base policy and a prediction of more cells."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ TUNING = Tuning(
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
-    """The policy rollout with three extensions. ``best`` is another name for this planner.
+    """The policy rollout with three extensions. The names ``best`` and ``beam-rollout`` mean the same policy.
 
-    First, the planner simulates plans to the end of the task whenever its predictions are reliable, even if there are many frontier
-    cells. Second, a careful base policy also completes plans: before it moves on, it probes cells that it would leave behind.
-    Third, the prediction extends farther beyond the frontier. The prediction stops where the predicted cells are probably not all
-    free. Source: docs/concepts/planners.md.
+    First, the planner beam-rollout simulates plans to the end of the task whenever its predictions are reliable, for any number of
+    frontier cells. Second, a careful base policy also completes plans: it probes nearby unknown cells before it moves on. Third,
+    the planner beam-rollout predicts cells farther beyond the frontier than the policy rollout predicts. The prediction stops where
+    the predicted cells are probably not all free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -52,12 +52,12 @@ class BeamRollout(Budgeted):
     budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the budget and the tuning for a number of particles.
+        """Return the planning budget and the tuning for a number of particles, as kernels expect them.
 
-        With few or with many particles, the budget is larger, and the planner tries more random variations of plans. With many
-        particles, the beam is also wider and deeper. Many particles classify all cells in few moves. Therefore, with many
-        particles, the planner simulates plans to the end even if there are more frontier cells, and gives less weight to early
-        classification.
+        For fewer or more than 1000 particles, the planning budget is larger, and the planner tries more random variations of plans.
+        For more than 1000 particles, the beam search is also wider and deeper. Many particles classify all cells in few moves.
+        Therefore, for more than 1000 particles, the planner simulates plans to the end even for a larger frontier, and gives less
+        weight to early classification.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

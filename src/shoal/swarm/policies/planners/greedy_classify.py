@@ -12,9 +12,9 @@ from shoal.swarm.policies.planners.planner_policy import PlannerPolicy
 class GreedyClassify(PlannerPolicy):
     """Send the command that immediately classifies the most frontier cells.
 
-    If no command classifies a cell, send the path to the nearest frontier cell.
+    If no command classifies a cell immediately, send the commands of a shortest path to a frontier cell.
 
-    Each command or path classifies a cell. Therefore every episode ends, as with closest-frontier. Source:
+    Each command or path classifies at least one cell. Therefore every episode of the policy greedy-classify ends. Source:
     docs/concepts/planners.md.
     """
 

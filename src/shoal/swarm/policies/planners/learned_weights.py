@@ -1,4 +1,4 @@
-"""Weights of the learned prior in the form that kernels use. The prior is a neural network trained on maps."""
+"""Weights of the learned occupancy prior, as kernels expect them. The learned prior is a neural network trained on maps."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ CHANCES = 2**16  # for certain
 
 @cache
 def weights() -> dict[str, Any]:
-    """Return the stored weights, and the cell indices of a window after each rotation of the window."""
+    """Return the stored weights of the neural network, and the cell indices of its square input window after each quarter turn."""
     cells = np.arange(SPAN * SPAN).reshape(SPAN, SPAN)
     places = np.array([np.argsort(np.rot90(cells, turns).ravel()) for turns in TURNS])
     with np.load(WEIGHTS) as stored:
@@ -26,7 +26,7 @@ def weights() -> dict[str, Any]:
 
 
 def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
-    """Return the network with an empty cache of predictions. A network that is not used needs no cache."""
+    """Return the neural network with an empty cache of predictions. If ``used`` is false, the cache has size 0."""
     size = 64 * len(inner) if used else 0
     return LearnedPrior(
         **weights(),

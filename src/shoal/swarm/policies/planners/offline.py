@@ -1,4 +1,4 @@
-"""Policy offline: compute the complete plan for a known map before the first move."""
+"""Policy offline: compute a complete plan of commands for a known map before the first move."""
 
 from __future__ import annotations
 
@@ -37,24 +37,24 @@ PLACES = 64  # states stored along a plan
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """The planner beam-rollout with a wider search, for the first plan. Annealing starts from its plan."""
+    """The planner beam-rollout with a wider search. Simulated annealing then shortens the plan of this planner."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the full budget and the tuning, for any number of particles."""
+        """Return the planning budget and the tuning, which do not depend on the number of particles."""
         return (self.budget, *self.tuning)
 
 
 @dataclass(frozen=True)
 class Offline:
-    """Send the plan of `plan_coverage`. This policy supports only coverage tasks because it needs the map.
+    """Send the plan of `plan_coverage`. The policy offline needs the map and therefore supports coverage tasks, but no mapping.
 
     Parameters
     ----------
     budget : float
-        Mean number of simulated moves per command of the plan.
+        Planning budget: the mean number of simulated moves per command of the plan.
     """
 
     kind: ClassVar[str] = "offline"
@@ -66,11 +66,11 @@ class Offline:
 
     @property
     def name(self) -> str:
-        """The registered name of the policy, with the budget if it differs from the default."""
+        """The registered name of the policy. A budget that differs from the default is part of the name."""
         return self.kind if self.budget == PLAN_BUDGET else f"{self.kind}:budget={self.budget:g}"
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the whole plan at the first call and no commands afterwards."""
+        """Return all commands of the plan at the first decision, and no commands at later decisions."""
         if memory is not None:
             return "", memory
         if view.mapping:
@@ -92,7 +92,8 @@ def plan_coverage(
 ) -> str:
     """Return commands that move at least one particle onto every free cell of a known map, or onto every target cell.
 
-    The planner beam-rollout makes an initial plan. Its prediction is the true map. Simulated annealing then shortens the plan.
+    The planner beam-rollout makes an initial plan, with the true map as its prediction. Simulated annealing then shortens the
+    initial plan.
 
     Parameters
     ----------
@@ -100,20 +101,20 @@ def plan_coverage(
     start : array_like of int, shape (n, ndim)
         Start cells of the particles.
     targets : ndarray of bool, the shape of the workspace, optional
-        The cells to cover. The default is all free cells.
+        The cells that the particles must cover. By default, the particles must cover all free cells.
     rule : str
-        "block" or "merge".
+        The move rule: "block" or "merge".
     budget : float
-        Mean number of simulated moves per command of the plan. Plans of fewer than 200
-        commands count as 200 commands.
+        Planning budget: the mean number of simulated moves per command of the plan. A plan of fewer than 200 commands gets the
+        budget of 200 commands.
     attempts : int
-        Number of plans to compute with different random changes. The shortest plan is returned.
+        Number of plans to compute, each with other random changes. The function returns the shortest plan.
     seed : int
 
     Raises
     ------
     InvalidInputError
-        If a target cannot be reached, or an argument is invalid.
+        Raised if particles cannot reach a target cell, or if an argument is invalid.
 
     Examples
     --------
@@ -154,7 +155,7 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
 
 
 def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
-    """Return the planner and the commands of an initial plan."""
+    """Compute an initial plan; return the planner that made the plan, and the plan's commands."""
     policy = FirstPlan(budget=budget)
     options = policy.settings(len(state.occupied))
     planner = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)

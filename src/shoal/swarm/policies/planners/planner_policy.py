@@ -1,4 +1,4 @@
-"""Base classes of the planners, which observe every move and keep their memory in arrays for kernels."""
+"""Base classes of the planners. Each planner observes every move and keeps its memory in arrays for kernels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ MOST_FEW, MOST_MANY = 10.0, 4.0  # maximum budget factor for fewer and for more 
 
 @dataclass(frozen=True)
 class PlannerPolicy(Compiled):
-    """Base class of the policies that simulate moves before they choose a command."""
+    """Base class of the planners: policies that simulate moves before they choose a command."""
 
     runs: ClassVar[bool] = False
     rules: ClassVar[frozenset[str]] = frozenset({"block", "merge"})
@@ -33,11 +33,11 @@ class PlannerPolicy(Compiled):
     milliseconds: ClassVar[float] = 0.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the budget and the tuning for a number of particles, in the form that kernels use."""
+        """Return the planning budget and the tuning for a number of particles, as kernels expect them."""
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command. The memory holds the last command and all that the planner has learnt."""
+        """Return the next command. ``memory`` holds the last command and all knowledge that the planner has learnt."""
         belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
         field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
         if memory is None:
@@ -70,13 +70,14 @@ class Budgeted(PlannerPolicy):
     Parameters
     ----------
     budget : float
-        Mean number of simulated moves per move sent, for 1000 particles. Fewer particles need more moves, and gain more from
-        planning. Therefore n < 1000 particles get (1000 / n) squared times the budget, at most ten times. More particles need fewer
-        moves in total. Therefore n > 1000 particles get n / 1000 times the budget, at most four times. The same seed and budget
-        give the same commands on every machine.
+        Planning budget for 1000 particles: the mean number of simulated moves per move sent. A swarm of fewer than 1000 particles
+        needs more moves and gains more from planning than a larger swarm. Therefore the budget is multiplied by (1000 / n) squared,
+        at most by ten, for n < 1000 particles. A swarm of more than 1000 particles needs fewer moves in total than a smaller swarm.
+        Therefore the budget is multiplied by n / 1000, at most by four, for n > 1000 particles. Equal seeds and equal budgets give
+        equal commands on every machine.
     milliseconds : float
-        Mean computing time per move in milliseconds. If it is above 0, it replaces the budget. The commands then depend on the
-        machine and its load. An episode can still be replayed, because it contains its commands.
+        Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands then
+        depend on the speed and load of the machine. Shoal can still replay the episode, because the episode contains its commands.
     """
 
     budget: float = UNLIMITED
@@ -89,7 +90,7 @@ class Budgeted(PlannerPolicy):
             raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the budget and the tuning for a number of particles, in the form that kernels use."""
+        """Return the planning budget and the tuning for a number of particles, as kernels expect them."""
         assert self.tuning is not None
         few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
         return (self.budget * max(few, many), *self.tuning)

@@ -1,4 +1,4 @@
-"""Policy rollout: complete candidate plans with a base policy in a predicted world, and send the first command of the best plan."""
+"""Policy rollout: simulate candidate plans in a predicted world, and send the first command of the best plan."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ P1 = Tuning(
 class Rollout(Budgeted):
     """Simulate several plans in the predicted world and send the first command of the best plan.
 
-    The candidates are the rest of the last plan, all single commands, the best leaves of a beam search, and random variations of
-    the best candidate. A greedy base policy completes each candidate. If 450 moves classify no cell, the planner sends all commands
-    of the shortest path to a frontier cell. Therefore every episode ends. Source: docs/concepts/planners.md describes the
-    prototype.
+    The planner compares four kinds of candidate plans: the rest of the last plan, all single commands, the best leaves of a beam
+    search, and random variations of the best candidate. A greedy base policy completes each candidate plan. After 450 moves that
+    classify no cell, the planner sends all commands of the shortest path to a frontier cell. Therefore every episode of the policy
+    rollout ends. The page docs/concepts/planners.md describes the prototype of the planner.
     """
 
     kind: ClassVar[str] = "rollout"

@@ -1,4 +1,4 @@
-"""Memory of the planners between two moves, the working arrays of their kernels, and their computing time."""
+"""Data of the planners: the memory between two moves, the working arrays of the kernels, and the measured computing time."""
 
 from __future__ import annotations
 
@@ -31,9 +31,10 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 
 
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
-    """Return a prior that has not learned anything yet.
+    """Return an occupancy prior without learned data, as it is at the start of an episode.
 
-    The prior has a given number of lattice models, and optionally the learned network.
+    The occupancy prior contains ``lattices`` lattice models. If ``learned`` is true, the prior also contains the trained neural
+    network.
     """
     weights = np.zeros(occupancy_prior.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
@@ -104,7 +105,7 @@ def planner_of(layout: GridLayout, belief: Belief, *, rule: str, mapping: bool, 
 
 
 def kept_states_of(size: int) -> completion.KeptStates:
-    """Return memory for the states of two plans. A board (a set of cells) has ``size`` words."""
+    """Return memory for the states of two plans. Each board (a set of cells) takes ``size`` words of 64 bits."""
     places = max(1, min(KEPT_PLACES, KEPT_WORDS // size))
     return completion.KeptStates(
         states=np.zeros((2, places, forward_model.BOARDS, size), dtype=np.uint64),
@@ -113,7 +114,7 @@ def kept_states_of(size: int) -> completion.KeptStates:
 
 
 def beam_of(size: int, width: int, depth: int) -> beam.Beam:
-    """Return memory for a beam of ``width`` states and ``depth`` commands. A board (a set of cells) has ``size`` words."""
+    """Return memory for a beam search of ``width`` states and ``depth`` commands. Each board takes ``size`` words of 64 bits."""
     return beam.Beam(
         states=np.zeros((2, width, forward_model.BOARDS, size), dtype=np.uint64),
         plans=np.zeros((2, width, depth), dtype=np.int8),
@@ -129,14 +130,14 @@ def seed_of(rng: Generator) -> int:
 
 
 class Pace:
-    """Converts a time limit per move into a budget of simulated moves. The conversion uses the speed that was measured so far."""
+    """Converts a time limit per move into a budget of simulated moves, by means of the simulation speed measured so far."""
 
     def __init__(self, milliseconds: float) -> None:
         self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the budget for a number of moves, and measure how long the ``with`` block computes these moves."""
+        """Set the planner's budget for the next ``moves`` moves, and measure the computing time of the ``with`` block."""
         if not self.milliseconds:
             yield
             return

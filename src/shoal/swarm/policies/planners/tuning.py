@@ -1,4 +1,4 @@
-"""Tuning parameters of the planners."""
+"""Parameters that tune the planners."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Tuning(NamedTuple):
-    """The tuning parameters of a planner. docs/concepts/planners.md explains the values."""
+    """The tuning parameters of a planner. The page docs/concepts/planners.md explains the values of the tuning parameters."""
 
     end_frontier: float  # largest frontier for which plans are simulated to the end, in cells
     horizon: float  # horizon of plans to the end, in moves

@@ -1,8 +1,8 @@
 """Theory in one dimension: n particles on a line of m cells obey one shared command.
 
-The particles move to the left until the left end is found, and then to the right.
+The particles move to the left until they find the left end of the line, and then to the right.
 
-Paper M, section III.A, with its errata: exact values, the printed formulas, and Monte Carlo estimates.
+The package contains exact values, Monte Carlo estimates, and the formulas printed in paper M, section III.A, with errata.
 """
 
 from __future__ import annotations

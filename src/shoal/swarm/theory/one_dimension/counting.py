@@ -1,16 +1,17 @@
 """Exact counting of particle placements on a line, with integers only.
 
-A placement is given by the n + 1 gaps around n particles, with m - n empty cells in total. Let a be the first gap, b the last gap,
-t = a + b, and g(1) ... g(n-1) the inner gaps. Full coverage then takes the following number of moves (see
-`positions.coverage_moves`):
+A placement of n particles on m cells is given by n + 1 gaps, with m - n empty cells in total. Let a be the first gap, b the last
+gap, t = a + b, and g(1) ... g(n-1) the inner gaps. Full coverage then takes the following number of moves, as derived in
+`positions.coverage_moves`:
 
     a + 1 + max(t + 2, g(1), ..., g(n-1))
 
-In the maximum, the first g(i) above 0 counts as g(i) - 1. If all g(i) are 0 (a clump), full coverage takes one move less.
-The maximum is at most g if t <= g - 2 and all inner gaps are at most g, where the first nonzero gap may be g + 1. There are t + 1
-ways to divide t into a and b. Generating functions turn the number of placements into sums of binomials. Let G = (1 - x^(g+1)) / (1
-- x), which stands for one gap. Let T be the sum of (t+1) x^t for t <= g - 2. The number of placements is then the coefficient of
-x^(m-n) in the following sum:
+In the maximum, the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0, full coverage takes one move
+less. The maximum is at most g if t <= g - 2 and all inner gaps are at most g, except that the first nonzero inner gap may be g + 1.
+The first and the last gap can divide t empty cells in t + 1 ways. Generating functions turn the number of placements into sums of
+binomial coefficients. Let G = (1 - x^(g+1)) / (1 - x) be the generating function of one gap of at most g cells. Let T be the sum of
+(t+1) x^t for t <= g - 2, the generating function of the first and the last gap. The number of placements whose maximum is at most g
+is the coefficient of x^(m-n) in the following sum:
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """
@@ -23,7 +24,7 @@ from math import comb
 
 
 def choose_all(upto: int, k: int) -> list[int]:
-    """Return C(0, k), ..., C(upto, k).
+    """Return the list of binomial coefficients C(0, k), ..., C(upto, k).
 
     Examples
     --------
@@ -41,12 +42,12 @@ def choose_all(upto: int, k: int) -> list[int]:
 
 
 def signed_binomials(n: int, at_most: int) -> list[int]:
-    """Return (-1)^j C(n, j) for j up to ``at_most`` or n."""
+    """Return the list of signed binomial coefficients (-1)^j C(n, j), for j from 0 to the smaller one of ``at_most`` and n."""
     return [(-1) ** j * comb(n, j) for j in range(min(n, at_most) + 1)]
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return, for each g from 0 to cells - particles, the number of placements in which no gap, end gaps included, exceeds g."""
+    """Return the number of placements whose largest gap, end gaps included, is at most g, for g from 0 to cells - particles."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):
@@ -56,7 +57,7 @@ def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
 
 
 def coverage_total(cells: int, particles: int) -> int:
-    """Return the number of moves of full coverage, summed over all placements."""
+    """Return the sum, over all placements, of the number of moves of full coverage."""
     if particles == 1:
         return cells * (3 * cells + 1) // 2
     empty = cells - particles
@@ -70,7 +71,7 @@ def coverage_total(cells: int, particles: int) -> int:
 
 
 class CoverageCounts:
-    """Counts, for g >= 2, the placements for which the maximum in the module's docstring is at most g."""
+    """Counts the placements for which the maximum in the number of moves of full coverage is at most g, for g >= 2."""
 
     def __init__(self, cells: int, particles: int) -> None:
         n = particles
@@ -81,7 +82,7 @@ class CoverageCounts:
         self.inner = choose_all(cells, n - 2)[n - 2 :]  # of 1 / (1-x)^(n-1)
 
     def __call__(self, g: int) -> int:
-        """Return the number of placements in which the maximum is at most g."""
+        """Return the number of placements for which the maximum max(t + 2, g(1), ..., g(n-1)) is at most g."""
         return self._all_below(g) + self._first_above(g)
 
     def printed(self, g: int, extra: int) -> int:
@@ -91,7 +92,7 @@ class CoverageCounts:
         return _truncated(lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1)
 
     def _bounded(self, series: list[int], total: int, step: int) -> int:
-        """Return the coefficient of x^total in (1 - x^step)^(n-1) times a series."""
+        """Return the coefficient of x^total in the product of (1 - x^step)^(n-1) and a power series."""
         if total < 0:
             return 0
         return sum(sign * series[total - j * step] for j, sign in zip(range(total // step + 1), self.signs, strict=False))
@@ -100,17 +101,17 @@ class CoverageCounts:
         return _truncated(lambda total: self._bounded(self.with_ends, total, g + 1), self.empty, g - 2)
 
     def _first_above(self, g: int) -> int:
-        """Return the coefficient of x^(m-n) in T x^(g+1) (1 + G + ... + G^(n-2)).
+        """Return the coefficient of x^(m-n) in T x^(g+1) (1 + G + ... + G^(n-2)), with T and G from the module's docstring.
 
-        The last factor is (G^(n-1) - 1) / (G - 1), and G - 1 = x (1 - x^g) / (1 - x). Division by 1 - x^g gives a sum over every
-        g-th coefficient of G^(n-1).
+        The factor 1 + G + ... + G^(n-2) equals (G^(n-1) - 1) / (G - 1), where G - 1 = x (1 - x^g) / (1 - x). Dividing by 1 - x^g
+        means summing every g-th coefficient of G^(n-1).
         """
         if self.empty < g:
             return 0
         return self._bounded(self.one_free, self.empty - g, g + 1) - 1 - g * self._every(g)
 
     def _every(self, g: int) -> int:
-        """Return the sum of the coefficients of x^i in G^(n-1) for i = m-n-2g+1, m-n-3g+1, ..., while i is above 0."""
+        """Return the sum of the coefficients of x^i in G^(n-1), for all positive i among m-n-2g+1, m-n-3g+1, ..."""
         top = self.empty - 2 * g + 1
         if top <= 0:
             return 0
@@ -118,7 +119,7 @@ class CoverageCounts:
         return sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False)) - whole
 
     def _sums(self, top: int, g: int) -> Iterator[int]:
-        """Yield the sums of every g-th coefficient of 1 / (1-x)^(n-1), starting at top, top - (g+1), ..."""
+        """Yield sums of every g-th coefficient of 1 / (1-x)^(n-1), downwards from x^top, from x^(top - (g+1)), and so on."""
         starts = range(top, -1, -(g + 1))
         if g * g > top:
             yield from (sum(self.inner[start::-g]) for start in starts)
@@ -130,10 +131,11 @@ class CoverageCounts:
 
 
 def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int:
-    """Return the papers' formula for full coverage, summed over all placements.
+    """Return the sum, over all placements, of the papers' formula for the number of moves of full coverage.
 
-    The formula is a + 2 + max(t + 1, largest inner gap + ``extra``). The maximum in this formula is at most g if t <= g - 1 and all
-    inner gaps are at most g - ``extra``.
+    The papers' formula is a + 2 + max(t + 1, largest inner gap + ``extra``), where a is the first gap, and t is the sum of the
+    first and the last gap. The maximum in the papers' formula is at most g if t <= g - 1 and all inner gaps are at most g -
+    ``extra``.
     """
     empty, placements = cells - particles, comb(cells, particles)
     total = comb(cells + 1, particles + 1) + placements
@@ -144,7 +146,7 @@ def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int
 
 
 def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
-    """Return the coefficient of x^total in F times the sum of (t+1) x^t for t <= most, where F / (1-x)^2 has ``coefficient``."""
+    """Return the coefficient of x^total in F times the sum of (t+1) x^t over t <= most; ``coefficient`` belongs to F / (1-x)^2."""
     if most < 0:
         return 0
     return coefficient(total) - (most + 2) * coefficient(total - most - 1) + (most + 1) * coefficient(total - most - 2)

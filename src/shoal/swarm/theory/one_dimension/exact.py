@@ -1,4 +1,4 @@
-"""Exact expectations and distributions on a line, as fractions."""
+"""Exact expected values and distributions, as fractions, for particles on a line."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _COUNTED = 1000  # number of particles or empty cells from which C(m, n) has tho
 
 @dataclass(frozen=True)
 class Mean:
-    """An expected value: the exact value and the value of a paper's printed formula.
+    """An expected value in two versions: the exact value, and the value of the formula printed in a paper.
 
     Parameters
     ----------
     exact : Fraction
     printed : Fraction
-        Value of the papers' printed formula.
+        Value of the formula printed in a paper.
     """
 
     exact: Fraction
@@ -35,7 +35,7 @@ class Mean:
 
     @property
     def difference(self) -> Fraction:
-        """The printed value minus the exact value."""
+        """The value of the printed formula minus the exact value."""
         return self.printed - self.exact
 
     def __float__(self) -> float:
@@ -51,7 +51,7 @@ class Distribution:
     first : int
         The smallest value of the quantity.
     counts : tuple of int
-        Exact number of placements with the values first, first + 1, ...
+        Number of placements with each value of the quantity, for the values first, first + 1, first + 2, and so on.
     """
 
     first: int
@@ -59,22 +59,22 @@ class Distribution:
 
     @property
     def total(self) -> int:
-        """Number of placements."""
+        """Number of all placements."""
         return sum(self.counts)
 
     @property
     def mean(self) -> Fraction:
-        """Expected value, exact."""
+        """Exact expected value of the quantity."""
         return Fraction(sum((self.first + i) * count for i, count in enumerate(self.counts)), self.total)
 
     @property
     def values(self) -> NDArray[np.int64]:
-        """The values; int64."""
+        """All values of the quantity, in increasing order (int64)."""
         return np.arange(self.first, self.first + len(self.counts))
 
     @property
     def probabilities(self) -> NDArray[np.float64]:
-        """Probability of each of `values`; float64."""
+        """Probability of each value in `values` (float64)."""
         total = self.total
         return np.array([count / total for count in self.counts])  # Python rounds the quotient of integers of any size correctly
 
@@ -83,23 +83,24 @@ class Distribution:
 class Line:
     """n particles on a line of m cells, with all placements equally likely.
 
-    The particles move to the left until the left end is found, and then to the right.
+    The particles move to the left until they find the left end of the line, and then to the right.
 
     Parameters
     ----------
     cells : int
-        m, 1 to `MAX_CELLS`.
+        Number m of cells on the line, from 1 to `MAX_CELLS`.
     particles : int
-        n, 1 to m.
+        Number n of particles, from 1 to the number of cells.
 
     Raises
     ------
     InvalidInputError
-        If a number is out of range.
+        Raised if the number of cells or particles is out of range.
 
     Notes
     -----
-    Source: paper M, section III.A. The number of placements is C(m, n). The paper prints C(m-n, n+1).
+    Source: paper M, section III.A. The number of placements of n particles on m cells is the binomial coefficient C(m, n). Paper M
+    wrongly prints C(m-n, n+1).
 
     Examples
     --------
@@ -119,15 +120,15 @@ class Line:
 
     @property
     def placements(self) -> int:
-        """Number of placements: C(m, n)."""
+        """Number of placements of n particles on m cells: the binomial coefficient C(m, n)."""
         return comb(self.cells, self.particles)
 
     @property
     def boundary(self) -> Mean:
-        """Expected number of moves until both ends are found.
+        """Expected number of moves until the particles have found both ends of the line.
 
-        The exact value is 3(1+m)/(1+n) - (m-n+1)/C(m,n) (paper M, eq. 2). The printed value comes from eq. 2 of
-        paper D, which lacks the last term for clumps.
+        For n particles on m cells, the exact expected value is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in equation 2 of paper M. The
+        printed value comes from equation 2 of paper D, which lacks the last term, for particles without gaps between them.
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -135,9 +136,9 @@ class Line:
 
     @property
     def boundary_float(self) -> float:
-        """The exact mean of `boundary` as a float, for lines of any length.
+        """The exact expected value in `boundary` as a float, for lines of any length.
 
-        In large swarms, the term for clumps is left out, because it is smaller than rounding errors.
+        For large swarms, the computation omits the last term of the formula, because the term is smaller than rounding errors.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -145,12 +146,11 @@ class Line:
 
     @cached_property
     def coverage(self) -> Mean:
-        """Expected number of moves until every cell was visited and both ends are found.
+        """Expected number of moves until the particles have visited every cell and found both ends of the line.
 
-        The printed value comes from the formula in the papers.
-
-        The computation needs about m sqrt(m) operations on integers of up to m bits. The computation takes a millisecond for m =
-        100, and up to half a minute for m = 10,000.
+        The printed value comes from the formula in the papers. For a line of m cells, the computation needs about m sqrt(m)
+        operations on integers of up to m bits. The computation takes a millisecond for 100 cells, and up to half a minute for
+        10,000 cells.
         """
         return Mean(
             Fraction(counting.coverage_total(self.cells, self.particles), self.placements),
@@ -159,10 +159,10 @@ class Line:
 
     @cached_property
     def published_coverage(self) -> Fraction:
-        """The published curve of full coverage: the papers' formula, in which each gap is measured as a difference of positions.
+        """The published curve of full coverage: the papers' formula, with differences of positions as the sizes of the gaps.
 
-        In the published curve, each gap is one cell too long, in addition to the error of the formula. Source: paper M, figure 7
-        (the 1-D curve). If particles fill all cells, the curve has the correct value of 2 moves.
+        The published curve has two errors: the error of the printed formula, and gaps that are one cell too long. If particles fill
+        all cells, the curve has the correct value of 2 moves. Source: paper M, figure 7, 1-D curve.
         """
         if self.particles == self.cells:
             return Fraction(2)
@@ -170,35 +170,35 @@ class Line:
 
     @cached_property
     def largest_gap(self) -> Mean:
-        """Expected number of empty cells in the largest of all n + 1 gaps.
+        """Expected number of empty cells in the largest of all n + 1 gaps, end gaps included.
 
-        The printed value is larger by one, because the papers use differences of positions.
+        The printed value is one cell larger than the exact value, because the papers measure a gap as a difference of positions.
         """
         exact = self.largest_gap_distribution.mean
         return Mean(exact, exact + 1)
 
     @cached_property
     def largest_gap_distribution(self) -> Distribution:
-        """Distribution of the largest of all n + 1 gaps, in empty cells.
+        """Distribution of the number of empty cells in the largest of all n + 1 gaps, end gaps included.
 
-        P(largest <= g) = sum over j of (-1)^j C(n+1, j) C(m - j(g+1), n) / C(m, n).
+        For n particles on m cells, P(largest gap <= g) = sum over j of (-1)^j C(n+1, j) C(m - j(g+1), n) / C(m, n).
         """
         up_to = counting.placements_by_largest_gap(self.cells, self.particles)
         return Distribution(0, (up_to[0], *(more - fewer for fewer, more in pairwise(up_to))))
 
     @property
     def first_distribution(self) -> Distribution:
-        """Distribution of p_1, the position of the first particle.
+        """Distribution of the position of the first particle.
 
-        The position p_1 is also the number of moves to the left until the wall is found. The value m + 1 - p_n has the same
-        distribution.
+        The position of the first particle is also the number of moves to the left until it finds the left end of the line. By
+        symmetry, the number of moves to the right until the last particle finds the right end has an equal distribution.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))
 
     @property
     def spread_distribution(self) -> Distribution:
-        """Distribution of p_n - p_1."""
+        """Distribution of the position of the last particle minus the position of the first particle."""
         m, n = self.cells, self.particles
         if n == 1:
             return Distribution(0, (m,))
@@ -206,7 +206,7 @@ class Line:
 
     @property
     def boundary_distribution(self) -> Distribution:
-        """Distribution of the number of moves until both ends are found."""
+        """Distribution of the number of moves until the particles have found both ends of the line."""
         m, n = self.cells, self.particles
         free = m - n
         if n == 1:

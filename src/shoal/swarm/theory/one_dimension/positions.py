@@ -1,4 +1,4 @@
-"""Number of moves for given placements on a line: formulas over arrays of sorted positions."""
+"""Numbers of moves for given placements of particles on a line, computed from arrays of sorted positions."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from shoal.core.errors import InvalidInputError
 
 
 def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
-    """Return positions as an int64 array of shape (..., n).
+    """Return the positions of n particles on a line as an int64 array of shape (..., n).
 
     Raises
     ------
     InvalidInputError
-        If the positions are not strictly increasing whole numbers in 1 .. cells.
+        Raised if the positions are not strictly increasing whole numbers from 1 to ``cells``.
     """
     given = np.asarray(positions)
     if given.ndim < 1 or given.shape[-1] < 1 or not np.issubdtype(given.dtype, np.integer):
@@ -32,15 +32,15 @@ def check_positions(positions: ArrayLike, cells: int) -> NDArray[np.int64]:
 
 
 def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the number of moves until both ends of the line are found, if the particles first move to the left.
+    """Return the number of moves until the particles have found both ends of the line. The particles first move to the left.
 
-    The number is ``2 p_1 + cells - p_n + 1`` for sorted positions p_1 to p_n. The number is one less if the particles form one
-    clump, because then no particle moves in the last move to the left.
+    For particles at sorted positions p_1 to p_n, the number of moves is ``2 p_1 + cells - p_n + 1``. If the particles have no gaps
+    between them, the number of moves is one less, because no particle moves in the last move to the left.
 
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Positions in 1 .. cells, in increasing order along the last axis.
+        Positions of the n particles, from 1 to ``cells``, in increasing order along the last axis.
     cells : int
 
     Returns
@@ -50,11 +50,11 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        If the positions are invalid.
+        Raised if the positions are not strictly increasing whole numbers from 1 to ``cells``.
 
     Notes
     -----
-    Source: paper M, section III.A.2. The last term of eq. 2 in this paper is the correction for the clump.
+    Source: paper M, section III.A.2. The last term of equation 2 in paper M accounts for particles without gaps between them.
 
     Examples
     --------
@@ -67,16 +67,17 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
 
 def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
-    """Return the number of moves until every cell was visited and both ends are found, if the particles first move to the left.
+    """Return the number of moves until the particles, moving first to the left, have visited every cell and found both ends.
 
-    Particle i at the position p_i moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then ``R = cells - (p_n - L_n) + 1`` moves
-    to the right find the other end, and ``p_{i+1} - p_i - 1 - (L_{i+1} - L_i)`` moves close the gap behind particle i. The total is
-    p_1 plus the largest of these numbers of moves.
+    Particle i at the position p_i first moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then the last particle n needs ``R =
+    cells - (p_n - L_n) + 1`` moves to the right to find the right end of the line. Particle i needs ``p_{i+1} - p_i - 1 - (L_{i+1}
+    - L_i)`` moves to the right to cover the gap before particle i + 1. The total number of moves is p_1 plus the largest number of
+    moves to the right.
 
     Parameters
     ----------
     positions : array_like of int, shape (..., n)
-        Positions in 1 .. cells, in increasing order along the last axis.
+        Positions of the n particles, from 1 to ``cells``, in increasing order along the last axis.
     cells : int
 
     Returns
@@ -86,11 +87,11 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     Raises
     ------
     InvalidInputError
-        If the positions are invalid.
+        Raised if the positions are not strictly increasing whole numbers from 1 to ``cells``.
 
     Notes
     -----
-    The formula corrects paper M, section III.A.2, which ignores that the moves to the left have already reduced the first gap.
+    The formula corrects paper M, section III.A.2. Paper M ignores that the moves to the left have already reduced one gap.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Monte Carlo simulation on a line: random placements, whose numbers of moves are computed in compiled code."""
+"""Monte Carlo simulation on a line: draw random placements of particles, and compute the number of moves of each placement."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ Values = NDArray[np.int32]
 
 @dataclass(frozen=True, eq=False)
 class LineSample:
-    """Random placements and their numbers of moves. Every array is an int32 array of shape (trials,).
+    """Random placements of n particles on a line of m cells, with their numbers of moves. All arrays are int32, of shape (trials,).
 
     Parameters
     ----------
     line : Line
     first : ndarray
-        p_1, the position of the first particle: the number of moves to the left that find the wall.
+        Position of the first particle. An equal number of moves to the left finds the left end of the line.
     last : ndarray
-        m + 1 - p_n: the number of moves to the right in which the last particle finds the right wall.
+        Number of moves to the right after which the last particle finds the right end of the line.
     largest_gap : ndarray
-        Number of empty cells in the largest of all n + 1 gaps.
+        Number of empty cells in the largest of all n + 1 gaps, end gaps included.
     spread : ndarray
-        p_n - p_1.
+        Position of the last particle minus the position of the first particle, in cells.
     boundary : ndarray
-        Number of moves until both ends are found.
+        Number of moves until the particles have found both ends of the line.
     coverage : ndarray
-        Number of moves until every cell was visited and both ends are found.
+        Number of moves until the particles have visited every cell and found both ends of the line.
     printed_coverage : ndarray
-        The value of the papers' formula for the coverage.
+        Number of moves for full coverage according to the formula printed in the papers.
     """
 
     line: Line
@@ -56,11 +56,11 @@ class LineSample:
 
     @property
     def trials(self) -> int:
-        """Number of placements."""
+        """Number of random placements in the sample."""
         return len(self.first)
 
     def standard_error(self, column: str) -> float:
-        """Return the standard error of a column's mean, or 0 for a single trial."""
+        """Return the standard error of the mean of one array, such as ``boundary``. For a single trial, return 0."""
         values = getattr(self, column)
         return float(values.std(ddof=1) / np.sqrt(len(values))) if len(values) > 1 else 0.0
 
@@ -73,19 +73,19 @@ def sample(
     workers: int | None = None,
     on_trials: Callable[[int], None] | None = None,
 ) -> LineSample:
-    """Draw equally likely placements, and compute their numbers of moves.
+    """Draw equally likely placements of particles on a line, and compute the number of moves of each placement.
 
     Parameters
     ----------
     line : Line
     trials : int
-        Number of placements, at least 1.
+        Number of placements to draw, at least 1.
     seed : int
-        The same seed gives the same sample for any number of workers.
+        Seed of the random numbers. For any number of worker threads, equal seeds give equal samples.
     workers : int, optional
-        Number of threads. The default is one per processor.
+        Number of worker threads. The default is one thread per processor.
     on_trials : callable, optional
-        Function that is called with the number of finished trials.
+        Function that `sample` calls during the computation, with the number of finished trials.
 
     Returns
     -------
@@ -94,12 +94,12 @@ def sample(
     Raises
     ------
     InvalidInputError
-        If an argument is out of range, or the line is too long to draw placements.
+        Raised if an argument is out of range, or if the line is too long for random placements.
 
     Notes
     -----
-    Placements are drawn by Floyd's algorithm (Bentley and Floyd, "A sample of brilliance", 1987). If fewer cells are empty than
-    occupied, the empty cells are drawn.
+    Floyd's algorithm draws the placements (Bentley and Floyd, "A sample of brilliance", 1987). If the line has fewer empty cells
+    than particles, the algorithm draws the empty cells.
 
     Examples
     --------

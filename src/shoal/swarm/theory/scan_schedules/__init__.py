@@ -1,4 +1,4 @@
-"""Scan schedules for the search of a wall at unknown distance, with exact costs (paper M, section III.A.3)."""
+"""Scan schedules for the search for a wall at an unknown distance, with exact costs. Source: paper M, section III.A.3."""
 
 from __future__ import annotations
 

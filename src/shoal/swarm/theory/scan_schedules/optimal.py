@@ -20,14 +20,14 @@ from shoal.swarm.theory.scan_schedules.schedules import (
 )
 
 MAX_SCANS = 20_000
-"""Maximum number of positions of an optimal schedule. Schedules with equal steps may have more positions."""
+"""Maximum number of scan positions in an optimal schedule, except a schedule with equal steps."""
 
 _PRECISION = 64  # bits of the bisection, after which the final steps are exact
 _LAST_STEPS = 50
 
 
 class OptimalSchedule(ScanSchedule):
-    """The optimal schedule for given prices; see `optimal_schedule`.
+    """The optimal schedule for given prices of a scan and a move. The function `optimal_schedule` computes an optimal schedule.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ class OptimalSchedule(ScanSchedule):
         self.schedule = schedule
 
     def positions(self) -> Iterator[int]:
-        """Yield the scan positions up to the first position beyond the maximum distance."""
+        """Yield the scan positions of the schedule, up to the first position beyond the maximum distance of the wall."""
         for position in self.schedule.positions():
             yield min(position, self.max_distance + 1)
             if position > self.max_distance:
                 return
 
     def cost(self, distance: int) -> Cost:
-        """Return the number of moves and scans; see `ScanSchedule.cost`."""
+        """Return the number of moves and scans until the schedule detects a wall at the given distance."""
         check_distance(distance)
         if distance > self.max_distance:
             raise InvalidInputError(f"schedule optimal: expected a distance up to {self.max_distance}, got {distance}")
@@ -59,48 +59,50 @@ class OptimalSchedule(ScanSchedule):
 
     @cached_property
     def guarantee(self) -> Worst:
-        """The largest weighted ratio over all distances up to the maximum distance, and the distance at which it occurs."""
+        """The largest weighted ratio for a wall up to the maximum distance, and the distance with the largest weighted ratio."""
         return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio; see `ScanSchedule.worst`."""
+        """Return the largest weighted ratio over all distances from 0 to ``max_distance``."""
         if isinstance(self.schedule, EqualSteps):
             return self.schedule.worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
         return super().worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
 
 
 def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -> OptimalSchedule:
-    """Return the schedule with the smallest worst-case weighted ratio over the distances 0 .. max_distance.
+    """Return the schedule with the smallest worst-case weighted ratio, for a wall at a distance from 0 to ``max_distance`` moves.
 
     Let c be the price of a scan, v the price of a move, and x_0 = 0 the position of the scan at the start. A schedule with
-    positions x_1 < x_2 < ... keeps a ratio r if every position is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. The
-    later a scan is, the later the following scans may be. Therefore r is possible exactly if the schedule that always scans as late
-    as allowed reaches the maximum distance. A bisection finds an interval that contains the smallest r. Then exact fractions give
-    schedules with smaller and smaller ratios, until no schedule has a smaller ratio.
+    positions x_1 < x_2 < ... keeps a weighted ratio r if every position x_j is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) /
+    v``. A later scan also allows later positions for all following scans. Therefore a schedule can keep the ratio r exactly if the
+    schedule with the latest allowed scans reaches the maximum distance. A bisection finds an interval that contains the smallest
+    possible r. Inside the interval, exact fractions give schedules with smaller and smaller ratios, until no schedule has a smaller
+    ratio.
 
     Parameters
     ----------
     scan_cost, move_cost : number
-        Prices, at least 0 and not both zero. A float counts as its printed decimal value.
+        Prices of a scan and of a move, in the same unit, at least 0. At least one price must exceed 0. A price given as a float
+        counts as its printed decimal value.
     max_distance : int
-        Maximum distance of the wall.
+        Maximum distance of the wall, in moves.
 
     Returns
     -------
     OptimalSchedule
-        The schedule is exact if at most `MAX_SCANS` positions are enough, and if distance and prices have up to nine digits.
-        Otherwise it is the better one of two schedules: the best schedule with `MAX_SCANS` positions (to 19 digits), and the best
-        schedule with equal steps.
+        The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
+        digits. For more positions or digits, the function returns the better one of two schedules: the best schedule with
+        `MAX_SCANS` positions (computed to 19 digits), and the best schedule with equal steps.
 
     Raises
     ------
     InvalidInputError
-        If a price or the distance is out of range.
+        Raised if a price or the maximum distance is out of range.
 
     Notes
     -----
-    The method extends paper M, section III.A.3, which assumes unknown prices. For prices 10 and 1, the best schedule
-    has equal steps of 15 moves, unless the maximum distance is small.
+    The method extends paper M, section III.A.3, which assumes unknown prices. If a scan costs 10 times as much as a move, the best
+    schedule has equal steps of 15 moves, unless the maximum distance is small.
 
     Examples
     --------
@@ -120,10 +122,10 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
 
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
-    """Return the equal steps with the smallest worst-case ratio.
+    """Return the schedule of equal steps with the smallest worst-case weighted ratio.
 
-    The worst case is the larger one of two ratios. The ratio for a wall at the start grows with the step. The ratio for a wall at
-    the maximum distance falls with the step.
+    The worst-case ratio is the larger one of two weighted ratios. For a wall at the start, the weighted ratio grows with the length
+    of the steps. For a wall near the maximum distance, the weighted ratio falls with the length of the steps.
     """
 
     def too_short(step: int) -> bool:
@@ -139,7 +141,7 @@ def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> Equa
 
 
 def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: int) -> list[int]:
-    """Return at most ``max_scans`` positions with the smallest worst-case ratio. The price of a move must not be zero."""
+    """Return up to ``max_scans`` positions with the smallest worst-case weighted ratio. The price of a move must exceed 0."""
     unit = lcm(scan.denominator, move.denominator)
     latest = _Latest(int(scan * unit), int(move * unit), max_distance, max_scans)
     low, high = Fraction(1), Fraction(2)
@@ -165,13 +167,16 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
 
 
 class _Latest:
-    """The schedule whose scans are as late as a ratio allows, with integer prices."""
+    """Computes the schedule with the latest scans that a weighted ratio allows, for integer prices of a scan and a move."""
 
     def __init__(self, scan: int, move: int, max_distance: int, max_scans: int) -> None:
         self.scan, self.move, self.end, self.max_scans = scan, move, max_distance + 1, max_scans
 
     def __call__(self, ratio: Fraction, *, below: bool = False) -> list[int] | None:
-        """Return the positions that keep a ratio (or stay below it), or None if no positions reach the maximum distance."""
+        """Return scan positions up to the maximum distance that keep ``ratio``, or None if no positions keep it.
+
+        If ``below`` is true, the weighted ratio of the scan positions must be smaller than ``ratio``.
+        """
         p, q, scan, move = ratio.numerator, ratio.denominator, self.scan, self.move
         positions: list[int] = []
         last = 0
@@ -186,7 +191,7 @@ class _Latest:
         return positions
 
     def ratio(self, positions: list[int]) -> Fraction:
-        """Return the worst-case ratio of scan positions that reach the maximum distance."""
+        """Return the worst-case weighted ratio of scan positions that reach the maximum distance."""
         best, below = (0, 1), 0
         for scans, position in enumerate(positions, start=2):
             over, under = self.scan * scans + self.move * position, self.move * (below + 1) + 2 * self.scan

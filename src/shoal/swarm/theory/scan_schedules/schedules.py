@@ -1,7 +1,7 @@
-"""Scan schedules on a line: the numbers of moves after which a particle is scanned on its way to a wall at unknown distance.
+"""Scan schedules on a line: after how many moves to scan a particle that moves towards a wall at an unknown distance.
 
-The particle is scanned once at the start. A wall at distance D stops the particle after D moves. A scan after x moves detects a
-wall at distance D if x > D. For a known distance D, the optimum is D + 1 moves and 2 scans.
+Every schedule scans the particle once at the start. A wall at distance D stops the particle after D moves. A scan after x moves
+detects a wall at distance D if x > D. If the distance D were known, D + 1 moves and 2 scans would be enough: the optimum.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ Price = int | float | str | Decimal | Fraction
 
 @dataclass(frozen=True)
 class Cost:
-    """The numbers of moves and scans until the wall is found, as exact integers.
+    """The numbers of moves and scans until a schedule detects the wall, as exact integers.
 
     Parameters
     ----------
     distance : int
-        Distance D of the wall.
+        Distance D of the wall, in moves.
     moves : int
     scans : int
         Number of scans, including the scan at the start.
@@ -52,12 +52,12 @@ class Cost:
         return Fraction(self.scans, 2)
 
     def weighted_ratio(self, *, scan_cost: Price, move_cost: Price) -> Fraction:
-        """Return the total price divided by the price of the optimum.
+        """Return the total price of all moves and scans, divided by the price of the optimum of D + 1 moves and 2 scans.
 
         Raises
         ------
         InvalidInputError
-            If a price is negative or not finite, or both prices are zero.
+            Raised if a price is negative or not finite, or if the prices of moves and scans are both zero.
         """
         scan, move = check_prices(scan_cost, move_cost)
         return (scan * self.scans + move * self.moves) / (2 * scan + move * (self.distance + 1))
@@ -65,14 +65,14 @@ class Cost:
 
 @dataclass(frozen=True)
 class Worst:
-    """The worst case of a schedule over all distances up to a limit.
+    """The worst case of a scan schedule over all distances of the wall up to a limit.
 
     Parameters
     ----------
     ratio : Fraction
-        The largest weighted ratio.
+        The largest weighted ratio over all distances of the wall.
     distance : int
-        The smallest distance with this ratio.
+        The smallest distance with the largest weighted ratio, in moves.
     """
 
     ratio: Fraction
@@ -82,27 +82,27 @@ class Worst:
 class ScanSchedule(ABC):
     """An increasing sequence of scan positions, in moves from the start.
 
-    A subclass has a ``name`` and yields its `positions`.
+    Every subclass defines the attribute ``name`` and the method `positions`.
     """
 
     name: str
 
     @abstractmethod
     def positions(self) -> Iterator[int]:
-        """Yield the number of moves before each scan, in increasing order, without the scan at the start."""
+        """Yield the number of moves from the start to each scan, in increasing order, without the scan at the start."""
 
     def cost(self, distance: int) -> Cost:
-        """Return the number of moves and scans until a wall at the given distance is found.
+        """Return the number of moves and scans until the schedule detects a wall at the given distance.
 
         Parameters
         ----------
         distance : int
-            Distance of the wall, of any size, because the integers are exact.
+            Distance of the wall, in moves. The distance may have any size, because Python integers are exact.
 
         Raises
         ------
         InvalidInputError
-            If the distance is negative, or the schedule ends before this distance.
+            Raised if the distance is negative, or if the schedule ends before the distance.
         """
         distance, last = check_distance(distance), 0
         for scans, last in enumerate(self.positions(), start=2):
@@ -111,15 +111,15 @@ class ScanSchedule(ABC):
         raise InvalidInputError(f"schedule {self.name}: expected a distance below its last position, {last}, got {distance}")
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio over all distances 0 .. max_distance.
+        """Return the largest weighted ratio over all distances from 0 to ``max_distance``.
 
-        Between two scans, the cost is constant while the optimum grows with the distance. Therefore only the smallest distance
-        after each scan matters.
+        For distances between two scan positions, the cost of the schedule is constant, but the cost of the optimum grows with the
+        distance. Therefore the method needs to check only the smallest distance after each scan position.
 
         Raises
         ------
         InvalidInputError
-            If a price or the distance is out of range, or the schedule ends before the distance.
+            Raised if a price or the maximum distance is out of range, or if the schedule ends before the maximum distance.
         """
         scan, move = check_prices(scan_cost, move_cost)
         check_distance(max_distance)
@@ -143,12 +143,12 @@ class EqualSteps(ScanSchedule):
     Parameters
     ----------
     step : int
-        k, at least 1.
+        Number k of moves between two scans, at least 1.
 
     Raises
     ------
     InvalidInputError
-        If the step is out of range.
+        Raised if the number of moves between two scans is less than 1.
 
     Examples
     --------
@@ -161,18 +161,18 @@ class EqualSteps(ScanSchedule):
         self.name = f"every {step} steps"
 
     def positions(self) -> Iterator[int]:
-        """Yield k, 2k, 3k, ..."""
+        """Yield the scan positions k, 2k, 3k, ..., in moves from the start."""
         return count(self.step, self.step)
 
     def cost(self, distance: int) -> Cost:
-        """Return moves and scans; see `ScanSchedule.cost`."""
+        """Return the number of moves and scans until the schedule detects a wall at the given distance."""
         jumps = check_distance(distance) // self.step + 1
         return Cost(distance, jumps * self.step, jumps + 1)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the worst ratio.
+        """Return the largest weighted ratio over all distances from 0 to ``max_distance``.
 
-        The worst distance is 0, or the position of the last scan up to the maximum distance; see `ScanSchedule.worst`.
+        The largest weighted ratio occurs at the distance 0, or at the last scan position up to the maximum distance.
         """
         check_distance(max_distance)
         ends = (0, max_distance // self.step * self.step)
@@ -181,7 +181,7 @@ class EqualSteps(ScanSchedule):
 
 
 class EveryStep(EqualSteps):
-    """The schedule with a scan after each move. For a wall at distance D, this schedule costs D + 1 moves and D + 2 scans.
+    """The schedule with a scan after each move. The schedule detects a wall at distance D with D + 1 moves and D + 2 scans.
 
     Examples
     --------
@@ -197,22 +197,22 @@ class EveryStep(EqualSteps):
 class Powers(ScanSchedule):
     """The schedule with scans after 1, k, k^2, ... moves.
 
-    A wall at distance D > 0 costs at most k D moves and about log D / log k scans.
+    The schedule detects a wall at distance D > 0 with at most k D moves and about log D / log k scans.
 
     Parameters
     ----------
     base : int
-        k, at least 2. A base of 2 doubles the distance before each scan.
+        Base k of the powers, at least 2. With the base 2, each scan position is twice the previous scan position.
 
     Raises
     ------
     InvalidInputError
-        If the base is out of range.
+        Raised if the base is less than 2.
 
     Notes
     -----
-    Source: paper M, section III.A.3. The paper counts log_k D scans. With the scan at the start and the first move, the number is
-    up to ceil(log_k(D + 1)) + 2.
+    Source: paper M, section III.A.3. For a wall at distance D, paper M counts log_k D scans. With the scan at the start and the
+    scan after the first move, the schedule needs up to ceil(log_k(D + 1)) + 2 scans.
 
     Examples
     --------
@@ -226,7 +226,7 @@ class Powers(ScanSchedule):
         self.name = f"powers of {base}"
 
     def positions(self) -> Iterator[int]:
-        """Yield 1, k, k^2, ..."""
+        """Yield the scan positions 1, k, k^2, ..., in moves from the start."""
         position = 1
         while True:
             yield position
@@ -234,10 +234,10 @@ class Powers(ScanSchedule):
 
 
 class Hyperexponential(ScanSchedule):
-    """The schedule with the i-th scan after i^i moves: 1, 4, 27, 256, ...
+    """The schedule with the i-th scan after i^i moves: after 1, 4, 27, 256, ... moves.
 
-    The move ratio and the scan ratio of this schedule grow as log D / log log D with the distance D. No schedule lets both ratios
-    grow more slowly.
+    The move ratio and the scan ratio of the schedule grow as log D / log log D with the distance D. In no schedule do both the move
+    ratio and the scan ratio grow more slowly than log D / log log D.
 
     Notes
     -----
@@ -253,7 +253,7 @@ class Hyperexponential(ScanSchedule):
     name = "i^i"
 
     def positions(self) -> Iterator[int]:
-        """Yield 1, 4, 27, 256, ..."""
+        """Yield the scan positions 1, 4, 27, 256, ..., in moves from the start."""
         return (i**i for i in count(1))
 
 
@@ -263,13 +263,13 @@ class Custom(ScanSchedule):
     Parameters
     ----------
     scans_after : sequence of int
-        Numbers of moves in increasing order, at least 1.
+        Numbers of moves from the start to each scan, in increasing order. The first number of moves is at least 1.
     name : str
 
     Raises
     ------
     InvalidInputError
-        If the sequence is invalid.
+        Raised if ``scans_after`` is empty or not an increasing sequence of positive whole numbers.
 
     Examples
     --------
@@ -287,22 +287,24 @@ class Custom(ScanSchedule):
         self.name = name
 
     def positions(self) -> Iterator[int]:
-        """Yield the given positions."""
+        """Yield the given scan positions, in moves from the start."""
         return iter(self.scans_after)
 
 
 class OneJump(Custom):
-    """The schedule with one scan after M moves, which are enough to reach the wall. The cost is M moves and 2 scans.
+    """The schedule with a single jump of M moves past the distance of the wall, and one scan.
+
+    The schedule costs M moves and 2 scans.
 
     Parameters
     ----------
     length : int
-        M, the number of moves. The schedule finds walls at distances below M.
+        Number M of moves in the jump. The schedule detects a wall at a distance of fewer than M moves.
 
     Notes
     -----
-    Source: paper M, section III.A.3. The paper requires M >= D, but a particle that has moved exactly D = M cells has not yet met
-    the wall.
+    Source: paper M, section III.A.3. For a wall at distance D, paper M requires M >= D. The correct condition is M > D, because a
+    particle that has moved exactly D cells has not yet met the wall.
     """
 
     def __init__(self, length: int) -> None:
@@ -310,17 +312,17 @@ class OneJump(Custom):
 
 
 def check_distance(distance: int) -> int:
-    """Return a distance after checking that it is a whole number of at least 0. Other values raise InvalidInputError."""
+    """Check that a distance is a whole number of at least 0, and return the distance."""
     return check_integer(distance, what="distance", least=0)
 
 
 def check_prices(scan_cost: Price, move_cost: Price) -> tuple[Fraction, Fraction]:
-    """Return both prices as fractions. A float counts as its printed decimal value, so 0.1 is a tenth.
+    """Return the price of a scan and the price of a move as fractions. The float 0.1 counts as exactly one tenth.
 
     Raises
     ------
     InvalidInputError
-        If a price is not a number, not finite or negative, or both prices are zero.
+        Raised if a price is negative or not a finite number, or if the prices of a scan and of a move are both zero.
     """
     prices = []
     for name, price in (("scan cost", scan_cost), ("move cost", move_cost)):

@@ -1,4 +1,4 @@
-"""Theorem 1 of paper M in numbers: the smallest bound that the move ratio and the scan ratio of one schedule can both keep."""
+"""Theorem 1 of paper M in numbers: the smallest common bound on the move ratio and the scan ratio of a scan schedule."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, ch
 
 @dataclass(frozen=True)
 class Bracket:
-    """The smallest possible bound on the move ratio and the scan ratio of a schedule, for distances up to a limit.
+    """The smallest common bound on the move ratio and the scan ratio of a schedule, for walls up to a maximum distance.
 
     Parameters
     ----------
     ratio : Fraction
-        The smallest bound that both ratios of one schedule can keep.
+        The smallest common bound on the move ratio and the scan ratio.
     schedule : Custom
-        A schedule whose two ratios keep this bound.
+        A schedule whose move ratio and scan ratio are at most ``ratio``.
     """
 
     ratio: Fraction
@@ -27,25 +27,26 @@ class Bracket:
 
 
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
-    """Return the smallest c for which one schedule keeps its move ratio and its scan ratio at or below c.
+    """Return the smallest number c for which some schedule has a move ratio and a scan ratio of at most c.
 
-    With j scans after the first one, the scan ratio is (j + 1) / 2. The smallest possible move ratio falls as j grows. Jumps that
-    are as long as the ratio allows reach the smallest move ratio. The best bound lies at the j at which the two ratios cross.
-    Therefore a search over j gives the exact result.
+    A schedule with j scans after the scan at the start has the scan ratio (j + 1) / 2. The smallest possible move ratio of a
+    schedule with j scans falls as j grows. A schedule reaches the smallest move ratio if each jump is as long as the move ratio
+    allows. The smallest common bound lies at the number j at which the move ratio and the scan ratio cross. Therefore a search over
+    j gives the exact result.
 
     Parameters
     ----------
     max_distance : int
-        Maximum distance, at least 0.
+        Maximum distance of the wall, in moves, at least 0.
 
     Raises
     ------
     InvalidInputError
-        If the distance is out of range.
+        Raised if the maximum distance is negative.
 
     Notes
     -----
-    Source: the argument after the proof of theorem 1 in paper M, which is asymptotic: fewer scans need longer jumps.
+    Source: the asymptotic argument after the proof of theorem 1 in paper M, according to which fewer scans need longer jumps.
 
     Examples
     --------
@@ -67,12 +68,12 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
 
 
 def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
-    """Return the larger one of the move ratio and the scan ratio, maximized over the distances 0 .. max_distance.
+    """Return the largest move ratio or scan ratio of a schedule, over all wall distances from 0 to ``max_distance``.
 
     Raises
     ------
     InvalidInputError
-        If the distance is out of range, or the schedule ends before this distance.
+        Raised if the maximum distance is negative, or if the schedule ends before the maximum distance.
 
     Examples
     --------
