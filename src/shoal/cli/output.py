@@ -125,7 +125,7 @@ def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
 
     The context manager gives the block a function, which the block calls with the amount of finished work.
 
-    If stderr is not a terminal, the function prints a line of text after every tenth of the work instead.
+    If stderr is not a terminal, the function prints a line of text after every tenth of the work.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None

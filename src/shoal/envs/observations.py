@@ -54,12 +54,13 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
     Returns
     -------
     ndarray of float32, shape (worlds, 9 ndim + 3)
-        The first three groups have one value for each command: the fraction of particles that would enter a frontier cell, the
-        fraction of particles whose next cell is neither a known obstacle nor occupied, and 1 for the first command of the shortest
-        path to the frontier. The next value is 1 divided by the length of the shortest path to the frontier. The next three groups
-        have one value for each axis, relative to the size of the map: the vector from the particles' mean position to the frontier
-        cell at the end of the path, the mean position, and the standard deviation of the positions. The last two values are the
-        number of frontier cells divided by the number of known or frontier cells, and the used fraction of the maximum number of
+        The values of a world form nine groups. Group 1 holds, for each command, the fraction of particles that would enter a
+        frontier cell. Group 2 holds, for each command, the fraction of particles whose next cell is neither a known obstacle nor
+        occupied. Group 3 holds 1 for the command that begins the shortest path to the frontier, and 0 for all other commands. Group
+        4 is 1 divided by the length of the shortest path to the frontier. Group 5 is the vector from the particles' mean position
+        to the frontier cell at the end of the shortest path. Group 6 is the particles' mean position, and group 7 is the standard
+        deviation of their positions along each axis. Groups 5 to 7 are relative to the size of the map. Group 8 is the number of
+        frontier cells divided by the number of known or frontier cells. Group 9 is the used fraction of the maximum number of
         moves.
     """
     sums, (lengths, commands, ends) = batch.measures(where=where), batch.nearest_frontier(where=where)
@@ -80,7 +81,7 @@ def rewards_of(
 ) -> NDArray[np.float64]:
     """Return the reward of each world for one step of its environment.
 
-    The reward is the number of newly classified cells times the reward for each cell, minus the price of the sent commands, plus a
-    bonus when the task is complete.
+    The reward is the number of newly classified cells times ``classified_reward``, minus ``move_price`` for each sent command. In
+    the step that completes the task, the reward also contains ``final_bonus``.
     """
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

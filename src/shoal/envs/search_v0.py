@@ -44,19 +44,20 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     """An environment in which robots search a region without a coordinator; the agents are ``robot_1``, ``robot_2``, ....
 
     A step of the environment takes the time that the fastest robot needs for one cell. Action 0 lets an idle robot wait, and lets a
-    moving or searching robot continue. With the option ``action="direction"``, each other action selects the robot's own cell or a
-    neighbouring cell (see `DIRECTIONS`), to which the robot moves and which it searches. With the option ``action="cell"``, action
-    1 + i selects the cell with the tour index i. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The
-    environment simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``,
-    the start cells and the faults equal those of ``shoal.run(problem, seed=s)``.
+    moving or searching robot continue. With the option ``action="direction"``, each other action selects the cell that the robot
+    searches next: its own cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``, action 1 + i selects
+    the cell with the tour index i. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The environment
+    simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``, the start
+    cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 
     The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8, shape (5, H, W) or (5, L, H, W),
     with the planes `PLANES`. The entry ``position`` holds the row and the column of the robot's cell, after the layer if the grid
     has several layers. The entry ``heard`` holds, for each robot, the number of steps since a message last brought new data about
-    the robot: 0 for the agent's own robot, -1 if no message ever did. The entry ``told`` holds, for each robot, the number of cells
-    that the robot has reported as searched. The entry ``energy`` is the remaining fraction of the robot's energy, and the entry
-    ``time`` is the number of steps since the start. When a robot fails, its agent is terminated and leaves ``agents``. All agents
-    are terminated when all reachable cells are searched. All agents are truncated after ``max_steps`` steps.
+    the robot. In ``heard``, the agent's own robot has the value 0, and a robot without any message has the value -1. The entry
+    ``told`` holds, for each robot, the number of cells that the robot has reported as searched. The entry ``energy`` is the
+    remaining fraction of the robot's energy, and the entry ``time`` is the number of steps since the start. When a robot fails, its
+    agent is terminated and leaves ``agents``. All agents are terminated when all reachable cells are searched. All agents are
+    truncated after ``max_steps`` steps.
 
     Parameters
     ----------

@@ -24,8 +24,8 @@ class SteeringEnv(WorldEnv):
     without a seed draws a new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the camera, as a
     dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape (particles, dimensions). The array ``delta``,
     shape (particles - 1, dimensions), holds the present positions of all other particles relative to the first particle. The array
-    ``goal_delta`` holds the same relative positions at the goals. If the gain is uniform, only wall contacts change the true
-    relative positions of the particles.
+    ``goal_delta`` holds the positions of all other goals relative to the first goal. If the gain is uniform, only wall contacts
+    change the true relative positions of the particles.
 
     Parameters
     ----------

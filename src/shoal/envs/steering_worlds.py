@@ -85,7 +85,7 @@ class SteeringWorlds:
             self._states[world], self._inputs[world], self._trajectories[world] = [self.batch.states[world].copy()], [], []
 
     def _shown(self, where: NDArray[np.bool_] | None) -> list[int]:
-        """Return which worlds appear in pictures."""
+        """Return the indices of the selected worlds that appear in pictures."""
         shown: list[int] = np.flatnonzero(self._pictured & (True if where is None else where)).tolist()
         return shown
 

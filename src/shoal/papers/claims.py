@@ -114,10 +114,10 @@ def _range_words(least: float, most: float) -> str:
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
     """Return the claim that Shoal's curve of means agrees with a published curve within a relative margin.
 
-    For each number of particles n, the comparison uses the logarithm of the ratio of both means, with the errors of both curves.
-    Two curves agree if two conditions hold. First, the 95 % interval of the mean ratio over all n must lie within the margin.
-    Second, the interval of the ratio at each single n must overlap the margin. The intervals at single n are so wide that chance
-    refutes only one in twenty correct curves.
+    For each number of particles, the comparison uses the logarithm of the ratio of both means, with the errors of both curves. For
+    agreement, the 95 % interval of the mean ratio over all numbers of particles must lie within the margin. For agreement, the
+    interval of the ratio at each single number of particles must also overlap the margin. The intervals at single numbers of
+    particles are so wide that chance refutes only one in twenty correct curves.
 
     Parameters
     ----------
@@ -170,9 +170,9 @@ def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], cou
 
 
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that one mean is below another mean, on average over all numbers of particles n.
+    """Return the claim that one mean is below another mean, on average over all numbers of particles.
 
-    The claim differs if more than 5 % of the n contradict the order with statistical significance.
+    The claim differs if more than 5 % of the numbers of particles contradict the order of the means significantly.
     """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)

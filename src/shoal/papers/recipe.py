@@ -60,7 +60,7 @@ class Settings:
 
     @property
     def complex(self) -> str:
-        """Name of the map for the figures on the map that paper M calls "complex"."""
+        """Name of the map that stands for the map called "complex" in paper M."""
         return self.map or COMPLEX
 
 

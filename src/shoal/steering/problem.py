@@ -112,7 +112,7 @@ class SteeringProblem(Problem):
     InvalidInputError, UnknownNameError
         If a value has the wrong type or range, or if fields contradict each other. If the workspace is an object, the constructor
         also refuses points outside the workspace, particles with different goals at the same start, and unsuitable planners. If the
-        workspace is a name or a file, `run` makes these checks of points and planner.
+        workspace is a name or a file, `run` checks the points and the planner.
 
     Notes
     -----

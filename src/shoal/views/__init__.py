@@ -34,10 +34,10 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. With ``kind="frontier"``, also a list of swarm episodes; the figure then shows
-        their median.
+        An episode of swarm, steering or search. For ``kind="frontier"``, also a list of swarm episodes, whose median the figure
+        shows.
     kind : str, optional
-        Kind of the figure. By default, the first kind listed here for the part of the episode:
+        Kind of the figure. The default is the first kind in this list for the part of the episode:
 
         - swarm: "map" shows the map after ``moves`` moves (an option; by default, after all moves), and "frontier" shows the number
           of frontier cells over the moves.
@@ -73,7 +73,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
     Raises
     ------
     InvalidInputError
-        If the suffix is unsupported, or the episode is too large for a browser.
+        If the suffix of ``path`` is not supported, or if the episode is too large for a browser.
     OutputError
         If writing the file fails. After a failure, no partial file remains.
     """

@@ -25,7 +25,7 @@ def plot(
     seed: options.UnusedSeed = 0,
     json_: options.Json = False,
 ) -> None:
-    """Plot means with 95 % intervals against the first numeric axis. Each combination of the other axes gives one line."""
+    """Plot means with 95 % intervals over the first numeric axis, one line for each combination of the other axes' values."""
     check_folder(check_suffix(out, *FIGURES).parent)
     from shoal.lab import Store
     from shoal.lab.summaries import first_measure, summarise

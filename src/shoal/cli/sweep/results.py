@@ -70,8 +70,8 @@ def summary(
     """Show means with confidence intervals, and compare the values of a paired axis.
 
     If some trials ended before their task was complete, the summary states the number of unfinished trials. For a measure that
-    grows until the end of a trial, the summary then shows a restricted mean: every value above a cutoff counts as the cutoff. The
-    cutoff of a restricted mean is the smallest value at which a trial ended unfinished.
+    grows until the end of a trial, unfinished trials turn the mean into a restricted mean. In a restricted mean, every value above
+    a cutoff counts as the cutoff. The cutoff of a restricted mean is the smallest value at which a trial ended unfinished.
     """
     from shoal.core.checks import check_choice
     from shoal.lab import Store

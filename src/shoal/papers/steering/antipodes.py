@@ -74,7 +74,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
     Each cycle brings the position difference Δ of the particles as near as possible to that of the goals. From an initial Δ of one
     diameter that is exactly opposite to the goals' difference, the nearest reachable difference would be Δ = 0. No move changes a
-    position difference of zero. Therefore the particles start at a distance below one diameter.
+    position difference of zero. To avoid a position difference of zero, the particles start less than one diameter apart.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ PER_TRIAL = 60
 
 
 def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: np.random.Generator) -> tuple[Points, Points]:
-    """Return a random wall point that one particle can touch in the first move, and the positions of both particles then."""
+    """Return a random wall point that a particle can touch in the first move, and both particles' positions at this contact."""
     while True:
         if workspace.round:
             angle = rng.uniform(0, 2 * pi)
@@ -52,8 +52,8 @@ def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
     The function returns the number of simulated pairs of moves (``played``), and how many of the pairs end outside the computed set
     of position differences (``outside``).
 
-    The result ``widest`` is the largest angle, in radians, between the direction from the centre to a contact of particle 1 and the
-    initial direction from particle 2 to particle 1.
+    The result ``widest`` is the largest angle, in radians, between a contact direction and the initial direction from particle 2 to
+    particle 1. A contact direction points from the centre of the workspace to a contact of particle 1.
     """
     rng, (place, start) = np.random.default_rng(seed), STARTS[workspace]
     world, before = ContactWorld(place), start[1] - start[0]

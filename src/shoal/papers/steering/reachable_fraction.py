@@ -99,7 +99,7 @@ class PolygonFractions:
     before : ndarray of float64, shape (2,)
         The position difference Δ at the start.
     sets : list of PolygonReach
-        The reachable sets after 2, 4, 6, ... moves.
+        The sets of position differences that the particles can reach after 2, 4, 6, ... moves.
     """
 
     workspace: ConvexWorkspace
@@ -113,7 +113,7 @@ class PolygonFractions:
 
     @cached_property
     def outlines(self) -> list[Points]:
-        """The outline of each reachable set; float64, shape (n, 2)."""
+        """The outline of each set of reachable position differences; float64, shape (n, 2)."""
         corners = self.workspace.differences.vertices
         ahead = np.concatenate([_around(2 * DIRECTIONS), corners / np.linalg.norm(corners, axis=1)[:, None]])
         ahead = ahead[np.argsort(np.arctan2(ahead[:, 1], ahead[:, 0]))]
@@ -132,7 +132,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
     Parameters
     ----------
     workspace, before, moves, contacts
-        The polygon, the position difference at the start, the number of moves, and the number of sample points on each side, as in
+        The polygon, the position difference at the start, the number of moves, and the number of sample points per side, as in
         `polygon_reach`.
 
     Raises

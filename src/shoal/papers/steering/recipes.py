@@ -45,8 +45,8 @@ CYCLES = (2, 4, 6, 8, 10, 12, 14)
 def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> Points:
     """Return a random position difference of two points in a workspace; float64, shape (2,).
 
-    The direction of the difference is uniform. The length is 2 to 100 % of the largest possible length in this direction, and its
-    logarithm is uniform, so that short lengths occur often.
+    The direction of the difference is uniform. The length is a random fraction (2 to 100 %) of the largest possible length in the
+    same direction. The logarithm of the random fraction is uniform, so that short lengths occur often.
     """
     angle, share = rng.uniform(0, 2 * pi), float(0.999 * 0.02 ** rng.uniform())
     border: Points = border_point(workspace.differences, (np.cos(angle), np.sin(angle)))

@@ -26,8 +26,8 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
     radius : float
         Radius of each particle, in the workspace's unit of length.
     gain : float
-        Total variation of the gain across the workspace, relative to the mean gain. The gain is the displacement of a particle
-        divided by the input. The gain grows along a random direction, which ``seed`` determines.
+        Total variation of the gain (displacement of a particle divided by the input) across the workspace, relative to the mean
+        gain. The gain grows along a random direction, which ``seed`` determines.
     seed : int
 
     Raises

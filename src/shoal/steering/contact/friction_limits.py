@@ -32,15 +32,13 @@ _ANGLES = 3000  # number of corners of a barrier
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
     """Return why friction prevents a position difference ``before`` from changing to nearly ``after``, or None without a proof.
 
-    On a disk of radius r with the friction coefficient μ, no wall reaction increases a distance of two particles that is already
-    above 2 r sin(atan μ). The distance of two particles on a disk therefore never exceeds the larger of 2 r sin(atan μ) and the
-    initial distance, where r is the radius and μ the friction coefficient. If the distance of two particles on a disk is above 2 r
-    sin(atan μ), each rotation of their position difference makes the distance shorter. On a polygon, the function uses several
-    gauges (measures of the length of the position difference) and a barrier (a closed curve that the position difference cannot
-    cross). The first gauge is the largest scalar product of the position difference with a wall's normal or with its opposite
-    vector. The unit ball of the second gauge is the convex hull of the walls' normals and the opposite vectors. For polygons with
-    four sides and friction coefficients up to 1, the function uses two more gauges. The function ignores each gauge (length
-    measure) that a wall reaction can increase.
+    On a disk of radius r, the distance of two particles never exceeds the larger of its initial value and 2 r sin(atan μ), where μ
+    is the friction coefficient. If two particles are farther apart than 2 r sin(atan μ), each rotation of their position difference
+    shortens their distance. On a polygon, the function uses several gauges and a barrier. A gauge measures the length of the
+    position difference. A barrier is a closed curve that the position difference cannot cross. The first gauge is the largest
+    scalar product of the position difference with a wall's normal or with its opposite vector. The unit ball of the second gauge is
+    the convex hull of the walls' normals and the opposite vectors. For polygons with four sides and friction coefficients up to 1,
+    the function uses two more gauges. The function ignores each gauge (length measure) that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -80,10 +78,10 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
     """Return the largest angle, in radians, by which a position difference turns while it shrinks from ``large`` to ``small``.
 
     Both particles are on a disk of radius ``radius``, and ``cone`` is the half-angle of the friction cone in radians. Wall
-    reactions at the edge of the friction cone give the largest turn. Let φ be the angle for which the position difference has the
-    length 2 radius cos φ. While the angle φ grows by dφ, the position difference turns by tan(φ + cone) tan φ dφ. The function
-    returns the integral of tan(φ + cone) tan φ in closed form. The result is infinite if ``small`` is at most 2 radius sin(cone). A
-    position difference of the length 2 radius sin(cone) can turn without shrinking.
+    reactions at the edge of the friction cone give the largest turn of the position difference. Let φ be the angle for which the
+    position difference has the length 2 radius cos φ. While the angle φ grows by dφ, the position difference turns by tan(φ + cone)
+    tan φ dφ. The function returns the integral of tan(φ + cone) tan φ in closed form. The result is infinite if ``small`` is at
+    most 2 radius sin(cone). A position difference of the length 2 radius sin(cone) can turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

@@ -55,8 +55,7 @@ class GainBelief:
     def learn(self, here: Points, there: Points, move: Points) -> None:
         """Update the estimate of the gain with an observed move of a particle without wall contact.
 
-        As the observed gain at the midpoint of the particle's path, the method uses the distance travelled along the input divided
-        by the length of the input.
+        The observed gain at the midpoint of the path is the distance travelled along the input, divided by the length of the input.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

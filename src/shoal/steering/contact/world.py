@@ -90,14 +90,15 @@ class ContactWorld(SteeringWorld):
 
     As long as the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall.
     A wall therefore also holds a particle that is pushed exactly parallel to the wall. In a corner, each wall alone can hold a
-    particle. With infinite friction, a particle stops at the first wall that it meets during a straight move, and stays at this
-    wall until the end of the move. A stopped particle without a radius does not stop the other particles.
+    particle. With infinite friction, a particle stops at the first wall that it meets, and stays at this wall until the end of the
+    straight move. A stopped particle without a radius does not stop the other particles.
 
-    With finite friction, a particle slides along a wall by ``|T u| - friction |N u|`` if this length is positive, where u is the
-    displacement, N the wall's normal and T its tangent. The gain of a particle at the point p is ``g(p) = 1 + gradient (p - c)``,
-    where c is the centre of the workspace. The displacement u moves a particle with the gain g by ``g u``. A gain can describe, for
-    example, that particles near a coil move faster. Particles with a radius above 0 are spheres. The centre of a sphere stays at
-    least one radius away from each wall. A moving sphere stops when it meets a stopped sphere.
+    With finite friction, the displacement u moves a particle along a wall with the normal N and the tangent T by ``|T u| - friction
+    |N u|``. If ``|T u| - friction |N u|`` is negative, the particle does not slide along the wall. The gain of a particle at the
+    point p is ``g(p) = 1 + gradient (p - c)``, where c is the centre of the workspace. The displacement u moves a particle with the
+    gain g by ``g u``. A gain can describe, for example, that particles near a coil move faster. Particles with a radius above 0 are
+    spheres. The centre of a sphere stays at least one radius away from each wall. A moving sphere stops when it meets a stopped
+    sphere.
 
     Parameters
     ----------
@@ -114,8 +115,8 @@ class ContactWorld(SteeringWorld):
     Raises
     ------
     InvalidInputError
-        If a number is out of range, the gain is not positive everywhere, a particle does not fit into the workspace, or particles
-        with a radius have a gain or finite friction.
+        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace. Particles
+        with a radius raise the error if they have a gain or finite friction.
 
     Notes
     -----

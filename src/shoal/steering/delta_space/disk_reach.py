@@ -1,16 +1,16 @@
 """The set of position differences Δ that two particles on a disk can reach with k moves, and the relative area of this set.
 
 A cycle has two moves. The first move of a cycle brings one particle into contact with the wall at a point c. The depth of a point
-below the contact c is its distance from the tangent of the wall at c. While the wall holds the first particle at c, the second move
-can bring the other particle to each point of the disk that is not deeper below c than its position before the second move. For one
-contact c, the vectors from c to all points that the other particle can reach form a convex set that contains the zero vector. The
-set of all reachable position differences is the union, over all contacts, of the convex sets of vectors from the contact. The
-attribute ``radii`` describes the reachable set by its extent in each direction from the zero vector. Let H be the largest depth of
-the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit vector e, a
-contact with the largest depth H and the normal N gives the extent H / (N·e). An extent never exceeds the length of the chord from
-the contact to the opposite wall. The radius of the reachable set in a direction is the largest extent over all contacts. The radii
-after k moves determine the largest depths for moves k + 1 and k + 2. On a disk, contacts of particle 1 and contacts of particle 2
-give the same sets of position differences.
+below the contact c is its distance from the tangent of the wall at c. The second move of a cycle can bring the other particle to
+any point of the disk whose depth below c does not exceed the present depth of the particle. For one contact c, the vectors from c
+to all points that the other particle can reach form a convex set that contains the zero vector. The set of all reachable position
+differences is the union, over all contacts, of the convex sets of vectors from the contact. The attribute ``radii`` of `DiskReach`
+describes the set of reachable position differences by its extent in each direction from the zero vector. Let H be the largest depth
+of the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit vector e, a
+contact with the normal N and the largest depth H of the other particle gives the extent H / (N·e). An extent never exceeds the
+length of the chord from the contact to the opposite wall. The radius of the reachable set in a direction is the largest extent over
+all contacts. The radii after k moves determine the largest depths for moves k + 1 and k + 2. On a disk, contacts of particle 1 and
+contacts of particle 2 give the same sets of position differences.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """The set of position differences Δ that two particles in a polygon can reach with k moves, and the relative area of this set.
 
-The depth of a point below a wall is its distance from the line of the wall. Let one particle touch a wall at the point c after k
-moves, and let H_k(c) be the largest possible depth of the other particle below this wall. Let the sign σ be 1 if particle 1 touches
-the wall, and -1 if particle 2 touches the wall. The position differences that k + 2 moves reach are the union, over all contacts c
-and both signs σ, of the sets
+The depth of a point below a wall is its distance from the line of the wall. After k moves, let one particle touch a wall at the
+point c. Let H_k(c) be the largest possible depth of the other particle below the wall of c. Let the sign σ be 1 if particle 1
+touches the wall, and -1 if particle 2 touches the wall. The position differences that k + 2 moves reach are the union, over all
+contacts c and both signs σ, of the sets
 
     { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) }.
 

@@ -76,11 +76,11 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
 
     Notes
     -----
-    Source: paper W, algorithms 2 and 3, corrected. Let N be the inward normal of a polygon's side, and let the sign σ be 1 if
-    particle 1 touches the side, -1 if particle 2 does. A cycle at a side with the normal N needs ``0 <= σN·after <= σN·before`` and
-    ``σN·before > 0``, with the sign σ of the touching particle. In addition, a point c of the side must exist for which both ``c +
-    σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of particle 1 needs ``c·before <=
-    -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+    Source: paper W, algorithms 2 and 3, corrected. Let N be the inward normal of a polygon's side. Let the sign σ be 1 if particle
+    1 touches the side, and -1 if particle 2 touches the side. A cycle at a side with the normal N needs ``0 <= σN·after <=
+    σN·before`` and ``σN·before > 0``, with the sign σ of the touching particle. A cycle with the sign σ also needs a point c of the
+    side for which both ``c + σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of
+    particle 1 needs ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
 
     Examples
     --------

@@ -135,7 +135,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree until a new state has the relative positions of the goals; return False if the search ends before."""
+        """Grow the tree until a new state has the relative positions of the goals; return False if the search ends without one."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow

@@ -19,8 +19,8 @@ class Shortest:
 
     The plan is not longer than the plan of the planner greedy, unless rounding errors could make the plan of greedy fail.
 
-    The planner tries all kinds of chains of one, two or three cycles. Then the planner inserts cycles into the shortest chains or
-    removes cycles, as long as the changes shorten the chains.
+    The planner tries all kinds of chains of one, two or three cycles. From the shortest chains, the planner makes shorter chains by
+    inserting and removing cycles.
 
     Notes
     -----

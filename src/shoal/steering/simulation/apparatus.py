@@ -22,7 +22,7 @@ class Apparatus:
     states : list of ndarray of float64, shape (n, d)
         True positions of the n particles at the start and after each move.
     inputs : list of ndarray of float64, shape (d,)
-        The moves that the planner has sent, without noise.
+        The moves that the planner has sent, before the simulation adds noise.
     remark : str
         A remark of the planner about the run, which becomes a part of the episode's reason.
     """

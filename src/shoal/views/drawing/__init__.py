@@ -1,1 +1,1 @@
-"""Drawing tools for all parts: a canvas for film frames, the style of charts, curves with confidence bands, and film encoding."""
+"""Common drawing tools of all views: a canvas for film frames, the style of charts, confidence bands, and film encoding."""

@@ -15,7 +15,7 @@ class NotebookFigure(Figure):
 
 
 def encode_figure(figure: Figure) -> bytes:
-    """Return a figure as PNG bytes, in the size for notebooks."""
+    """Return a figure as PNG bytes, with a size that suits notebooks."""
     picture = BytesIO()
     figure.savefig(picture, format="png", dpi=110)
     return picture.getvalue()

@@ -34,8 +34,8 @@ _ARROWS = 14  # maximum number of arrows on a route
 def routes_figure(episode: SearchEpisode) -> Figure:
     """Return a figure of a search: the region, and the path of each robot in the colour of the robot.
 
-    A square with a number marks the start of a robot, a cross marks the place where a robot failed, and a diamond marks a finding
-    with its confidence. Each cell has the colour of the robot that searched the cell first. Cells that a robot searched in another
+    A square with a number marks the start of a robot. A cross marks the place where a robot failed. A diamond marks a finding with
+    its confidence. Each cell has the colour of the robot that searched the cell first. Cells that a robot searched in another
     robot's part are darker and have an outline. The path of a robot is thicker in another robot's part. Paths to distant cells are
     thin and dashed. Areas that no robot has seen are red.
     """
@@ -106,7 +106,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return a path around the points that lie inside an odd number of closed lines: the outer frame without the parts."""
+    """Return a path around all points inside an odd number of closed lines, such as an outer frame without the region."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 

@@ -60,7 +60,7 @@ class MissionFolder:
             self.approach = missions_approach(self.missions, given.kept_apart, region.frame, vehicle=plan.vehicle)
 
     def run(self, problem: SearchProblem, *, seed: int) -> SearchEpisode:
-        """Run the search with the start delays of the missions, which keep the vehicles apart."""
+        """Run the search with the missions' start delays, which keep the vehicles apart."""
         plan = plan_search(problem, seed=seed)
         self.plan(plan)
         delays = {mission.robot: mission.delay for mission in self.missions if mission.sortie == 1}
@@ -73,7 +73,7 @@ class MissionFolder:
     def write(self, plan: SearchPlan) -> list[Path]:
         """Write the missions of a search plan and their map; return the paths of the written files.
 
-        The method first creates the missions if necessary.
+        If the missions do not exist yet, the method creates them first.
         """
         if not self.missions:
             self.plan(plan)

@@ -103,8 +103,7 @@ class RobotWays:
     def trajectory(self, robot: int) -> RobotTrajectory:
         """Return the trajectory of a robot, that is, its route as a function of time.
 
-        In a drawing, a robot arrives in each cell at the time at which it has searched the cell. In a drawing, a robot departs for
-        the next cell as late as possible.
+        In a drawing, a robot arrives in a cell when it has searched the cell, and departs for the next cell as late as possible.
         """
         log = self.episode.trace.robots[robot]
         if not len(log.cells):

@@ -1,7 +1,7 @@
 """Nodes of a roadmap of position differences, for a disk with friction.
 
-Some nodes are position differences from which a few cycles reach distant goals. The other nodes lie on a path on which the position
-difference turns while its length shrinks.
+The nodes are position differences of two kinds: those from which a few cycles reach distant goals, and those on a path of turns
+with decreasing length.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ BETWEEN = 300  # number of differences on a path around the centre
 def backward_nodes(after: Points, *, radius: float, friction: float, margin: float) -> Points:
     """Return the shortest position differences from which 1, 2, 3, ... cycles reach ``after``; float64, shape (nodes, 2).
 
-    Each cycle can turn the position difference to the left or to the right by the same angle. Some nodes belong to chains that
-    always turn to the same side, and the other nodes to chains that turn left and right alternately.
+    Each cycle can turn the position difference to the left or to the right by the same angle. The nodes belong to chains of two
+    kinds: chains that always turn to the same side, and chains that turn left and right alternately.
     """
     cone = float(np.arctan(friction)) * (1 - 1e-6)
     sizes, turns = [float(np.hypot(*after))], list[float]()

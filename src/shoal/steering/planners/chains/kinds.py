@@ -1,10 +1,10 @@
 """Kinds of chains (sequences of touching particles and walls), and lower bounds on the lengths of chains of each kind.
 
-The path of a particle that touches walls is at least as long as the distance from its start to the mirror image of its goal in the
-touched walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the
-distance from the position difference at the start to the position difference at the goals. If only one particle touches walls, the
-chain is therefore at least as long as the path of the touching particle plus the change c of the position difference. If both
-particles touch walls, the length of the chain is at least half the sum of both paths and the change c of the position difference.
+The path of a particle via some walls is at least as long as the distance from its start to the mirror image of its goal in these
+walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the distance
+from the position difference at the start to the position difference at the goals. If only one particle touches walls, the chain is
+at least as long as the path of this particle plus c, the change of the position difference. If both particles touch walls, the
+chain is at least half as long as the sum of both paths and c, the change of the position difference.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
     Notes
     -----
-    The contact point is a root z with |z| = 1 of the polynomial A z^4 - B z^3 + conj(B) z - conj(A), as in Alhazen's problem. The
-    coefficients of the polynomial are A = conj(S G) and B = r conj(S + G), for the radius r and the points S and G as complex
-    numbers. For points near the circle, several roots lie close together, and the nearest points on the circle serve equally well.
+    Let S and G be the two points as complex numbers, and let r be the radius of the circle. The contact z with |z| = 1 is a root of
+    A z^4 - B z^3 + conj(B) z - conj(A) with A = conj(S G) and B = r conj(S + G) (Alhazen's problem). For points near the circle,
+    several roots lie close together, and the nearest points on the circle serve equally well.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)

@@ -30,10 +30,10 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     Notes
     -----
     The method is a probabilistic roadmap in the space of the position differences, and an addition by Shoal. A link of the roadmap
-    from one position difference to another means that two moves change the first into the second. In each direction, some nodes are
-    the largest position differences that cycles can reach from the start. In each direction, other nodes are the smallest position
-    differences from which cycles can reach the goals. With friction, every path from the start to the goals may have to follow
-    extreme nodes. In a polygon with many corners, the roadmap uses only a few sides of the polygon.
+    from one position difference to another means that two moves change the first into the second. The nodes of the roadmap are
+    extreme position differences in all directions: the longest that cycles can reach from the start, and the shortest from which
+    cycles can reach the goals. With friction, every path from the start to the goals may have to follow extreme position
+    differences. In a polygon with many corners, the roadmap uses only a few sides of the polygon.
     """
     few = between_few_sides(query)
     if few is not query:

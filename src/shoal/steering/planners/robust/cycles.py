@@ -24,10 +24,10 @@ CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limi
 class Cycles:
     """One run of the closed loop in a convex workspace, which makes one cycle (contact and adjustment) at a time.
 
-    The move to a wall contact aims behind the wall by the possible error due to noise and unknown gain, so that the toucher
-    certainly reaches the wall. The loop computes each adjustment from the positions that the camera observes. Each adjustment aims
-    at the position difference that the planned chain has after its first cycle. Each adjustment also pushes the toucher into the
-    wall. The loop estimates the gain (displacement of a particle divided by the input) from the observed motion of the particles.
+    The move to a wall contact aims behind the wall, so that the toucher reaches the wall despite noise and an unknown gain. The
+    loop computes each adjustment from the positions that the camera observes. Each adjustment aims at the position difference that
+    the planned chain has after its first cycle. Each adjustment also pushes the toucher into the wall. The loop estimates the gain
+    (displacement of a particle divided by the input) from the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:

@@ -31,8 +31,8 @@ class Replanning:
     """One run of the closed loop in the plane.
 
     A plan is a sequence of steps. Each step computes its move from the present positions of the particles, so that it corrects the
-    effects of noise. The loop compares plans by their mean number of moves in simulations with noise. If the particles do not reach
-    their goals by the end of a simulated plan, the loop adds an estimate of the remaining moves to the plan's number of moves.
+    effects of noise. The loop compares plans by their mean number of moves in simulations with noise. If a simulated plan ends
+    before the particles reach their goals, the loop adds an estimate of the remaining moves to the plan's number of moves.
 
     Parameters
     ----------
