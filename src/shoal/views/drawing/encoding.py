@@ -78,7 +78,8 @@ class Clip(Generic[At]):
     rate : float
         Number of frames per second.
     side : int or None
-        Length of the film's longer side in pixels, to which smaller pictures are enlarged. None keeps the size of the pictures.
+        Length of the film's longer side in pixels, to which smaller pictures are enlarged. If ``side`` is None, the film has the
+        size of the pictures.
     quality : int
         Constant rate factor (CRF) of H.264; smaller values give a better quality.
     palette : bytes, optional

@@ -103,7 +103,7 @@ class Cycles:
         """Move the toucher against a wall with an overshoot; return whether the camera then observes the toucher at the wall.
 
         If the gain is uncertain, a move from far away would need a large overshoot, which might also bring the other particle to
-        the wall. With an uncertain gain, the first move therefore ends before the wall.
+        the wall. With an uncertain gain, the first move of the toucher therefore ends before the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
