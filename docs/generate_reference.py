@@ -94,8 +94,9 @@ def table(problem: type[Problem]) -> str:
 ENVIRONMENT_PAGE = """# Environments
 
 An environment accepts almost all fields of its [problem](problems.md) as options. The tables of this page list the options that
-environments have in addition. The line below each table lists the fields of the problem that are not options of the environment,
-because the agent makes these decisions. [Use the environments](../how-to/environments.md) shows examples.
+environments have in addition to the fields of problems. The line below each table lists the fields of the problem that are not
+options of the environment. For example, `policy` is not an option, because the agent makes the decisions. [Use the
+environments](../how-to/environments.md) shows examples.
 
 | id | class | options whose default differs from the field's default |
 |---|---|---|

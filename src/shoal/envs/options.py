@@ -59,8 +59,8 @@ class SwarmEnvOptions(EnvOptions):
     decided: ClassVar[tuple[str, ...]] = ("policy", "budget", "time_per_move")
 
     maps: tuple[str, ...] = option(
-        (), help="Maps that replace MAP. Each episode draws one of the maps at random. All observations have the size of the "
-        "largest map.",
+        (), help="List of maps, in place of MAP. Each episode draws one map of the list at random. All observations have the size "
+        "of the largest map.",
         metavar="MAP ...", check=_check_maps, dump=list,
     )  # fmt: skip
     observation: str = option(

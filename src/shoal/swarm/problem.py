@@ -162,8 +162,8 @@ class SwarmProblem(Problem):
         "particles. With other numbers of particles, best and rollout simulate up to ten times as many moves.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="For planners: mean computation time for each move, in place of a budget. The chosen commands then depend on "
-        "the speed of the machine.", metavar="MS", unit="ms", above=0, most=1e9,
+        None, help="For planners: mean computation time for each move, in place of a budget. With a given time, the commands "
+        "depend on the speed of the machine.", metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
     max_moves: int = option(1_000_000, help="Maximum number of moves; an episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
@@ -208,7 +208,9 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
     label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
-    cell_size: float | None = option(None, help="Side of a cell. Default: the cell size in the file.", unit="mm", above=0, most=1e6)
+    cell_size: float | None = option(
+        None, help="Side of a cell. Default: the cell size in the map file.", unit="mm", above=0, most=1e6
+    )
 
     def check_together(self) -> None:
         """Refuse a problem whose fields contradict each other. Do not open the map file."""

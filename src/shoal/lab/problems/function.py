@@ -23,7 +23,7 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(MeasuredProblem):
-    """A problem whose trials call a third-party function "module:attribute".
+    """A problem whose trials call a Python function of the user, named as "module:attribute".
 
     Each trial calls the function with ``seed`` and ``arguments``. The function returns a dict of measures.
 

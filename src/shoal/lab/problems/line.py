@@ -17,7 +17,7 @@ from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJu
 
 @dataclass(frozen=True, eq=False)
 class LineProblem(MeasuredProblem):
-    """Random placements of particles on a line. A trial gives means over ``placements`` placements (paper M, section III.A)."""
+    """Random placements of particles on a line. A trial computes means over ``placements`` placements (paper M, section III.A)."""
 
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")
@@ -50,7 +50,7 @@ class ScheduleProblem(MeasuredProblem):
 
     schedule: str = option("i^i", help="Schedule of scans: every-step, i^i, powers:K or one-jump:M.")
     max_distance: int = option(
-        1000, help="Maximum distance of the wall. The distance is drawn from 0 to the maximum.", least=0, most=10**15
+        1000, help="Maximum distance of the wall. The distance is a random number from 0 to the maximum.", least=0, most=10**15
     )
     distance: int | None = option(None, help="Distance of the wall, in place of a random distance.", least=0, most=10**15)
     scan_cost: float = option(10.0, help="Price of a scan, in any unit.", least=0)

@@ -41,7 +41,7 @@ _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """A vehicle in physical units. A field that is not given has the preset's value. A field without any value has no effect.
+    """A vehicle. A field without a given value has the value of the preset. A field without any value has no effect.
 
     Raises
     ------
@@ -73,7 +73,7 @@ class Vehicle(Problem):
         None, help="Duration of a turn. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
-        None, help="Smallest turn radius of a fixed wing without wind. Other vehicles have 0.", unit="m", least=0, most=10_000
+        None, help="Smallest turn radius of a fixed wing without wind; 0 for other vehicles.", unit="m", least=0, most=10_000
     )
     altitude: float | None = option(None, help="Altitude of the search flight; 0 for a rover.", unit="m", least=0, most=10_000)
     endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)
@@ -99,7 +99,7 @@ class Vehicle(Problem):
         unit="degrees", least=-360, most=360,
     )  # fmt: skip
     acceptance_radius: float | None = option(
-        None, help="Distance at which a vehicle has reached a waypoint. Default: the autopilot's.", unit="m", above=0, most=1000
+        None, help="Distance at which a waypoint is reached. Default: the value of the autopilot.", unit="m", above=0, most=1000
     )
 
     def __post_init__(self) -> None:

@@ -58,7 +58,7 @@ RULES: dict[str, Rule] = {
     "cap": Rule("error", "a mission has more items than the autopilot can store"),
     "cap-ardupilot": Rule("warning", "a mission has more items than ArduPilot can store, and the file does not name its autopilot"),
     "altitude": Rule("error", "a flight is at or below the ground or above 10 km, or a rover is not on the ground"),
-    "altitude-high": Rule("warning", "an altitude is above 120 m; many countries forbid such flights"),
+    "altitude-high": Rule("warning", "an altitude is above 120 m; many countries forbid flights above 120 m"),
     "altitude-varies": Rule("warning", "a waypoint has an altitude that no other waypoint has"),
     "camera": Rule("warning", "a series of images has no beginning or no end"),
     "gimbal": Rule("error", "the pitch of a camera is beyond ±90°, or a gimbal item does not aim by angles"),

@@ -95,7 +95,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
         None, help="Altitudes at which robots search the whole region, along one tour. Default: the vehicle's altitude; for a "
-        "box, one altitude for each footprint that fits its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        "box, as many altitudes as footprints fit into its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
@@ -108,8 +108,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
         None, help="Launch points inside or outside the region, in place of --starts: one x,y for all robots, or one for each "
-        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). Or a CSV or GeoJSON file of points, "
-        "or of a line such as a road, along which robots start at equal distances.",
+        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). The value may also be a CSV or "
+        "GeoJSON file of points, or of a line such as a road, along which robots start at equal distances.",
         metavar="POINTS|FILE", check=check_places("launch", "points or a file"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
@@ -127,7 +127,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
     allocation: str = option(
         "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
-        "fastest of all rules. If cells times robots exceed 100,000, auto means hop.", names=ALLOCATIONS,
+        "fastest rule, but hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
         None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle and shift of the rows with "
@@ -178,7 +178,7 @@ class SearchProblem(Problem):
         dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
     crashes: int = option(
-        0, help="Number of robots that crash at random times. The seed determines the robots and the times.", least=0
+        0, help="Number of robots that crash at random times. The seed determines which robots crash, and when.", least=0
     )
     targets: Any = option(
         0, help="Targets that robots must find: a number of random cells, or a CSV file of points.", metavar="N|FILE",
@@ -194,8 +194,9 @@ class SearchProblem(Problem):
         metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages. Default: yes with at most 126 robots and at most a million cells times robots."
-    )
+        None, help="Simulate robots and messages. Default: yes, unless there are more than 126 robots, or cells times robots "
+        "exceed a million.",
+    )  # fmt: skip
     live: float | None = option(
         None, help="Speed of a search with one process for each robot and real UDP messages, in place of a simulation. At a "
         "crash, Shoal kills the process of the robot.", unit="cells/s", metavar="RATE", above=0,
