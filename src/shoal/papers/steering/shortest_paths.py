@@ -35,10 +35,10 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: its length, the toucher, its contact, and a flag.
 
-    The toucher (0 or 1) is the particle that touches a wall. A reflection of the toucher's goal in the wall gives the contact.
-    While the wall holds the toucher, the second move adjusts the position of the other particle. If the second move is impossible
-    at the reflected contact, the contact moves to the nearest possible point. The flag is true if the toucher's path is a
-    reflection. The result is None if no wall allows a path of three moves.
+    The toucher (0 or 1) is the particle that touches a wall. A reflection of the touching particle's goal in the wall gives the
+    contact. While the wall holds the touching particle, the second move adjusts the position of the other particle. If the second
+    move is impossible at the reflected contact, the contact moves to the nearest possible point. The flag is true if the touching
+    particle's path is a reflection. The result is None if no wall allows a path of three moves.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -62,7 +62,7 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 
 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
-    """Return the three moves of a path: the toucher's move to the wall, an adjustment, and a translation to the goals.
+    """Return the three moves of a path: one particle's move to the wall, an adjustment, and a translation to the goals.
 
     The adjustment displaces the other particle until the position difference of the particles equals that of the goals.
     """
@@ -72,7 +72,7 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return the final error of the shortest path for a random problem, and the difference of its two angles at the wall."""
+    """Return the final error of the shortest path for a random problem, and the difference of the path's two angles at the wall."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -125,7 +125,7 @@ def _fig11(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _draw_reflection(axes: Axes, goal: Points) -> None:
-    """Draw a path of three moves, and the mirror image of the toucher's goal in the touched wall."""
+    """Draw a path of three moves, and the mirror image of the touching particle's goal in the wall."""
     path = shortest_crossing(START, goal)
     assert path is not None  # this goal has a path
     _, toucher, contact, _ = path

@@ -2,13 +2,13 @@
 
 The reaction of a wall on a particle lies inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is
 added to the position difference Δ, and a wall reaction on particle 1 is subtracted from Δ. A gauge is a measure of the length of
-the position difference Δ, with a convex polygon as its unit ball. If no single wall reaction can increase a gauge of Δ, no plan can
-increase this gauge. A barrier is a closed curve in the space of the position differences Δ, around the zero vector and the initial
-Δ. No possible wall reaction moves the position difference Δ across a barrier. Each barrier belongs to one initial position
-difference Δ. The computation of a barrier starts at the initial position difference Δ and rotates in both directions, in small
-steps of the angle of Δ. In each step, the barrier follows the possible wall reaction that moves the position difference Δ farthest
-outwards. The longer the position difference Δ is, the fewer walls one particle can touch while the other particle stays inside the
-workspace.
+the position difference Δ, with a convex polygon as its unit ball. If no single wall reaction can increase a gauge (length measure)
+of the position difference Δ, no plan can increase this gauge. A barrier is a closed curve in the space of the position differences
+Δ, around the zero vector and the initial Δ. No possible wall reaction moves the position difference Δ across its barrier curve.
+Each barrier curve belongs to one initial position difference Δ. The computation of a barrier curve starts at the initial position
+difference Δ and rotates in both directions, in small steps of the angle of Δ. In each step of the computation, the barrier curve
+follows the possible wall reaction that moves the position difference Δ farthest outwards. The longer the position difference Δ is,
+the fewer walls one particle can touch while the other particle stays inside the workspace.
 """
 
 from __future__ import annotations
@@ -35,10 +35,11 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
     On a disk of radius r, the distance of two particles never exceeds the larger of its initial value and 2 r sin(atan μ), where μ
     is the friction coefficient. If two particles are farther apart than 2 r sin(atan μ), each rotation of their position difference
     shortens their distance. On a polygon, the function uses several gauges and a barrier. A gauge measures the length of the
-    position difference. A barrier is a closed curve that the position difference cannot cross. The first gauge is the largest
-    scalar product of the position difference with a wall's normal or with its opposite vector. The unit ball of the second gauge is
-    the convex hull of the walls' normals and the opposite vectors. For polygons with four sides and friction coefficients up to 1,
-    the function uses two more gauges. The function ignores each gauge (length measure) that a wall reaction can increase.
+    position difference. A barrier is a closed curve that the position difference cannot cross. The first gauge (length measure) is
+    the largest scalar product of the position difference with a wall's normal or with its opposite vector. The second gauge (length
+    measure) has the convex hull of the walls' normals and the opposite vectors as its unit ball. For polygons with four sides and
+    friction coefficients up to 1, the function uses two more gauges (length measures). The function ignores each gauge (length
+    measure) that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -93,7 +94,7 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return why a gauge built from the walls' normals excludes a position difference ``after``, or None without a proof."""
+    """Return why a gauge (length measure) from the walls' normals excludes a difference ``after``, or None without a proof."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
@@ -112,7 +113,7 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return the reason if a barrier separates the position difference ``before`` from all differences near ``after``, or None."""
+    """Return the reason if a barrier curve separates the difference ``before`` from all differences near ``after``, or None."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2

@@ -2,7 +2,7 @@
 
 The position difference Δ is the position of particle 2 minus the position of particle 1. The first move of a cycle brings one
 particle, the toucher, into contact with a wall. The second move of a cycle displaces the other particle while the wall holds the
-toucher. Moves without wall contact do not change the position difference Δ.
+touching particle. Moves without wall contact do not change the position difference Δ.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ class Crossing:
     toucher : int
         The particle that touches the wall, 1 or 2.
     wall : int
-        Index of the polygon's side that holds the toucher, or -1 for the round wall of a disk.
+        Index of the polygon's side that holds the touching particle, or -1 for the round wall of a disk.
     first, last : ndarray of float64, shape (2,)
-        Ends of the section of the wall on which the toucher may be.
+        Ends of the section of the wall on which the touching particle may be.
     contact : ndarray of float64, shape (2,)
         Midpoint of the section from ``first`` to ``last``.
     slack : float

@@ -26,8 +26,8 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 class Greedy:
     """A planner whose every cycle brings the position difference of the particles as near as possible to that of the goals.
 
-    Among equally good cycles, the planner chooses the cycle in which the toucher has the shortest path via the contact to its goal.
-    In three dimensions, the planner first makes a plan in the plane and then adds vertical components.
+    Among equally good cycles, the planner chooses the cycle in which the touching particle has the shortest path via the contact to
+    its goal. In three dimensions, the planner first makes a plan in the plane and then adds vertical components.
 
     Notes
     -----

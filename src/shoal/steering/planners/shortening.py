@@ -28,7 +28,7 @@ class Plan:
     ----------
     steps : shoal.steering.kernels.shortening.Steps
     count : int
-        Number of steps.
+        Number of steps in the plan.
     cost : float
         Without noise, the length of the plan; with noise, its mean number of moves. The cost of a plan that misses the goals is
         infinite.

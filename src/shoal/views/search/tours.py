@@ -29,8 +29,9 @@ def tour_figure(tour: Tour) -> Figure:
     """Return a figure of a tour, coloured from dark at the first cell to bright at the last cell.
 
     A ring marks the first cell of the tour, and a square marks the last cell. Grid positions without a cell are grey. The closing
-    edge of the tour is dashed, and steps across gaps are thin lines. For a tour of more than 40,000 cells, the figure is a picture
-    in which the colour of a cell shows its position in the tour. A 3-D tour appears in perspective, seen from above.
+    edge (from the last cell to the first) is dashed, and steps across gaps are thin lines. For a tour of more than 40,000 cells,
+    the figure is a picture in which the colour of a cell shows its position in the tour. A 3-D tour appears in perspective, seen
+    from above.
     """
     metrics = tour.metrics()
     sides = " × ".join(str(side) for side in reversed(tour.shape))
@@ -94,7 +95,7 @@ def _draw_lines(axes: Axes, tour: Tour, points: float) -> None:
 
 
 def _pieces(tour: Tour, way: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the steps of a tour without the closing edge, shape (N - 1, 2, dimensions), and a mask of steps across gaps."""
+    """Return the steps from the first to the last cell of a tour, shape (N - 1, 2, dimensions), and a mask of steps across gaps."""
     return np.stack([way[:-1], way[1:]], axis=1), tour.steps[: len(way) - 1] > 1.5
 
 

@@ -62,7 +62,7 @@ class MoveTrajectory:
         return np.asarray(self.points[piece] + part * (self.points[piece + 1] - self.points[piece]))
 
     def until(self, share: float) -> Points:
-        """Return the end points of all segments of the paths up to a given fraction of the move; float64, shape (keys, n, d)."""
+        """Return the end points of all path segments up to a given fraction of the move; float64, shape (keys, n, d)."""
         return np.concatenate([self.points[: self._piece(share) + 1], self.at(share)[None]])
 
     def holders(self, share: float) -> tuple[tuple[int, int], ...]:

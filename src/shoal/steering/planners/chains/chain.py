@@ -34,7 +34,7 @@ class Chain:
     touchers : ndarray of int64, shape (cycles,)
         Index, 0 or 1, of the particle that a wall holds in each cycle (the toucher).
     walls : ndarray of int64, shape (cycles,)
-        Index of the wall that holds the toucher of each cycle.
+        Index of the wall that holds the touching particle in each cycle.
     unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
         Positions of the contacts along their walls, followed by the position differences of the particles between the cycles.
     length : float
@@ -108,7 +108,7 @@ class ChainQuery(StartAndGoal):
     margin : float
         Minimum distance between the walls and the particle that touches no wall, in the units of `NormalizedWalls`.
     push : float
-        Minimum component of each adjustment into the wall that holds the toucher, in the units of `NormalizedWalls`.
+        Minimum component of each adjustment into the wall that holds the touching particle, in the units of `NormalizedWalls`.
     rounds : ndarray of float64
         Sharpness of the barrier function in each round of the optimization. The barrier function keeps a chain inside its limits. A
         few rounds with low sharpness give a chain far from all limits.
@@ -163,8 +163,8 @@ class ChainQuery(StartAndGoal):
     def bounds_of(self, touchers: NDArray[np.int64], on: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return, for each kind of chain, a lower bound on the length of all chains of this kind; float64, shape (kinds,).
 
-        Row k of ``touchers`` and row k of ``on`` hold the touchers and the walls of kind k; both arrays have the shape (kinds,
-        cycles).
+        A kind of chain is a sequence of touching particles (a row of ``touchers``) and walls (a row of ``on``); both arrays have
+        the shape (kinds, cycles).
         """
         return bounds_of(touchers, on, self.start, self.goal, self.walls, self._lengths_over_walls)
 
@@ -179,7 +179,7 @@ class ChainQuery(StartAndGoal):
 
 
 def refined(query: ChainQuery, chain: Chain) -> Chain:
-    """Return the shortest chain that has the same touchers and walls as ``chain``.
+    """Return the shortest chain that has the same touching particles and walls as ``chain``.
 
     If ``chain`` has more than 12 cycles, or if the optimization fails, the result is ``chain`` itself.
     """

@@ -51,7 +51,7 @@ class Cycle(NamedTuple):
 
 
 def nearest_cycles(query: ChainQuery, delta: Points, target: Points) -> list[Cycle]:
-    """Return, for each wall and toucher, the cycle in the plane that ends nearest to the position difference ``target``.
+    """Return, for each wall and touching particle, the cycle in the plane that ends nearest to the position difference ``target``.
 
     Notes
     -----

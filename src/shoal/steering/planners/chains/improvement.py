@@ -1,8 +1,8 @@
-"""Improvement of chains of wall contacts: insert a cycle, remove a cycle or exchange a toucher, and shorten the chain again.
+"""Improvement of chains of wall contacts: insert a cycle, remove a cycle or exchange a touching particle.
 
-Chains with more than three cycles have too many kinds for an exhaustive search. The planner finds long chains by inserting cycles
-into shorter chains. Some of the shortest plans are long chains that alternate between the two walls of a corner, or that follow a
-wall in small steps.
+Chains with more than three cycles have too many kinds (sequences of touching particles and walls) for an exhaustive search. The
+planner finds long chains by inserting cycles into shorter chains. Some of the shortest plans are long chains that alternate between
+the two walls of a corner, or that follow a wall in small steps.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ class ChainPool:
 
 
 class _Candidate(NamedTuple):
-    """A candidate chain, made from a known chain by adding a cycle, removing a cycle or exchanging a toucher.
+    """A candidate chain, made from a known chain by adding a cycle, removing a cycle or exchanging a touching particle.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return, for each cycle at a round wall, the toucher that gives the shorter path with the same position differences."""
+    """Return, for each cycle at a round wall, the touching particle with which the path is shorter."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored

@@ -57,6 +57,8 @@ def bounds_of(
 ) -> NDArray[np.float64]:  # fmt: skip
     """Return, for each kind of chain, a lower bound on the length of all chains of this kind; float64, shape (kinds,).
 
+    A kind of chain is a sequence of touching particles (a row of ``touchers``) and walls (a row of ``on``).
+
     Parameters
     ----------
     touchers, on : ndarray of int64, shape (kinds, cycles)
@@ -89,7 +91,8 @@ def kinds_of(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the kinds of chains with ``cycles`` contacts on flat walls that may be shorter than ``bound``, the best kind first.
 
-    The function sorts the kinds of chains by their lower bounds on the length.
+    A kind of chain is a sequence of touching particles and walls. The function sorts the kinds of chains by their lower bounds on
+    the length.
 
     Returns
     -------
@@ -109,7 +112,7 @@ def kinds_of(
 
 
 def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
-    """Return the pairs of a wall and a toucher that may be feasible, each as the number 2 · wall + toucher.
+    """Return the pairs of a wall and a touching particle that may be feasible, each as the number 2 · wall + particle.
 
     The fast test of a pair never excludes a feasible pair.
 

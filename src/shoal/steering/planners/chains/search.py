@@ -30,8 +30,8 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
 
     Notes
     -----
-    On flat walls, the search is a branch and bound over all kinds of chains, and each kind gives a convex optimization problem. On
-    a round wall, the search refines the best of many initial guesses.
+    On flat walls, the search is a branch and bound over all sequences of touching particles and walls. Each sequence gives a convex
+    optimization problem. On a round wall, the search refines the best of many initial guesses.
     """
     best: Chain | None = None
     for number in cycles:

@@ -24,10 +24,10 @@ CENTRAL = np.array([8.0, 40.0])  # sharpness that keeps chains far from all limi
 class Cycles:
     """One run of the closed loop in a convex workspace, which makes one cycle (contact and adjustment) at a time.
 
-    The move to a wall contact aims behind the wall, so that the toucher reaches the wall despite noise and an unknown gain. The
-    loop computes each adjustment from the positions that the camera observes. Each adjustment aims at the position difference that
-    the planned chain has after its first cycle. Each adjustment also pushes the toucher into the wall. The loop estimates the gain
-    (displacement of a particle divided by the input) from the observed motion of the particles.
+    The move to a wall contact aims behind the wall, so that the touching particle reaches the wall despite noise and an unknown
+    gain. The loop computes each adjustment from the positions that the camera observes. Each adjustment aims at the position
+    difference that the planned chain has after its first cycle. Each adjustment also pushes the touching particle into the wall.
+    The loop estimates the gain (displacement of a particle divided by the input) from the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
@@ -100,10 +100,10 @@ class Cycles:
         )
 
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
-        """Move the toucher against a wall with an overshoot; return whether the camera then observes the toucher at the wall.
+        """Move a particle against a wall with an overshoot; return whether the camera then observes the particle at the wall.
 
         If the gain is uncertain, a move from far away would need a large overshoot, which might also bring the other particle to
-        the wall. With an uncertain gain, the first move of the toucher therefore ends before the wall.
+        the wall. With an uncertain gain, the first move therefore ends before it reaches the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
@@ -142,7 +142,7 @@ class Cycles:
         self._send(move)
 
     def _adjust(self, toucher: int, target: Points, *, last: bool, spread: float) -> None:
-        """Move the other particle towards the position difference ``target`` while a wall holds the toucher.
+        """Move the other particle towards the position difference ``target`` while a wall holds the touching particle.
 
         The method repeats the move, at most twice, if the observed position difference is still too far from the target.
         """
