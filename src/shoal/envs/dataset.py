@@ -35,7 +35,7 @@ def record_episodes(
     Parameters
     ----------
     env : gymnasium.Env
-        An environment that ``gymnasium.make`` has made from one of Shoal's ids.
+        An environment of Shoal, made by ``gymnasium.make``.
     policy : str, object or callable
         A policy of `shoal.swarm` or a planner of `shoal.steering`, by name or as an object, or a function (observation, info) ->
         action. If a policy stops before the task is complete, the dataset stores the episode as truncated.

@@ -105,10 +105,10 @@ class SteeringEpisode(Episode):
     def condition(self) -> float:
         """Amplification of errors: the largest ratio of a final position error to the small error that causes the position error.
 
-        Two kinds of small errors count: a displacement of a particle's start, and a change of the contact tolerance. For most
-        plans, the amplification of errors is between a few and a few hundred. A plan is sensitive if its amplification of errors
-        times the contact tolerance (1e-9 of the workspace's size) exceeds the tolerance of the goals. A sensitive plan reaches its
-        goals only if a replay rounds all numbers exactly as the planner did.
+        The method considers two kinds of small errors: a displacement of a particle's start, and a change of the contact tolerance.
+        For most plans, the amplification of errors is between a few and a few hundred. A plan is sensitive if its amplification of
+        errors times the contact tolerance (1e-9 of the workspace's size) exceeds the tolerance of the goals. A sensitive plan
+        reaches its goals only if a replay rounds all numbers exactly as the planner did.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 

@@ -100,8 +100,8 @@ def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
     """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
 
     The first ratio is the larger of move ratio and scan ratio in the worst case, for the schedule i^i. The second ratio is the
-    smallest value of the larger of move ratio and scan ratio that any schedule reaches. The third ratio is log D / log log D for
-    the distance D.
+    worst-case value that the best possible schedule has for the larger of move ratio and scan ratio. The third ratio is log D / log
+    log D for the distance D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]

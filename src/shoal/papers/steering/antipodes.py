@@ -123,7 +123,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
 
 def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:
-    """Return the touching particle (0 or 1) and its contact, which for particle 1 is at ``angle`` and for particle 2 opposite."""
+    """Return the index of the touching particle and its contact: at ``angle`` for index 0, on the opposite side for index 1."""
     places = radius * np.array([[np.cos(angle + turn), np.sin(angle + turn)] for turn in (0.0, pi)])
     who = 1 if toucher == "second" else int(np.argmin(np.linalg.norm(places - state, axis=1)))
     return who, places[who]

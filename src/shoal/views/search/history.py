@@ -105,7 +105,7 @@ class SearchHistory:
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
-        """Return, for each stop of a robot, the number of the other robot whose part it searches, or 0; int64, shape (k,).
+        """Return, for each stop of a robot, the number of the other robot in whose part the stop lies, or 0; int64, shape (k,).
 
         The value for a stop in the robot's own part of the tour is 0. With a footprint wider than one cell, the value for a stop is
         0 if the robot sees at least one new cell of its own part. If the robot sees new cells of other parts only, the value names
