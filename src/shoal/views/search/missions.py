@@ -1,4 +1,4 @@
-"""The map of missions: all paths coloured by altitude, launch and rally points, no-go zones, fence and nearest approach."""
+"""The map of missions: launch and rally points, no-go zones, fence, nearest approach, and all paths in colours by altitude."""
 
 from __future__ import annotations
 
