@@ -208,9 +208,7 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
     label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
-    cell_size: float | None = option(
-        None, help="Side of a cell. Default: the cell size in the map file.", unit="mm", above=0, most=1e6
-    )
+    cell_size: float | None = option(None, help="Side of a cell. Default: the size in the map file.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse a problem whose fields contradict each other. Do not open the map file."""
