@@ -15,8 +15,8 @@ HEAD = """# Errata of the papers
 
 This page is for people who compare their own numbers with the four papers on which Shoal is based. The page lists statements in
 the papers that are wrong or need a remark. For each statement, a program checks the correction and computes the numbers under
-"Result". The folder `docs/errata` of the repository contains these programs. The command `shoal reproduce --all` runs the
-programs, and the command `python -m docs.errata` writes this page.
+"Result". The folder `docs/errata` of the repository contains the programs that check the statements. The command
+`shoal reproduce --all` runs all programs of this folder. The command `python -m docs.errata` writes this page.
 
 | letter | paper | errata |
 |---|---|---|

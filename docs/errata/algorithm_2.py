@@ -24,7 +24,8 @@ def _inside(corners: Vector, point: Vector) -> bool:
 
 
 def _cut(corners: Vector, heights: Vector, level: float) -> list[Vector]:
-    """Return the points of a polygon's outline whose height above an edge is ``level``; ``heights`` are those of the corners."""
+    """Return the points of a polygon's outline whose height above an edge is ``level``; ``heights`` are the heights "
+    "of the corners."""
     points, count = [], len(corners)
     for k in range(count):
         u, v = heights[k] - level, heights[(k + 1) % count] - level

@@ -12,7 +12,7 @@ Numbers = Callable[[], tuple[str, bool]]
 
 
 def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Numbers], Check]]:
-    """Return a function of (source, printed, holds, check) that makes a decorator. The decorator adds a check to ``checks``."""
+    """Return a function that makes a decorator from (source, printed, holds, check). The decorator adds a check to ``checks``."""
 
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:
         def register(function: Numbers) -> Check:

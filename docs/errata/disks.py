@@ -54,8 +54,8 @@ def _contacts() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 3",
     "the chord around the contact angle ψ extends over the angles ψ ± γ/2",
     "the chord around the contact angle ψ extends over the angles ψ ± γ, because γ is already half of the angle of the chord",
-    "a program computes the distances of two points of the circle from the chord. The points lie at the angles γ and γ/2 from "
-    "the contact point",
+    "a program computes the distances of two points of the circle from the chord. The two points lie on the circle at the "
+    "angles γ and γ/2 from the contact point",
 )
 def _half_angle() -> tuple[str, bool]:
     r, depth = 0.5, 0.2  # depth: distance of the chord from the contact point
@@ -69,11 +69,11 @@ def _half_angle() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.E, eq. 4",
-    "when particle 1 touches the wall of a disk at the angle ψ, the distance of particle 2 from the tangent is d⊥ = 2 ‖s1·p_ψ - "
-    "s2·p_ψ‖. In the formula, s1 and s2 are the start positions, and p_ψ is the contact point",
+    "when particle 1 touches the wall of a disk at the point p_ψ, the distance of particle 2 from the tangent is d⊥ = 2 ‖s1·p_ψ "
+    "- s2·p_ψ‖, where s1 and s2 are the start positions",
     "the distance of particle 2 from the tangent is d⊥ = |(s1 - s2)·e(ψ)|, where e(ψ) = (cos ψ, sin ψ). The vector p_ψ has the "
-    "length r of the disk's radius, so the printed formula needs the factor 1/r in place of 2. The factor 2 is right only for r "
-    "= ½",
+    "length r of the disk's radius, so the printed formula needs the factor 1/r in place of 2. The printed factor 2 is right "
+    "only for a disk of radius r = ½",
     "a program computes the distance of particle 2 from the tangent directly from the positions, for 1000 pairs of positions on "
     "disks of radius r = 0.5 and r = 1",
 )
@@ -90,7 +90,10 @@ def _depth() -> tuple[str, bool]:
         printed = 2 * np.abs(np.sum(pairs[:, 0] * (r * e), axis=1) - np.sum(pairs[:, 1] * (r * e), axis=1))
         worst[r] = float(np.abs(corrected - depth).max()), float(np.abs(printed - depth).max())
     found = "; ".join(
-        (f"for r = {r:g}, the largest error is {a:.0e} for the corrected equation and {b:.2g} for the printed equation")
+        (
+            f"for a disk of radius r = {r:g}, the largest error of the distance is {a:.0e} for the corrected "
+            f"equation and {b:.2g} for the printed equation"
+        )
         for r, (a, b) in worst.items()
     )
     return found, max(worst[0.5][0], worst[0.5][1], worst[1.0][0]) < 1e-12 and worst[1.0][1] > 0.5
@@ -122,11 +125,11 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
 @erratum(
     "paper W, section IV.E, eq. 6",
     "the lines l = r (cos ψ - cos(ψ + γ) + sin ψ - sin(ψ + γ)) bound the set of differences that two moves reach. A point of a "
-    "line must be a vector, but the printed l is a number. The line l2 belongs to the angles γ(ψ_max) < γ < 0",
-    "the points of the bounding lines are the vectors l = r (e(ψ + a) - e(ψ)), where e(ψ) = (cos ψ, sin ψ). The line l2 belongs "
-    "to the angles -γ(ψ_max) < a < 0",
+    "line must be a vector, but the printed l is a number. The printed line l2 belongs to the angles γ(ψ_max) < γ < 0",
+    "the points of the bounding lines are the vectors l = r (e(ψ + a) - e(ψ)), where e(ψ) = (cos ψ, sin ψ). The corrected line "
+    "l2 belongs to the angles -γ(ψ_max) < a < 0",
     "for the initial difference Δ = (0.3, 0), a program computes the distance from 0 to the bounding lines, in 45 directions. "
-    "In each direction, a bisection with the exact condition for two moves gives the true distance",
+    "In each of the 45 directions, a bisection with the exact condition for two moves gives the true distance",
 )
 def _outline() -> tuple[str, bool]:
     from shoal.steering import disk, reached_in_two_moves
@@ -149,8 +152,8 @@ def _outline() -> tuple[str, bool]:
 
 @erratum(
     "paper W, section IV.E, eq. 7",
-    "while the wall holds particle 1 at the point r e, a move can reach the difference Δg if ‖Δg - C‖² ≥ r² and (Δg - C)·e ≤ r "
-    "cos γ, where C = -r e",
+    "while the wall of a disk of radius r holds particle 1 at the point r e, a move can reach the difference Δg if ‖Δg - C‖² ≥ "
+    "r² and (Δg - C)·e ≤ r cos γ, where C = -r e. In eq. 7, γ is the half angle of the chord through particle 2",
     "both inequalities must be reversed: a move can reach the difference Δg if ‖Δg - C‖² ≤ r² and (Δg - C)·e ≥ r cos γ",
     "a program simulates 2000 pairs of moves with random contact points",
 )
@@ -183,10 +186,10 @@ def _inequalities() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 8",
     "the first move must lead particle 1 to the wall at the angle ψ = arctan(w.x / w.y), where w = Δp - Δg is the initial "
     "difference minus the desired difference",
-    "the first move must lead particle 1 to the wall at the angle ψ = atan2(w.x, -w.y) or ψ + π. The wall at the angle ψ is "
-    "then parallel to w, and not to the mirror image of w",
-    "a program simulates plans for 500 goals. In each plan, particle 1 first moves to the wall at the angle ψ, and particle 2 "
-    "then moves parallel to the wall",
+    "the first move must lead particle 1 to the wall at the angle ψ = atan2(w.x, -w.y) or ψ + π. The wall at the corrected "
+    "angle ψ is parallel to w, and not to the mirror image of w",
+    "a program simulates plans for 500 goals. In each of the 500 plans, particle 1 first moves to the wall at the angle ψ, and "
+    "particle 2 then moves parallel to the wall",
 )
 def _contact_of_a_chord() -> tuple[str, bool]:
     from shoal.steering import ContactWorld, disk

@@ -27,7 +27,7 @@ class FreeCells:
         return cls(frozenset((int(row), int(column)) for row, column in open_map(name).cells))
 
     def moved(self, particles: frozenset[Cell], step: Cell) -> dict[Cell, Cell]:
-        """Return the cell of each particle after a move under the move rule block, by the cell of the particle before the move."""
+        """Return a dictionary from the cell of each particle to its cell after a move under the move rule block."""
         stays: set[Cell] = set()
         to: dict[Cell, Cell] = {}
         for cell in sorted(particles, key=lambda c: -(c[0] * step[0] + c[1] * step[1])):

@@ -73,8 +73,8 @@ def _simple_grid_graphs() -> tuple[str, bool]:
     "if another particle blocks the elected particle, the blocking particle must become the elected particle. Without this "
     "handover, the algorithm in the text of paper M, which chooses a new path at each move, can repeat the same moves for ever",
     "a program simulates 30 placements of 20 particles in a maze, until the map is complete or a state repeats. The program "
-    "simulates three versions of the algorithm: a new path at each move (as in the text), complete paths (as in algorithm 2), "
-    "and a new path at each move with the handover",
+    "simulates three versions of algorithm 2: a new path at each move (as in the text of the paper), complete paths (as "
+    "printed), and a new path at each move with the handover",
 )
 def _handover() -> tuple[str, bool]:
     ground = FreeCells.of("maze:9x7")
@@ -86,11 +86,12 @@ def _handover() -> tuple[str, bool]:
 
 @erratum(
     "paper M, algorithm 3",
-    "the function BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell the function returns "
-    "if several frontier cells are equally near",
+    "the function BFS(M, r, frontier) returns a nearest frontier cell. The paper does not state which cell the function BFS "
+    "returns if several frontier cells are equally near",
     "the choice among equally near frontier cells changes the number of moves. In a row of cells, the search order up, down, "
     "left, right needs a quarter fewer moves than the search order left, up, right, down",
-    "a program runs 60 episodes of 50 particles on the map line:500 with each of the two search orders, from equal seeds",
+    "a program runs 60 episodes of 50 particles on the map line:500 for each of the search orders up, down, left, right and "
+    "left, up, right, down, from equal seeds",
 )
 def _ties() -> tuple[str, bool]:
     from shoal.lab.statistics import compare
@@ -112,8 +113,8 @@ def _ties() -> tuple[str, bool]:
 @erratum(
     "paper M, theorem 2",
     "the policy closest-frontier needs at most m (m + 1) / 2 moves to map m free cells",
-    "the policy closest-frontier needs at most m (3m + 1) moves to map m free cells. The printed sum omits the walls, which are "
-    "also frontier cells",
+    "the policy closest-frontier needs at most m (3m + 1) moves to map m free cells. The printed sum of theorem 2 omits the "
+    "walls, which are also frontier cells",
     "a program runs episodes with one particle in rows of 1 to 6 free cells",
 )
 def _theorem() -> tuple[str, bool]:
@@ -176,10 +177,11 @@ def _subset() -> tuple[str, bool]:
             tenth, fifth = (moves[kind, n, name][0] / moves[kind, n, "all"][0] for name in ("10 %", "20 %"))
             there = part.mean[part.x == n][0] / whole.mean[whole.x == n][0]
             as_a_tenth &= n < 4000 or bool(abs(tenth - there) < abs(fifth - there))
+            where = kind if kind == "vessels" else f"a {kind}"
             words.append(
-                f"With {n} particles on {kind}, the ratio is {tenth:.2f} for 10 % of the cells, {fifth:.2f} for 20 % "
-                "of the cells, and "
-                f"{there:.2f} as published"
+                f"With {n} particles on {where}, subset coverage takes {tenth:.2f} (10 % of the cells) and "
+                f"{fifth:.2f} (20 % of the "
+                f"cells) times the moves of coverage, and {there:.2f} times as published"
             )
     assert part.std is not None  # the file has standard deviations
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials
@@ -190,5 +192,5 @@ def _subset() -> tuple[str, bool]:
         "{} moves as published"
     ).format(*spans)
     as_a_fifth = tenths[0] + tenths[1] < mean - 2 * error and abs(fifths[0] - mean) < fifths[1] + 2 * error
-    ratio = "the ratio is the number of moves of subset coverage, divided by the number of moves of coverage"
-    return f"{ratio}. {'. '.join(words)}. {last}", bool(as_a_fifth and as_a_tenth)
+    text = ". ".join([*words, last])
+    return text[0].lower() + text[1:], bool(as_a_fifth and as_a_tenth)

@@ -49,8 +49,8 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
 @erratum(
     "paper D, eq. 2",
     "the mean number of moves with which n particles find both ends of a row of m cells is 3(1+m)/(1+n)",
-    "the mean number of moves to find both ends is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in paper M, eq. 2, where C(m,n) is the "
-    "binomial coefficient",
+    "the mean number of moves with which n particles find both ends of a row of m cells is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in "
+    "paper M, eq. 2. C(m,n) is the binomial coefficient",
     "a program simulates all placements of n = 3 particles in a row of m = 9 cells, particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
@@ -68,11 +68,12 @@ def _boundary() -> tuple[str, bool]:
 
 @erratum(
     "papers M, D, section III.A.2",
-    "visiting all m cells of a row takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves. In the formula, p and p' are the "
-    "positions of the first and the last particle, and g is the largest gap between particles",
-    "visiting all m cells of a row takes p moves to the left, and then the larger of two numbers of moves: the moves to the "
-    "right end, and the moves to the right that close all gaps between particles. If closing all gaps takes more moves than "
-    "reaching the right end, the printed formula counts too many moves",
+    "visiting all m cells of a row takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions of "
+    "the first and the last particle and g is the largest gap",
+    "visiting all m cells of a row takes p moves to the left, where p is the position of the first particle. Visiting all cells "
+    "then takes the larger of two numbers of moves to the right: the moves to the right end, and the moves that close all gaps "
+    "between particles. If closing all gaps takes more moves than reaching the right end, the printed formula counts too many "
+    "moves",
     "a program simulates all placements of n = 3 particles in a row of m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:

@@ -34,7 +34,7 @@ def _sides() -> tuple[str, bool]:
         found = len(ConvexHull((points[:, None] - points).reshape(-1, 2)).vertices)
         words.append(f"{found} corners for the {name}")
         fits &= found == 2 * len(corners) - 2 * parallel
-    return f"the Δ configuration space has {', '.join(words)}; by the printed rule, it has 6, 8, 8 and 8 corners", fits
+    return f"the Δ configuration space has {', '.join(words)}; by the printed rule, the numbers of corners are 6, 8, 8 and 8", fits
 
 
 @erratum(
@@ -73,9 +73,9 @@ def _lift() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.C",
     "in a square, algorithm 1 needs at most five moves",
-    "in a square, four moves of algorithm 1 do not reach all differences of the Δ configuration space. The differences that "
-    "four moves do not reach lie at a corner of the space and have the area |Δx Δy|, the product of the components of the "
-    "initial difference",
+    "in a square, four moves of algorithm 1 do not reach all differences of the Δ configuration space. In a square, the "
+    "differences that four moves do not reach lie at a corner of this space. The area of these differences is the product |Δx "
+    "Δy| of the components of the initial difference",
     "a program computes the exact set of differences that four moves reach from the initial difference Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
@@ -92,8 +92,8 @@ def _square() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.D",
     "four moves reach all differences Δ in a regular triangle and in any acute triangle",
-    "in an acute triangle, four moves reach all differences Δ only from some starts. In every tested triangle, six moves were "
-    "enough",
+    "in an acute triangle, four moves reach all differences Δ only from some starts. In every tested triangle, six moves "
+    "reached all differences Δ",
     "a program computes the exact sets of differences that moves reach, from 8 random starts in each of 4 acute triangles. The "
     "first of the 4 triangles is regular",
 )
@@ -111,17 +111,20 @@ def _triangles() -> tuple[str, bool]:
         most = max(most, *(filling.moves or 8 for filling in fillings))
     found = (
         f"in the four triangles, four moves reach all differences from {', '.join(map(str, four))} of 8 starts. From the other "
-        f"starts, four moves miss up to {100 * missed:.1f} % of the differences"
+        f"starts in these triangles, four moves miss up to {100 * missed:.1f} % of the differences"
     )
-    return f"{found}. Six moves reach all differences from every start", four[0] < 8 and sum(four) < 30 and most == 6
+    return f"{found}. In the four triangles, six moves reach all differences from every start", four[0] < 8 and sum(
+        four
+    ) < 30 and most == 6
 
 
 @erratum(
     "paper W, section IV.D",
     "in regular polygons with up to eight sides, six moves reach all differences Δ. In regular polygons with up to thirteen "
     "sides, eight moves reach all differences Δ",
-    "in regular polygons with up to six sides, six moves reach all differences Δ. Regular polygons with seven or eight sides "
-    "may need eight moves. A regular polygon with ten sides needs ten moves if the particles start close together",
+    "in regular polygons with up to six sides, six moves reach all differences Δ. In regular polygons with seven or eight "
+    "sides, eight moves may be needed to reach all differences Δ. In a regular polygon with ten sides, ten moves are needed if "
+    "the particles start close together",
     "a program computes the exact sets of differences that moves reach, from one start in each of four regular polygons",
 )
 def _polygons() -> tuple[str, bool]:
@@ -133,7 +136,7 @@ def _polygons() -> tuple[str, bool]:
         filling = polygon_fractions(regular_polygon(sides), start, moves=10, contacts=11)
         share = 100 * float(filling.fractions[claimed // 2 - 1])
         words.append(
-            f"with {sides} sides, the printed {claimed} moves reach {share:.2f} % of the differences, and "
+            f"in a polygon with {sides} sides, the printed {claimed} moves reach {share:.2f} % of the differences, and "
             f"{filling.moves} moves reach "
             "all differences"
         )
@@ -164,11 +167,11 @@ def _turned(points: Vector) -> Vector:
 
 @erratum(
     "paper W, section V.A",
-    "the planner uses the contact point on the particle's shortest path to its goal by way of the wall. If this contact point "
-    "does not allow the adjustment, the planner discards the wall",
+    "the planner uses the contact point on a particle's shortest path to the wall and then to its goal. If the contact point on "
+    "the shortest path does not allow the adjustment, the planner discards the wall",
     "if the contact point on the shortest path does not allow the adjustment, the planner must use the nearest contact point on "
-    "the wall that allows the adjustment. With the nearest contact point, three moves solve more problems, and solve some "
-    "problems with a shorter plan",
+    "the wall that allows the adjustment. With the nearest contact point, three moves solve more problems than with the printed "
+    "rule, and solve some problems with a shorter plan",
     "a program plans three moves for 20,000 random problems in a square, and simulates 200 plans that the printed rule discards",
 )
 def _discarded() -> tuple[str, bool]:

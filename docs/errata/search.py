@@ -13,8 +13,8 @@ erratum = into(CHECKS)
 @erratum(
     "paper H, section Efficiency",
     "the expected search time T_E is proportional to the reciprocal of the number of robots",
-    "for m robots, the expected search time T_E is proportional to H_m/m, where H_m = 1 + 1/2 + ... + 1/m. The value of H_m/m "
-    "is about ln m / m. For 20 robots, paper H prints a search time below 20 % of the time of one robot, which is correct",
+    "for m robots, the expected search time T_E is proportional to H_m/m, where H_m = 1 + 1/2 + ... + 1/m. For many robots, "
+    "H_m/m is about ln m / m. For 20 robots, paper H prints a search time below 20 % of the time of one robot, which is correct",
     "a program computes the expected search time T_E for 1024 cells over 10,000 random starts of 10, 20 and 50 robots",
 )
 def _reciprocal() -> tuple[str, bool]:
