@@ -1,7 +1,7 @@
 """Exhaustive search of a region by robots without a coordinator, along one closed tour.
 
-A name of this package is imported when it is first used, because Numba takes long to import. `shoal.search.run.run` runs a
-`SearchProblem`.
+Python imports a name of this package only when a program first uses the name, because the import of Numba takes long. The function
+`shoal.search.run.run` runs a `SearchProblem`.
 """
 
 from __future__ import annotations

@@ -43,10 +43,10 @@ class SearchEpisode(Episode):
         The problem as the user declared it.
     plan : SearchPlan
     scenario : Scenario
-        The simulated scenario, with lengths in cell sides and times in units of `cell_time`.
+        The scenario of the search, with lengths in cell sides and times in units of `cell_time`.
     trace : SearchTrace
     simulated : bool
-        Whether robots and messages were simulated. If false, the robots followed the plan, or the search was live.
+        Whether Shoal simulated robots and messages. If false, the search was live, or the trace only repeats the plan.
     seed : int
     seconds : float
         Computing time of the planning and the simulation, in seconds.
@@ -66,12 +66,12 @@ class SearchEpisode(Episode):
 
     @cached_property
     def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
-        """``complete`` if robots searched all reachable cells, and every robot that still works knows this."""
+        """``complete`` if robots searched all reachable cells, and every working robot knows that the search is complete."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
     @property
     def reason(self) -> str:
-        """Return one sentence that explains the status."""
+        """One sentence that explains the status of the episode."""
         cells, count = self.scenario.goal.bit_count(), self.problem.multiplicity
         if self.trace.covered_at == inf:
             left = int(np.isinf(searched_at(self.scenario, self.trace.robots)).sum())
@@ -91,7 +91,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def _unaware(self) -> list[int]:
-        """The robots that still work but have not declared the search complete."""
+        """Numbers of the robots that still work but have not declared the search complete."""
         if self._as_planned:
             return []
         living = [number for number, log in enumerate(self.trace.robots, start=1) if log.status not in ("dead", "paused")]
@@ -99,17 +99,17 @@ class SearchEpisode(Episode):
 
     @property
     def makespan(self) -> float | None:
-        """Time in seconds at which the last reachable cell was searched, or None if some reachable cell was never searched."""
+        """Time in seconds at which robots had searched all reachable cells, or None if a reachable cell was never searched."""
         return self.plan.seconds(self.trace.covered_at) if self.trace.covered_at < inf else None
 
     @property
     def cell_time(self) -> float:
-        """Time in seconds that a robot of speed 1 needs for one cell."""
+        """Time in seconds in which a robot of speed 1 searches one cell."""
         return self.plan.cell_seconds
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics, times in seconds. ``share`` is the makespan divided by the least time of a search by one robot."""
+        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the least time of a single robot."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -132,28 +132,28 @@ class SearchEpisode(Episode):
 
     @cached_property
     def liars(self) -> frozenset[int]:
-        """The robots that falsely report cells as searched."""
+        """Numbers of the robots that falsely report cells as searched."""
         return frozenset(fault.robot for fault in self.scenario.faults if isinstance(fault, Liar))
 
     @property
     def coverage(self) -> AreaCoverage:
-        """The area of the region that the robots saw in every layer, computed from their paths, independently of the cells."""
+        """Area of the region that robots saw in every layer, computed from the paths of the robots and not from cells."""
         return together(self.coverages)
 
     @cached_property
     def coverages(self) -> tuple[AreaCoverage, ...]:
-        """The coverage of each layer, beginning with the lowest."""
+        """The coverage of each layer, from the lowest layer to the highest."""
         seeing = [robot for robot, log in enumerate(self.trace.robots) if robot + 1 not in self.liars and log.cells.size]
         return coverages(self.plan, self.trace, self.routes, seeing)
 
     @cached_property
     def seen(self) -> tuple[tuple[NDArray[np.int64], ...], ...]:
-        """For each robot and each of its stops, the tour indices of the cells that the robot saw from this stop."""
+        """For each stop of each robot, the tour indices of the cells that the robot saw from this stop."""
         return tuple(tuple(self.plan.seen(robot, log.cells)) for robot, log in enumerate(self.trace.robots))
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """The findings that were known to the robots that declared the search complete, or to any robot if none declared it."""
+        """Findings known to robots that declared the search complete, or to any robot if no robot declared it complete."""
         reports: dict[int, set[int]] = {}
         for number in self.trace.declared or range(1, len(self.trace.robots) + 1):
             for cell, witnesses in self.trace.robots[number - 1].found:
@@ -165,7 +165,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """The cells in which robots discovered obstacles, in tour order, each with the discovery time in units of `cell_time`."""
+        """The cells with discovered obstacles, in tour order, and the time of each discovery in units of `cell_time`."""
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)
@@ -252,9 +252,9 @@ class SearchEpisode(Episode):
         }
 
     def verify(self) -> Verification:
-        """Repeat the search from its plan, and compare the new trace with the stored trace.
+        """Simulate the search again from its plan, and compare the new trace with the stored trace.
 
-        A live search cannot be repeated. For a live search, the stored makespan is compared with the stored times of the cells.
+        A live search cannot be repeated. For a live search, the method compares the stored makespan with the stored cell times.
         """
         if self.problem.live is not None:
             good = float(searched_at(self.scenario, self.trace.robots).max()) == self.trace.covered_at
@@ -264,12 +264,12 @@ class SearchEpisode(Episode):
         return Verification(not difference, difference or "planned and simulated again: all robots act as in the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON: the problem with the contents of its files, and the trace.
+        """Write the episode as JSON, with the trace, the problem, and the contents of the files that the problem names.
 
         Raises
         ------
         InvalidInputError
-            If the suffix is not ``.json``.
+            If the suffix of ``path`` is not ``.json``.
         OutputError
         """
         target = check_suffix(path, ".json")
@@ -286,7 +286,7 @@ class SearchEpisode(Episode):
         write_json(target, told, indent=None)
 
     def _self_contained(self) -> SearchProblem:
-        """Return the problem with the contents of its files in place of their names."""
+        """Return the problem with the contents of files in place of the file names."""
         problem, plan = self.problem, self.plan
         changes: dict[str, Any] = {}
         if problem.place_is_file() or problem.no_go:
@@ -304,7 +304,7 @@ class SearchEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
-        """Read an episode. An episode with a third-party tour or allocation is refused unless ``trust`` is true.
+        """Read an episode. Tours and allocations given as MODULE:ATTRIBUTE are accepted only if ``trust`` is true.
 
         Raises
         ------
@@ -336,7 +336,7 @@ class SearchEpisode(Episode):
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as text: in seconds below a minute, and as h:mm:ss from a minute on.
+    """Return a duration as text: in seconds if it is below a minute, and as h:mm:ss from a minute on.
 
     Examples
     --------

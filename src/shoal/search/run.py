@@ -28,15 +28,15 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     ----------
     problem : SearchProblem
     seed : int
-        Seed for random starts, targets, obstacles and crashes, and for the simulation.
+        Seed of the random starts, targets, obstacles and crashes, and of the simulation.
     plan : SearchPlan, optional
-        A plan that was made earlier for the same problem and seed. By default, the search is planned first.
+        A plan for exactly this problem and this seed. By default, the function plans the search first.
 
     Raises
     ------
     InvalidInputError
-        If the robots cannot do the task in this region. Also if faults, message loss or a network are given but nothing is
-        simulated.
+        If the robots cannot do the task in the region of the problem, or if the problem sets faults, message loss or a network for
+        a search without simulation.
     UnknownNameError
 
     Examples
@@ -80,7 +80,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
 
 
 def _simulated_only(scenario: Scenario) -> list[str]:
-    """Return the settings of a scenario that only a simulation can apply."""
+    """Return the names of the scenario's settings that have an effect only in a simulation."""
     brief = scenario.brief
     there = {
         "faults": bool(scenario.faults),

@@ -56,17 +56,17 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 class SearchProblem(Problem):
     """A search of a region by robots that have no coordinator.
 
-    The options of ``shoal search``, sweeps and problem files have the same fields. In Python, the region may also be a
-    `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
+    Options of ``shoal search``, sweeps and problem files use the field names of this class. In Python, the region may also be
+    a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
 
     Raises
     ------
     InvalidInputError
-        If a value has the wrong type or range, or fields contradict each other.
+        If a field has the wrong type or is out of range, or if two fields contradict each other.
 
     Notes
     -----
-    Source: paper H; docs/concepts/search.md.
+    The sources are paper H and docs/concepts/search.md.
 
     Examples
     --------
@@ -203,7 +203,7 @@ class SearchProblem(Problem):
     )  # fmt: skip
 
     def check_together(self) -> None:
-        """Refuse fields that contradict each other. This check opens no file."""
+        """Refuse fields that contradict each other, without opening any file."""
         of_robots = {"footprint": "one length, or {}", "rates": "{} speeds", "starts": "{} points", "delays": "{} times"}
         for name, what in of_robots.items():
             value = getattr(self, name)
@@ -232,16 +232,16 @@ class SearchProblem(Problem):
 
     @property
     def chosen_angle(self) -> float | None:
-        """The angle of the rows in degrees, or None if the planner chooses the angle.
+        """Angle of the rows of cells in degrees, or None if the planner chooses the angle.
 
-        If no angle is given, the planner chooses the angle only for a region on Earth.
+        If the field ``angle`` is None, the planner chooses the angle only for a region on Earth.
         """
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle
 
     def tours_to_compare(self, turn_cost: float) -> tuple[str, ...]:
-        """Return the names of the tours to compare if a turn costs ``turn_cost`` cells."""
+        """Return the names of the tours that the planner compares if a turn costs ``turn_cost`` cells."""
         if self.tour != AUTO:
             return (self.tour,)
         if self.passes > 1:
@@ -250,7 +250,7 @@ class SearchProblem(Problem):
 
     @property
     def allocations_to_compare(self) -> tuple[str, ...]:
-        """The names of the allocations to compare, beginning with the one that is most often the fastest."""
+        """Names of the allocators that the planner compares. The allocator that is most often the fastest comes first."""
         return ALLOCATIONS if self.allocation == AUTO else (self.allocation,)
 
     @property
@@ -260,7 +260,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:
-        """The altitudes of the search in metres, from the lowest: the bands, a volume's layers, or the vehicle's altitude."""
+        """Altitudes of the search in metres, ascending: the bands, the layers of a volume, or the vehicle's altitude."""
         if self.bands is not None:
             return self.bands
         if not self._volume:
@@ -274,7 +274,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle at the lowest altitude of the search. The default is the ideal vehicle."""
+        """The vehicle of the robots at the lowest altitude of the search. By default, it is the ideal vehicle."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked
@@ -282,28 +282,28 @@ class SearchProblem(Problem):
         return asked.replaced(altitude=self.altitudes[0], **speeds)
 
     def vehicle_at(self, altitude: float) -> Vehicle:
-        """Return the vehicle as it sees the ground from an altitude. In a volume, the vehicle's own altitude counts instead."""
+        """Return the vehicle with its altitude changed to ``altitude``. In a volume, the vehicle keeps its own altitude."""
         return self._asked_vehicle if self._volume else self._asked_vehicle.replaced(altitude=altitude)
 
     def footprint_at(self, altitude: float) -> float | tuple[float, ...]:
-        """Return the side of the footprint in metres at an altitude.
+        """Return the side of the footprint at an altitude, in metres.
 
-        By default, the footprint is the view of the vehicle's camera or detector. Without a camera or detector, it is 10 m.
+        By default, the footprint is the view of the vehicle's camera or detector, or 10 m without a camera or detector.
         """
         return self.footprint or self.vehicle_at(altitude).row_spacing or FOOTPRINT
 
     @property
     def chosen_footprint(self) -> float | tuple[float, ...]:
-        """The side of the footprint in metres: as given, or as the vehicle sees it from the lowest altitude."""
+        """Side of the footprint in metres: the given side, or the side that the vehicle sees from the lowest altitude."""
         return self.footprint_at(self.altitudes[0])
 
     @property
     def stepwise(self) -> bool:
-        """Whether robots move from each cell to a neighbouring cell. With unknown obstacles, they must."""
+        """Whether robots move only from a cell to a neighbouring cell, because the region has unknown obstacles."""
         return self.obstacles not in (0, ())
 
     def open_place(self) -> SearchRegion:
-        """Open the region."""
+        """Open the region of the problem, with its no-go zones and its margin."""
         if isinstance(self.region, SearchRegion):
             return with_margin(self.region, self.margin)
         whole = open_region(
@@ -312,7 +312,7 @@ class SearchProblem(Problem):
         return with_margin(whole, self.margin)
 
     def place_key(self) -> str | None:
-        """Return a text with the fields that define the region, or None for a region object."""
+        """Return a text with the fields that define the region, or None if the region is a `SearchRegion`."""
         if isinstance(self.region, SearchRegion):
             return None
         kept = ("region", "no_go", "margin", "layer", "inner", "across_zones")
@@ -323,11 +323,11 @@ class SearchProblem(Problem):
         return any(isinstance(name, str) and os.path.exists(name) for name in (self.region, *self.no_go))
 
     def place_digest(self) -> bytes:
-        """Return the outline of the region as bytes."""
+        """Return the area of the region as bytes in the format well-known binary."""
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:
-        """Refuse a region of several parts for robots that must stay inside, and altitudes above the top of a volume.
+        """Refuse regions of several parts if robots must stay inside, and altitudes above the top of a volume.
 
         Raises
         ------

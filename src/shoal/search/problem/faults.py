@@ -1,4 +1,4 @@
-"""Robot faults: crashes, pauses, slow robots, batteries that run out, wrong positions, liars."""
+"""Robot faults: crashes, pauses, slow motion, batteries that run out, wrong positions and lies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """The robot stops at a time and sends no more messages."""
+    """Fault: from the time ``time`` on, the robot stands still and sends no messages."""
 
     robot: int
     time: float
@@ -23,7 +23,7 @@ class Crash:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """The robot does not move, receive or send between two times, and then continues where it stopped."""
+    """Fault: between two times, the robot does not move, receive or send. Then it continues where it stopped."""
 
     robot: int
     time: float
@@ -32,7 +32,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class Slow:
-    """From a time on, the robot needs ``factor`` times as long as it declares."""
+    """Fault: from the time ``time`` on, the robot needs ``factor`` times as long as at its declared speed."""
 
     robot: int
     factor: float
@@ -41,7 +41,10 @@ class Slow:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """The robot stops after it has moved for the time ``energy`` since its last recharge, whatever endurance it declares."""
+    """Fault: the robot stops for ever after it has moved for the time ``energy`` since its last recharge.
+
+    The robot itself does not know this limit, and plans with the endurance of its vehicle.
+    """
 
     robot: int
     energy: float
@@ -49,9 +52,9 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class WrongPosition:
-    """The robot believes that it starts in another cell, which lies ``off`` cells further along the tour.
+    """Fault: the robot believes that it starts ``off`` cells further along the tour than it does.
 
-    Later it knows its position.
+    As soon as the robot has moved to another cell, it knows its true position.
     """
 
     robot: int
@@ -60,7 +63,7 @@ class WrongPosition:
 
 @dataclass(frozen=True, slots=True)
 class Liar:
-    """The robot does not search but reports cells as searched, and reports findings that do not exist (paper H, footnote 5)."""
+    """Fault: the robot does not search, but reports cells as searched, and reports false findings (paper H, footnote 5)."""
 
     robot: int
 
@@ -75,7 +78,8 @@ _SPELLING = re.compile(r"([a-z-]+):([0-9]{1,9})(?:@([^:@]+))?(?::([^:@]+))?")
 def check_faults(value: Any) -> tuple[Fault, ...]:
     """Return the fault objects that a list or a text describes.
 
-    Each entry is an object, or a text such as ``crash:2@30``. A text may contain several faults, separated by commas.
+    Each entry of the list is a fault object, or a text such as ``crash:2@30``. A text may contain several faults, separated by
+    commas.
 
     Raises
     ------
@@ -100,7 +104,7 @@ def check_faults(value: Any) -> tuple[Fault, ...]:
 
 
 def fault_text(fault: Fault) -> str:
-    """Return a fault as a text, which `check_faults` turns back into the fault.
+    """Return a text that describes a fault. The function `check_faults` turns the text back into the fault.
 
     Examples
     --------
@@ -148,7 +152,7 @@ def _checked(fault: Any) -> Fault:
 
 
 def true_rate(rate: float, faults: Iterable[Fault], robot: int, time: float) -> float:
-    """Return the true speed of a robot at a time. After a fault `Slow`, it is lower than the declared speed ``rate``.
+    """Return the true speed of a robot at a time. After a fault `Slow`, the true speed is below the declared speed ``rate``.
 
     Examples
     --------

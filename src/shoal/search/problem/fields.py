@@ -1,4 +1,4 @@
-"""Parsing, checking and JSON output of the fields of a search."""
+"""Functions that parse, check and write the fields of a `SearchProblem`."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ AUTO = "auto"
 
 
 def check_region(value: Any) -> str | SearchRegion:
-    """Return the name or path of a region, or a region object.
+    """Check the region of a search: a name, the path of a file, or a `SearchRegion`.
 
-    The form for JSON that `dump_region` returns becomes a region object again.
+    If the value is a mapping from `dump_region`, the function turns it back into a `SearchRegion`.
     """
     if isinstance(value, SearchRegion):
         return value
@@ -33,7 +33,7 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path or a name as a text. In error messages, ``what`` is the field, and ``expected`` describes the text."""
+    """Return a path or a name as a text. Error messages call the field ``what``, and describe a correct text by ``expected``."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")
@@ -41,7 +41,7 @@ def check_path(value: Any, what: str, expected: str) -> str:
 
 
 def _region_from(data: dict[str, Any]) -> SearchRegion:
-    """Return the region that `dump_region` wrote."""
+    """Return the `SearchRegion` from which `dump_region` made the mapping ``data``."""
     data = {"no_go": "POLYGON EMPTY", "no_go_zones": 0, "height": 0.0} | data
     if set(data) != {"name", "area", "frame", "no_go", "no_go_zones", "height"}:
         raise InvalidInputError(f"region: expected name, area and frame, got {shortened(sorted(map(str, data)))}")
@@ -59,7 +59,7 @@ def _region_from(data: dict[str, Any]) -> SearchRegion:
 
 
 def dump_region(value: str | SearchRegion) -> Any:
-    """Return a region in a form for JSON: its name or path, or for a region object its shape in well-known text and its frame."""
+    """Return a region in a form for JSON: a name or path unchanged, and a `SearchRegion` as a mapping with its shape and frame."""
     if isinstance(value, str):
         return value
     import shapely
@@ -71,7 +71,7 @@ def dump_region(value: str | SearchRegion) -> Any:
 
 
 def check_no_go(value: Any) -> tuple[Any, ...]:
-    """Return no-go zones as files, Shapely polygons or tuples of points."""
+    """Check no-go zones, and return each zone as a file name, a Shapely polygon or a tuple of points."""
     return tuple(_check_zone(zone, k) for k, zone in enumerate(list_of(value), start=1))
 
 
@@ -91,7 +91,7 @@ def _check_zone(zone: Any, number: int) -> Any:
 
 
 def dump_no_go(value: tuple[Any, ...]) -> list[Any]:
-    """Return no-go zones in a form for JSON: Shapely polygons become well-known text."""
+    """Return no-go zones in a form for JSON, with Shapely polygons as well-known text."""
     import shapely
 
     return [{"wkt": shapely.to_wkt(zone, rounding_precision=-1)} if hasattr(zone, "geom_type") else zone for zone in value]
@@ -102,7 +102,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Return the numbers, separated by commas, in a text of the command line. A single number is returned as a float."""
+    """Parse numbers separated by commas from the command line. A single number is returned as a float, not as a list."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -111,14 +111,14 @@ def parse_numbers(text: str) -> float | list[float]:
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Return the side of the footprint in metres: one number for all robots, or one number for each robot."""
+    """Check the side of the footprint in metres, given as one number for all robots or as one number for each robot."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_number_list(value, "footprint", "lengths above 0, one per robot", above=0)
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
-    """Return altitudes in metres from the lowest to the highest. Equal altitudes are refused."""
+    """Sort altitudes in metres from the lowest to the highest, and refuse equal altitudes."""
     found = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
     if not found or len({*found}) < len(found):
         raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
@@ -126,7 +126,7 @@ def check_bands(value: Any) -> tuple[float, ...]:
 
 
 def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, above: float = -inf) -> tuple[float, ...]:
-    """Return one or several numbers as a tuple, after checking each of them.
+    """Check one or several numbers, and return them as a tuple.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, 
     kind : str
         Description of the expected numbers in error messages.
     least, above : float
-        Each number must be at least ``least`` and more than ``above``.
+        Limits of the numbers. Each number must be at least ``least`` and more than ``above``.
     """
     if isinstance(value, int | float | np.number):
         value = (value,)  # of one robot
@@ -147,12 +147,12 @@ def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, 
 
 
 def parse_angle(text: str) -> float | str:
-    """Return the angle in degrees that a text of the command line contains, or "auto"."""
+    """Parse an angle in degrees, or the word "auto", from the command line."""
     return text if text == AUTO else float(text)
 
 
 def check_angle(value: Any) -> float | str | None:
-    """Return an angle in degrees from 0 to below 180, "auto", or None for the region's default."""
+    """Check an angle in degrees, and return it from 0 to below 180. The word "auto" is returned unchanged."""
     if isinstance(value, str):
         if value != AUTO:
             raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")
@@ -161,16 +161,16 @@ def check_angle(value: Any) -> float | str | None:
 
 
 def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[Any], Any]:
-    """Return a function that checks points, given as a text or as an array in metres.
+    """Return a function that checks a field for points: a text, or an array of points in metres.
 
     Parameters
     ----------
     what : str
         Name of the field in error messages.
     expected : str
-        Meaning of a text in error messages, such as "a file".
+        Description of a correct text in error messages, such as "a file".
     count : bool
-        Whether the value may also be a whole number: the number of random points.
+        Whether the field may also be a whole number of random points.
     """
 
     def check(value: Any) -> Any:
@@ -182,11 +182,11 @@ def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[
 
 
 def parse_count_or_path(text: str) -> int | str:
-    """Return the whole number that a text of the command line contains, or the text itself if it is a path."""
+    """Parse a whole number or a path from the command line. A path is returned as a text."""
     return int(text) if text.lstrip("-").isdecimal() else text
 
 
 def check_network(value: Any) -> str:
-    """Return the text that describes a network. For a text without models, the result is "perfect"."""
+    """Check a text that describes a network, and return the text. A text without models becomes "perfect"."""
     text = check_text(value, what="network")
     return text if network_of(text).media else "perfect"

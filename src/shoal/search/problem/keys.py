@@ -11,12 +11,12 @@ _SHORTEST, _LONGEST = 16, 4096  # bytes
 
 
 def read_key(path: str) -> bytes:
-    """Return the key in a file, without line ends before and after the key.
+    """Read a key from a file. Line ends before and after the key are removed.
 
     Raises
     ------
     InvalidInputError
-        If the path is not a file of 16 to 4096 bytes that only its owner can read and write.
+        If ``path`` is not a file of 16 to 4096 bytes that only its owner can read and write.
     """
     try:
         with open(path, "rb", opener=lambda name, flags: os.open(name, flags | os.O_NONBLOCK)) as file:

@@ -1,4 +1,4 @@
-"""MissionOptions: settings for writing the missions of a search and for keeping vehicles apart."""
+"""MissionOptions: settings for mission files of a search, and for keeping vehicles apart."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def _check_names(value: Any) -> tuple[str, ...]:
 
 
 def parse_separation(text: str) -> tuple[float, ...]:
-    """Return the separation in metres from a text of the command line: HORIZONTAL or HORIZONTAL,VERTICAL.
+    """Parse a separation in metres from the command line: HORIZONTAL or HORIZONTAL,VERTICAL.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def parse_separation(text: str) -> tuple[float, ...]:
 
 
 def check_separation(value: Any) -> tuple[float, ...]:
-    """Return a horizontal and a vertical separation in metres, or (0,) for no separation.
+    """Check a horizontal and a vertical separation in metres. A horizontal separation of 0 gives (0,), for no separation.
 
     Raises
     ------
@@ -61,7 +61,7 @@ def check_separation(value: Any) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MissionOptions(Problem):
-    """Settings for writing missions. These settings are the options of ``shoal search`` that belong to ``--missions``.
+    """Settings for mission files: the options of ``shoal search`` that have an effect only with ``--missions``.
 
     Raises
     ------
@@ -115,12 +115,12 @@ class MissionOptions(Problem):
 
     @property
     def kept_apart(self) -> Separation | None:
-        """The separation of vehicles in flight, or None."""
+        """The separation of vehicles in flight, or None if the planner does not keep vehicles apart."""
         horizontal, vertical = (*self.separation, VERTICAL)[:2]
         return Separation(horizontal, vertical, self.delay_tolerance) if horizontal else None
 
     def check_for(self, problem: SearchProblem) -> None:
-        """Refuse options that are impossible for the missions of a given search. The check opens the region.
+        """Refuse options that are impossible for the missions of a given search. The method opens the region of the search.
 
         Raises
         ------

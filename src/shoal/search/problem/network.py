@@ -1,4 +1,4 @@
-"""Network models of the robots' radio messages. Several models can act on each message, one after another."""
+"""Models of the radio network between robots. Several models can act on a message, one after another."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Copy:
-    """A copy of a message on its way: its delay, whether it is damaged, and whether it is an attacker's replay or forgery."""
+    """A copy of a message in the network: its delay, whether it is damaged, and whether an attacker replayed or forged it."""
 
     delay: float = 0.0
     damaged: bool = False
@@ -27,7 +27,7 @@ class Copy:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """The sender and the receiver of a message, the time at which it is sent, and the distance between both robots in cells."""
+    """The sender and the receiver of a message, the time of sending, and the distance from sender to receiver in cells."""
 
     sender: int
     receiver: int
@@ -37,7 +37,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Medium:
-    """A model that delays, loses, changes or multiplies the copies of a message, with its parameters; see `network_of`."""
+    """A network model, which delays, loses, changes or multiplies copies of a message, and its parameters; see `network_of`."""
 
     kind: str
     numbers: tuple[float, ...]
@@ -45,22 +45,22 @@ class Medium:
 
 @dataclass(frozen=True)
 class RadioNetwork:
-    """A sequence of network models. Each message passes through all models in order.
+    """A sequence of network models. Each message passes through all models, one after another.
 
-    Without models, every message arrives without delay.
+    In a network without models, every message arrives without delay.
     """
 
     media: tuple[Medium, ...] = ()
 
     def has(self, kind: str) -> bool:
-        """Return whether one of the models is of a given kind."""
+        """Return whether the network contains a model of a given kind, such as "loss"."""
         return any(medium.kind == kind for medium in self.media)
 
     def send(self, link: Link, rng: Generator, bad: BadLinks) -> list[Copy]:
         """Return the copies of a message that arrive at the receiver.
 
-        ``bad`` contains the bad links (sender, receiver) of each model ``bursts``, under the index of the model in `media`. The
-        method changes these sets. Before the first message, no link is bad.
+        The argument ``bad`` maps the index in `media` of each model ``bursts`` to the set of its bad links (sender, receiver). The
+        method updates the sets of bad links. Before the first message, no link is bad.
         """
         copies = [Copy()]
         for number, medium in enumerate(self.media):
@@ -115,7 +115,7 @@ def _forgeries(copies: list[Copy], link: Link, rng: Generator, probability: floa
 
 
 class _Model(NamedTuple):
-    """A kind of network model: the copies that it lets through, the names of its parameters, and their ranges."""
+    """A kind of network model: the function that carries the copies of a message, and the names and ranges of its parameters."""
 
     carry: Callable[..., list[Copy]]
     form: str
@@ -136,7 +136,7 @@ _MODELS = {
 
 
 def damage(data: bytes, rng: Generator) -> bytes:
-    """Return a message in which one to three random bytes are changed."""
+    """Change one to three random bytes of a message, and return the damaged message."""
     array: NDArray[np.uint8] = np.frombuffer(data, dtype=np.uint8).copy()
     places = rng.integers(0, len(array), size=int(rng.integers(1, 4)))
     array[places] ^= rng.integers(1, 256, size=len(places)).astype(np.uint8)
@@ -144,27 +144,29 @@ def damage(data: bytes, rng: Generator) -> bytes:
 
 
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
-    """Return the network that a text describes: models with their parameters, separated by commas.
+    """Return the network that a text describes. The text lists network models with their parameters, separated by commas.
 
-    - ``loss:P``: each copy of a message is lost with probability P. The probability 1 - P is P_c of paper H.
-    - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott. A bad link loses every message. With each message, a good link
-      becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
-    - ``range:CELLS``: messages are lost beyond a distance given in cells.
-    - ``partition:SINCE:UNTIL``: between two times, no messages pass between robots with even and robots with odd numbers.
-    - ``delay:MEAN``: each copy has a random delay up to twice the mean. Therefore later messages may overtake earlier ones.
-    - ``duplicates:P``: with probability P, a copy arrives a second time, at most one unit of time later.
-    - ``corruption:P``: with probability P, a copy is damaged.
-    - ``replays:P``: with probability P per message, an attacker sends a recorded message of any robot again.
-    - ``forgeries:P``: with probability P per message, an attacker without the key sends a message in the name of a robot. The
+    - ``loss:P``: each copy of a message is lost with probability P. Paper H calls the probability 1 - P of success P_c.
+    - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott, in which a bad link loses every message. With each message, a good
+      link becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
+    - ``range:CELLS``: messages are lost if sender and receiver are more than CELLS cells apart.
+    - ``partition:SINCE:UNTIL``: between two times, no message passes between a robot with an even number and a robot with an odd
+      number.
+    - ``delay:MEAN``: each copy of a message has a random delay, from 0 to twice the mean. A later message may overtake an earlier
+      message.
+    - ``duplicates:P``: with probability P, a copy of a message arrives a second time, at most one unit of time later.
+    - ``corruption:P``: each copy of a message is damaged with probability P.
+    - ``replays:P``: for each message, with probability P, an attacker sends a recorded message of any robot again.
+    - ``forgeries:P``: for each message, with probability P, an attacker without the key sends a message in the name of a robot. The
       attacker's message declares that all cells are searched.
 
     Parameters
     ----------
     text : str
-        The models. Times are in units of the time that a robot of speed 1 needs for one cell. With the text "" or "perfect", every
-        message arrives without delay.
+        The network models, with times in units of the time in which a robot of speed 1 searches one cell. With the text "" or
+        "perfect", every message arrives without delay.
     loss : float
-        Additional probability that a message is lost.
+        Probability that a message is lost, in addition to the models in the text.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The protocol of the robots: a pure state machine with its events and messages.
+"""The protocol of the robots: a state machine, its events, and the messages between robots.
 
-The state machine uses no clock, no input and no output.
+The state machine is a pure function, which reads no clock and does no input or output.
 """

@@ -1,9 +1,9 @@
-"""The envelope of a message: version, sender and time stamp before its content, and a signature or a checksum after it.
+"""The envelope of a message: version, sender and time stamp before the content, and a signature or checksum after the content.
 
-A stamp is the time of the sender's clock in milliseconds, or the sender's previous stamp plus 1 if this is later. A receiver opens
-at most one message with a given sender and stamp. A receiver refuses stamps that are too far from its own clock, and stamps older
-than the last 64 of the same sender. A receiver that was switched off for a while still refuses replayed messages, because its clock
-did not stop.
+A stamp is the time of the sender's clock in milliseconds. If a sender's clock has not advanced since its previous message, the
+stamp is the previous stamp plus 1. A receiver opens only one message with a given sender and stamp. A receiver refuses a message
+whose stamp is too far from the receiver's clock, or older than the last 64 stamps of the same sender. A receiver that was switched
+off for a while still refuses replayed messages, because its clock did not stop.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ _REMEMBERED = 64  # number of stamps per sender by which messages may overtake e
 
 
 def _seal(key: bytes, message: bytes) -> bytes:
-    """Return the end of a message: a shortened HMAC-SHA-256 if there is a key, otherwise a CRC-32 that reveals damage."""
+    """Return the last bytes of a message: a shortened HMAC-SHA-256 with a key, or a CRC-32 checksum without a key."""
     return hmac.digest(key, message, "sha256")[:_SIGNATURE] if key else crc32(message).to_bytes(_CHECKSUM, "little")
 
 
 class Sender:
-    """Creates the messages of one robot.
+    """An object that creates the messages of one robot.
 
     Parameters
     ----------
     number : int
         Number of the robot.
     key : bytes
-        Key that signs the messages. With b"", messages have a checksum instead of a signature.
+        Key that signs the messages. With the empty key b"", messages have a checksum instead of a signature.
     most : int
         Maximum length of a message in bytes.
     """
@@ -43,7 +43,7 @@ class Sender:
         self._number, self._key, self._most, self._stamp = number, key, most, -1
 
     def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
-        """Return the messages that transmit a beacon. ``clock`` is the time of the sender's clock in milliseconds."""
+        """Return the messages that transmit a beacon. The sender's clock shows the time ``clock`` in milliseconds."""
         room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
         return [self._message(body, clock) for body in encode_beacon(beacon, room)]
 
@@ -54,15 +54,16 @@ class Sender:
 
 
 class Receiver:
-    """Opens the messages that arrive at one robot, or refuses them.
+    """An object that opens or refuses the messages that arrive at one robot.
 
     Parameters
     ----------
     key : bytes
+        Key that signs the messages. With the empty key b"", messages have a checksum instead of a signature.
     robots, cells : int
-        Number of robots (numbered from 1) and number of cells (numbered from 0).
+        Number of robots, whose numbers begin with 1, and number of cells, whose numbers begin with 0.
     most : int
-        Maximum length of a message in bytes. Longer messages are refused before they are read.
+        Maximum length of a message in bytes. The receiver refuses longer messages without reading them.
     window : int
         Maximum difference in milliseconds between a message's stamp and the receiver's clock.
     """
@@ -75,12 +76,12 @@ class Receiver:
         self._counts: dict[int, tuple[int, int]] = {}
 
     def open(self, message: bytes, clock: int) -> Beacon:
-        """Return the content of a message. ``clock`` is the time of the receiver's clock in milliseconds.
+        """Return the content of a message. The receiver's clock shows the time ``clock`` in milliseconds.
 
         Raises
         ------
         InvalidInputError
-            If the message belongs to another version or another search, is damaged, has no valid signature, or was opened before.
+            If the message is damaged, has no valid signature, was opened before, or belongs to another search or version.
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:
@@ -102,7 +103,7 @@ class Receiver:
         return decode_beacon(sender, message[_HEAD:end], cells=self._cells, robots=self._robots + 1)
 
     def _count(self, sender: int, clock: int) -> None:
-        """Refuse messages beyond a sender's limit per second."""
+        """Refuse a message if its sender has already sent the maximum number of messages in this second."""
         second, count = self._counts.get(sender, (-1, 0))
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count

@@ -1,4 +1,4 @@
-"""Events and actions of the state machine in `shoal.search.protocol.robot`."""
+"""Events and actions of the state machine `shoal.search.protocol.robot`."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from shoal.search.protocol.messages import Beacon
 
 @dataclass(frozen=True, slots=True)
 class Begin:
-    """The robot is switched on."""
+    """Event: the robot is switched on."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Wake:
-    """The robot wakes at the time that it requested with `WakeAt`."""
+    """Event: the time that the robot requested with `WakeAt` has come."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """A beacon was received."""
+    """Event: the robot received a beacon."""
 
     time: float
     beacon: Beacon
@@ -30,9 +30,9 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """The robot has reached its target cell and searched it. ``found`` is true if the robot found something in the target cell.
+    """Event: the robot has reached its target cell, searched it, and found something in it if ``found`` is true.
 
-    ``beside`` lists the cells around the target in which a robot with a wider footprint found something.
+    The attribute ``beside`` lists cells around the target cell in which a robot with a wide footprint found something.
     """
 
     time: float
@@ -43,7 +43,7 @@ class Sensed:
 
 @dataclass(frozen=True, slots=True)
 class Blocked:
-    """The robot stands in front of a cell that it wanted to enter, because another robot is in this cell."""
+    """Event: the robot stands in front of a cell that it cannot enter, because another robot is in this cell."""
 
     time: float
     cell: int
@@ -51,7 +51,7 @@ class Blocked:
 
 @dataclass(frozen=True, slots=True)
 class Obstructed:
-    """A cell on the robot's path contains an obstacle. The robot stands in ``at``, the last cell before the obstacle."""
+    """Event: a cell on the robot's path contains an obstacle. The robot stands in ``at``, the last cell before the obstacle."""
 
     time: float
     cell: int
@@ -60,7 +60,7 @@ class Obstructed:
 
 @dataclass(frozen=True, slots=True)
 class Recharged:
-    """The robot is at its start with full energy."""
+    """Event: the robot is at its start, with a full battery."""
 
     time: float
 
@@ -70,7 +70,10 @@ Event = Begin | Wake | Heard | Sensed | Blocked | Obstructed | Recharged
 
 @dataclass(frozen=True, slots=True)
 class Go:
-    """Go to a cell and search it. If there may be obstacles, ``through`` lists the cells of the path, including the target."""
+    """Action: go to a cell and search it.
+
+    If the region may contain unknown obstacles, ``through`` lists the cells of the path, including the target cell.
+    """
 
     cell: int
     through: tuple[int, ...] = ()
@@ -78,28 +81,31 @@ class Go:
 
 @dataclass(frozen=True, slots=True)
 class GoHome:
-    """Go to the start and recharge. If there may be obstacles, ``through`` lists the cells of a path known to be free."""
+    """Action: go to the start and recharge.
+
+    If the region may contain unknown obstacles, ``through`` lists the cells of a path that is known to be free.
+    """
 
     through: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class Send:
-    """Broadcast a beacon."""
+    """Action: broadcast a beacon."""
 
     beacon: Beacon
 
 
 @dataclass(frozen=True, slots=True)
 class WakeAt:
-    """Wake the robot at a given time. A new request replaces the previous request."""
+    """Action: wake the robot at a given time. A new `WakeAt` replaces the previous `WakeAt`."""
 
     time: float
 
 
 @dataclass(frozen=True, slots=True)
 class Declare:
-    """Declare that all cells are searched."""
+    """Action: declare that all cells are searched."""
 
 
 Action = Go | GoHome | Send | WakeAt | Declare

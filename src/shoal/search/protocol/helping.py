@@ -1,9 +1,9 @@
 """Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
 
-The remaining cells of a robot's part form runs: sequences of neighbouring cells that no robot is known to have searched. A robot
-may be searching a run from its front, the first cell of the run. A helper enters a run so far from its front that the helper and
-the robot at the front finish at the same time. Both robots search in the same direction. Few helpers choose the same cell, because
-every helper computes the choices of all helpers in the same order.
+The remaining cells of a robot's part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched,
+and its first cell is called its front. If a robot is already searching a run from its front, a helper enters the run further along,
+and searches in the same direction. The helper chooses its entry so that it and the robot at the front finish at the same time.
+Every helper computes the choices of all helpers in one fixed order. Therefore two helpers rarely choose the same cell.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ _WORTH = 1.0  # cells: minimum gain of helping
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A run of remaining cells in search order.
+    """A run of remaining cells, in the order of the search.
 
-    ``pace`` is the search rate of the robot that searches the run, or 0 if no robot searches the run.
-
+    The attribute ``pace`` is the search rate of the robot that searches the run, or 0 if no robot searches it. The attribute
     ``late`` is the time until the robot that searches the run arrives at the first cell of the run.
     """
 
@@ -35,14 +34,17 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return the two runs into which a helper with a given pace divides this run, if it enters after ``ahead`` cells."""
+        """Return the two runs into which a helper with the search rate ``pace`` divides this run if it skips ``ahead`` cells."""
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the cell that the robot should search to help, in its own part or the part of a dead or late robot, or None."""
+    """Return the cell that the robot searches next to help, in its own part or in the part of a dead or late robot.
+
+    If the robot cannot help, the result is None.
+    """
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
     offered = [
@@ -82,9 +84,9 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 
 
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
-    """Return whether the robot itself is late while another robot is idle and not late.
+    """Return whether the robot leaves help to others, because it is late while another robot is idle and not late.
 
-    A robot that is late while another robot is idle continues its own work, but does not help others.
+    A robot that leaves help to others only continues its own work.
     """
     return is_late(robot, robot.number, time) and any(
         peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)
@@ -97,7 +99,7 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
-    """Yield the runs of an arc's remaining cells in the order of work. A run ends where another robot searches."""
+    """Yield the runs of an arc's remaining cells in the order of the search. A run ends at a cell that another robot searches."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
     fronts: dict[int, tuple[float, float]] = {}
@@ -124,7 +126,10 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run in which a helper saves the most time, and the number of cells before its entry, or None."""
+    """Return the run in which a helper saves the most time, and the number of cells that it skips at the front of the run.
+
+    If the helper saves no time in any run, the result is None.
+    """
     tour_cost = robot.brief.tour_cost
     rate, pace = speed
     longest = (tour_cost.whole + len(tour_cost)) / pace
@@ -142,7 +147,7 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
 
 
 def _ahead(stretch: Stretch, way: float, pace: float) -> int:
-    """Return the number of cells at the front of a run that a helper with a given travel time leaves to the other robot."""
+    """Return the number of cells that a helper skips at the front of a run. The helper reaches the run after the time ``way``."""
     if not stretch.pace or stretch.count == 1:  # a robot that needs very long for its last cell may not have reached it yet
         return 0
     return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

@@ -1,4 +1,4 @@
-"""What a robot concludes from its sensors and its messages: which robots are alive, and which cells are searched or reachable."""
+"""Conclusions of a robot from sensor data and messages: which robots are alive, and which cells are searched or reachable."""
 
 from __future__ import annotations
 
@@ -20,22 +20,23 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
-    """Return the cost in cells of moving from ``here`` to ``cell`` and searching ``cell``.
+    """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell`` and searching ``cell``.
 
-    ``fresh`` is true if the robot has not just searched ``here``. ``closed`` is the bitset of the blocked cells.
+    If the robot comes to the cell ``here`` without searching it, ``fresh`` is true. The bitset ``closed`` contains the blocked
+    cells.
     """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
 
 def obstacles(robot: Robot) -> int:
-    """Return a bitset of the cells that the robot itself found blocked, or that at least ``multiplicity`` robots report blocked."""
+    """Return the bitset of cells that this robot found blocked, or that at least ``multiplicity`` robots report as blocked."""
     if not robot.closed:
         return 0
     return robot.closed.get(robot.number, 0) | at_least(list(robot.closed.values()), robot.brief.multiplicity)
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
-    """Return two bitsets: the cells that the robot can reach, and the cells that the robot or another live robot can reach."""
+    """Return two bitsets: the cells that this robot can reach, and the cells that any live robot can reach."""
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
@@ -50,7 +51,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the time without a message after which a robot is presumed dead. The limit grows with the share of lost messages."""
+    """Return the duration of silence after which a robot is presumed dead. It grows with the fraction of lost messages."""
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -62,23 +63,23 @@ def _silent_beats(lost: int, got: int) -> float:
 
 
 def is_live(robot: Robot, number: int, time: float) -> bool:
-    """Return whether a robot presumes that the robot ``number`` is alive."""
+    """Return whether the robot ``robot`` presumes that the robot with the number ``number`` is alive."""
     peer = robot.peers.get(number)
     return number == robot.number or (peer is not None and time - peer.heard <= silence_limit(robot))
 
 
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Return whether the robot ``number`` is presumed alive, and starts in a cell of the bitset ``own``.
+    """Return whether the robot with the number ``number`` is presumed alive, and starts in a cell of the bitset ``own``.
 
-    ``own`` contains the cells that the robot ``robot`` can reach. A robot whose start cell is unknown counts as starting in
-    ``own``.
+    The bitset ``own`` contains the cells that the robot ``robot`` can reach. If the start cell of a robot is unknown, the function
+    assumes that it lies in ``own``.
     """
     peer = robot.peers.get(number)
     return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return a robot's speed and search rate in cells per unit of time, estimated from its declared speed and its recent delay."""
+    """Return a robot's speed and search rate, estimated from its declared speed and its recent lag, in cells per unit of time."""
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:
@@ -94,7 +95,7 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 def is_late(robot: Robot, number: int, time: float) -> bool:
     """Return whether a robot lags so far behind its declared speed that it does not work normally.
 
-    A robot uses a higher limit for its own lag, so that the other robots notice the lag first.
+    A robot tolerates more of its own lag than of another robot's lag. Therefore the other robots notice the lag first.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
@@ -107,15 +108,15 @@ def _tolerated(robot: Robot, time: float) -> float:
 
 
 def _waits_for_others(robot: Robot, time: float) -> bool:
-    """Return whether the robot still waits for cells that only others can search.
+    """Return whether the robot still waits for other robots to search cells that only they can search.
 
-    If ``multiplicity`` is above 1, robots could wait for each other forever, so the wait is limited.
+    If ``multiplicity`` is above 1, robots could wait for each other forever. Therefore the robot waits for a limited time only.
     """
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 
 
 def settled(robot: Robot, time: float) -> int:
-    """Return a bitset of the cells that need no further search."""
+    """Return the bitset of cells that need no further search."""
     seen = robot.searched
     if robot.closed:
         seen = {number: seen.get(number, 0) | robot.closed.get(number, 0) for number in {*seen, *robot.closed}}
@@ -134,7 +135,10 @@ def settled(robot: Robot, time: float) -> int:
 
 
 def known_free(robot: Robot) -> int:
-    """Return a bitset of the cells known to be free: passed by this robot, or searched by a robot with a footprint of one cell."""
+    """Return the bitset of cells that are known to be free.
+
+    A cell is known to be free if this robot has passed it, or if a robot with a footprint of one cell has searched it.
+    """
     wide = {number for number, peer in robot.peers.items() if peer.heartbeat.width > 1}
     if robot.width > 1:
         wide.add(robot.number)

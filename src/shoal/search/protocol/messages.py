@@ -1,7 +1,7 @@
-"""Content and encoding of the robots' messages. Numbers have a variable length, and sets of cells are stored as intervals.
+"""Content and encoding of the robots' messages. Messages store numbers with a variable length, and sets of cells as intervals.
 
-Every message contains complete facts. The protocol tolerates lost, duplicated and reordered messages, because a robot understands
-each fact without any other message. A beacon that is too long for one message is divided into several messages.
+Every message contains complete facts, and a robot understands each fact without any other message. Therefore the protocol tolerates
+lost, duplicated and reordered messages. A beacon that is too long for one message is divided into several messages.
 """
 
 from __future__ import annotations
@@ -26,10 +26,12 @@ LAG_UNIT = 1 / 16
 
 @dataclass(frozen=True, slots=True)
 class Heartbeat:
-    """What a robot tells about itself: its number, how many beacons it has sent, its start cell, its declared speed and its status.
+    """The report of a robot about itself.
 
-    ``width`` is the width of the robot's footprint in cells. ``place`` is the target cell, or the current cell of a robot without a
-    target. ``lag`` is the time that the robot's paths have taken minus the time that they take at its declared speed.
+    The attribute ``robot`` is its number, ``count`` the number of beacons that it has sent, ``start`` its start cell, and ``rate``
+    its declared speed. The attribute ``width`` is the width of its footprint in cells. The attribute ``place`` is its target cell,
+    or its current cell if it has no target. The attribute ``lag`` is the real duration of its paths minus their duration at its
+    declared speed.
     """
 
     robot: int
@@ -44,19 +46,20 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Later beacons repeat the content of a beacon, so that no single message is essential.
+    """The regular broadcast of a robot. Later beacons repeat the content of a beacon, so that robots can miss any single message.
 
     Parameters
     ----------
     sender : int
+        Number of the robot that sends the beacon.
     heartbeats : tuple of Heartbeat
         Heartbeat of the sender, followed by heartbeats of other robots that the sender knows directly or indirectly.
     searched : tuple of (int, int)
-        For each robot, the cells that it reports as searched, as a bitset.
+        Pairs of a robot's number and the bitset of cells that this robot reports as searched.
     found : tuple of (int, int)
-        For each cell with findings, the robots that found something, as a bitset.
+        Pairs of a cell with findings and the bitset of robots that found something in this cell.
     closed : tuple of (int, int)
-        For each robot, the cells that it reports as blocked, as a bitset.
+        Pairs of a robot's number and the bitset of cells that this robot reports as blocked.
     """
 
     sender: int
@@ -74,7 +77,7 @@ _RATED, _WIDE = 4, 8  # flags beside the status
 
 
 def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
-    r"""Return the bodies of the messages that transmit a beacon, each at most ``most`` bytes long.
+    r"""Encode a beacon as the bodies of one or several messages, each at most ``most`` bytes long.
 
     Parameters
     ----------
@@ -100,7 +103,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
 
 
 def _facts(beacon: Beacon) -> Iterator[bytes]:
-    """Yield the content of a beacon in pieces, each of which is a complete fact."""
+    """Yield the content of a beacon in pieces. Each piece is a complete fact."""
     for heartbeat in beacon.heartbeats:
         yield _told(heartbeat)
     for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):
@@ -121,9 +124,9 @@ _PIECE = 32  # bytes of intervals: a piece with the preceding numbers fits into 
 
 
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield intervals in short pieces.
+    """Yield encoded intervals in short pieces that begin with the bytes ``head``.
 
-    Each interval is given by its distance from the end of the previous interval and by its length.
+    The code of an interval is its distance from the end of the previous interval, followed by its length.
     """
     body, count, end = bytearray(), 0, 0
     for first, length in found:
@@ -136,9 +139,9 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
 
 
 def _numbers(*numbers: int) -> bytes:
-    """Return whole numbers of at least 0 as base-128 digits, with the lowest digit first.
+    """Encode whole numbers, 0 or more, as base-128 digits, with the lowest digit first.
 
-    All bytes of a number except the last have the high bit set.
+    Each byte of a number except its last byte has the high bit set.
     """
     body = bytearray()
     for number in numbers:
@@ -152,21 +155,23 @@ def _numbers(*numbers: int) -> bytes:
 
 @lru_cache(maxsize=256)  # in a simulation, all robots decode the same bytes
 def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
-    """Return the beacon, or the part of a beacon, that the body of a message contains.
+    """Decode the body of a message to a beacon, or to a part of a beacon.
 
     Parameters
     ----------
     sender : int
+        Number of the robot that sent the message.
     body : bytes
+        The message without its envelope.
     cells : int
-        Number of cells of the tour. All cell numbers are smaller than this number.
+        Number of cells of the tour. Cell numbers in the message must be smaller than ``cells``.
     robots : int
-        Upper limit of robot numbers (exclusive).
+        Upper limit of robot numbers. Robot numbers in the message must be smaller than ``robots``.
 
     Raises
     ------
     InvalidInputError
-        If the body is incomplete, or contains a number that is out of range.
+        If the body of the message is incomplete, or contains a number that is out of range.
     """
     reader, heartbeats = _Reader(body), []
     sets: dict[int, dict[int, int]] = {_SEARCHED: {}, _FOUND: {}, _CLOSED: {}}
@@ -193,7 +198,7 @@ def _heartbeat(reader: _Reader, cells: int, robots: int) -> Heartbeat:
 
 
 class _Reader:
-    """Reads the body of a message from its beginning to its end."""
+    """An object that reads the body of a message from its beginning to its end."""
 
     def __init__(self, body: bytes) -> None:
         self.body, self.at = body, 0

@@ -1,18 +1,19 @@
-"""The robot as a pure state machine: (state, event) -> (state, actions). The robot uses only data that it has sensed or received.
+"""The robot as a state machine: a pure function from a state and an event to a new state and actions.
 
-The same state machine runs in the simulation (`shoal.search.simulation`) and in processes with radios
-(`shoal.search.simulation.live`).
+The state machine uses only data that the robot has sensed or received. One and the same state machine runs in the simulation
+(`shoal.search.simulation`) and in the processes of live robots (`shoal.search.simulation.live`).
 
-The robot first listens. Then the robot divides the tour among all robots that it knows, and searches its own part. A robot that has
-searched its own part searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next
-live robot is idle, it searches the cells of the silent robots from the other side. A robot without work waits while other robots
-work. A robot stops waiting at the last moment at which it can still search all unsearched cells alone and end by its deadline. The
-deadline is the end of one complete round that begins when the robot first divides the tour.
-Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other robots are lost.
-Paper H, p. 4 to 7, demands a complete search as long as one robot remains alive.
+A robot first listens. Then it divides the tour among all robots that it knows, and searches its own part. After its own part, the
+robot searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next live robot is
+idle, that robot searches the cells of the silent robots from the other side.
 
-A robot that moves from cell to cell may find a blocked cell. A robot that finds a blocked cell reports the cell, and all robots
-avoid this cell from then on. Cells that no robot can reach any more are left out.
+A robot without work waits while other robots work. It stops waiting at the last moment at which it can still search all unsearched
+cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot first
+divides the tour. Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other
+robots are lost. Paper H, p. 4 to 7, demands a complete search as long as one robot is alive.
+
+A robot that finds a blocked cell reports this cell, and all robots then avoid it. Robots leave out cells that none of them can
+reach.
 """
 
 from __future__ import annotations
@@ -57,9 +58,9 @@ Decision = tuple[Robot, Action | None, float]
 
 
 def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
-    """Return the state after an event, and the robot's actions.
+    """Return the state of a robot after an event, and the actions of the robot.
 
-    ``decide(robot, time)`` chooses the destination of an idle robot. The default is `next_action`.
+    The function ``decide(robot, time)`` chooses the destination of an idle robot. By default, `next_action` chooses it.
 
     Examples
     --------
@@ -109,7 +110,7 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
 
 
 def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
-    """Add the beacon to the actions if it is due."""
+    """Add the next beacon to the actions if the time of this beacon has come."""
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
@@ -123,7 +124,7 @@ def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
 
 
 def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
-    """Return the state after receiving a beacon."""
+    """Return the state of a robot after it has received a beacon."""
     peers, lost, got = dict(robot.peers), robot.lost, robot.got
     searched = _told(robot, robot.searched, beacon.searched)
     number = robot.number
@@ -145,7 +146,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two moments, each with the lag of a peer, from which its pace is measured. They lie several beacon periods apart."""
+    """Return two moments, several beacon periods apart, and the lag of a peer at each moment, for an estimate of its speed."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -154,7 +155,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return the time at which a peer started to its reported destination, and the length of its path."""
+    """Return the time at which a peer first reported its destination, and the length of its path there in cell sides."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -162,7 +163,7 @@ def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) ->
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
-    """Return the known sets of cells by robot, merged with the sets that another robot reports."""
+    """Merge the known set of cells of each robot with the sets of cells that another robot reports."""
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:
@@ -173,7 +174,10 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
 
 
 def _allotted(robot: Robot, time: float) -> Robot:
-    """Divide the tour among all known robots, if enough time remains for this robot to search all other cells alone."""
+    """Divide the tour among all known robots.
+
+    While too little time remains for this robot to search all other cells alone, the robot keeps its previous part.
+    """
     brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
     known |= {number: (peer.heartbeat.start % n, peer.heartbeat.rate, peer.heartbeat.width) for number, peer in robot.peers.items()}
@@ -188,7 +192,7 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return the cost of searching all remaining cells alone from a cell on: first its own work, then the rest of the tour."""
+    """Return the cost, in cells, at which the robot alone searches all remaining cells, beginning with its own work."""
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
@@ -204,7 +208,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs of the robot's own work and, if several robots search each cell, the arcs of the robots ahead."""
+    """Return the arcs of the robot's own work. If several robots search each cell, arcs of the robots ahead belong to it."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -213,7 +217,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 
 def next_action(robot: Robot, time: float) -> Decision:
-    """Return the robot's next action, or None and the time until which the robot waits."""
+    """Return the state of a robot, its next action, and the time until which it waits if this action is None."""
     if robot.allotted_to <= len(robot.peers):  # the robot knows another robot
         robot = _allotted(robot, time)
     done = settled(robot, time)
@@ -237,11 +241,10 @@ def next_action(robot: Robot, time: float) -> Decision:
 
 
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
-    """Return the stop from which most cells of the part around a cell are visible.
+    """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
-    Return the cell itself if too little time would remain.
-
-    The time is computed for a footprint of one cell. Therefore the robot never plans more than it can do.
+    If too little time would remain after this stop, the result is the cell itself. The function computes the remaining work for a
+    footprint of one cell, so that the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
@@ -257,7 +260,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Let the robot go to a cell, or home to recharge if its energy does not suffice for the way to the cell and then home."""
+    """Let the robot go to a cell, or home to recharge if its energy is too low for the way to the cell and from there home."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -282,7 +285,7 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
-    """Return the next cell of the robot's own work."""
+    """Return the next cell of the robot's own work, or None if its own work is done."""
     for arc in _arcs_to_search(robot):
         cell = arc.next_of(wanted, len(robot.brief.tour_cost))
         if cell is not None:
@@ -291,17 +294,16 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 
 
 def _hops(robot: Robot, cell: int) -> bool:
-    """Return whether a cell is not adjacent to the robot's cell on the tour."""
+    """Return whether the robot would jump along the tour to a cell: neither its own cell nor the previous or next cell."""
     n = len(robot.brief.tour_cost)
     return (cell - robot.cell) % n not in (0, 1, n - 1)
 
 
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
-    """Return the next cell that other robots have left.
+    """Return a cell with which the robot helps other robots, or None and the time until which the robot waits.
 
-    Or return the time until which to wait for them, and then continue with ``mine``.
-
-    The robot never goes so far that it could not search all remaining cells alone in time.
+    If the robot cannot wait any longer, the result is ``mine``, the next cell of its own work, or else the next unsearched cell.
+    The robot helps only if it can still search all remaining cells alone before its deadline.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

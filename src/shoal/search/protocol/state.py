@@ -1,4 +1,4 @@
-"""The state of a robot: its initial information, its knowledge of other robots, and its current action."""
+"""The state of a robot: what it knows from the beginning, what it knows about other robots, and what it does."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _LINGER = 12  # number of beacons that a robot sends after the search is complet
 
 @dataclass(frozen=True, slots=True)
 class Brief:
-    """The information that every robot has from the beginning.
+    """The data that every robot of a search knows from the beginning.
 
     Parameters
     ----------
@@ -28,19 +28,18 @@ class Brief:
     multiplicity : int
         Number of different robots that must search each cell.
     hello : float
-        Time during which robots listen before they start. All times are in units of the time that a robot of speed 1 needs for one
-        cell.
+        Time during which robots listen before they start. In all fields, a time of 1 is what a robot of speed 1 needs for one cell.
     beat : float
-        Time between beacons.
+        Time between two beacons of a robot.
     energy : float
-        Cost in cells of the movements and searches that a full battery allows. A robot must return to its start before the battery
-        is empty.
+        Cost, in cells, of the movements and searches that a full battery allows. A robot must return to its start before its
+        battery is empty.
     recharge : float
-        Duration of recharging.
+        Time that a robot needs to recharge its battery.
     ways_out : WaysOut, optional
-        Distances from launch points outside the region.
+        Distances from launch points outside the region to cells.
     delays : tuple of float
-        Departure delay of each robot, by its number from 1. The tuple is empty without delays.
+        Departure delay of each robot, in the order of the robots' numbers. If no robot has a delay, the tuple is empty.
     """
 
     tour_cost: TourCost
@@ -54,13 +53,14 @@ class Brief:
     delays: tuple[float, ...] = ()
 
     def listening(self, number: int) -> float:
-        """Return how long a robot listens before it departs."""
+        """Return how long the robot with a given number listens before it departs."""
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return the distance to a cell from the robot's launch point, minus the distance to this cell from the robot's start cell.
+        """Return by how much a cell is farther from a robot's launch point than from its start cell, in cell sides.
 
-        The value can be negative. A robot that moves from cell to cell enters the region at its start cell.
+        The result can be negative. If robots move only from a cell to a neighbouring cell, they enter the region at their start
+        cells. The result is then the distance from the launch point to the start cell.
         """
         if self.ways_out is None or number not in self.ways_out:
             return 0.0
@@ -70,16 +70,17 @@ class Brief:
 
     @property
     def everything(self) -> int:
-        """All cells as a bitset."""
+        """Bitset of all cells of the tour."""
         return (1 << len(self.tour_cost)) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """What a robot knows about another robot: the latest heartbeat, the time of its arrival, and the lag at two earlier moments.
+    """What a robot knows about another robot, its peer.
 
-    ``since`` is the time at which the other robot first reported its destination. ``way`` is the length in cell sides of the other
-    robot's path to its destination.
+    The attribute ``heartbeat`` is the peer's latest heartbeat, which arrived at the time ``heard``. The attribute ``marks`` gives
+    the peer's lag at two earlier moments. The attribute ``since`` is the time at which the peer first reported its present
+    destination. The attribute ``way`` is the length of the peer's path to its destination, in cell sides.
     """
 
     heartbeat: Heartbeat
@@ -91,78 +92,78 @@ class Peer:
 
 @dataclass(frozen=True)
 class Robot:
-    """The state of a robot.
+    """The state of a robot during a search.
 
     Parameters
     ----------
     number : int
-        Number of the robot, from 1.
+        Number of the robot. The numbers of the robots begin with 1.
     brief : Brief
     start : int
         Tour index of the robot's start cell.
     rate : float
         Declared speed, at which the robot moves and searches.
     width : int
-        Width of the footprint in cells, odd.
+        Width of the robot's footprint, as an odd number of cells.
     status : str
-        "listening", "searching", "waiting", "complete".
+        Status of the robot: "listening", "searching", "waiting" or "complete".
     cell : int
-        Tour index of the robot's last cell.
+        Tour index of the last cell in which the robot stopped.
     fresh : bool
-        Whether the robot has searched nothing since it arrived at ``cell``.
+        Whether the robot has not searched the cell ``cell`` since it arrived there.
     at_launch : bool
         Whether the robot is at its launch point, which may be outside the region.
     target : int or None
-        The cell to which the robot is moving.
+        The target cell, to which the robot is moving.
     aim : int or None
-        The cell that the robot wants to see: the target or, with a footprint wider than one cell, a cell that is visible from the
-        target.
+        The cell that the robot wants to see. A robot with a wide footprint may see this cell from another cell, its target.
     through : tuple of int
-        The cells of the path to the target, if there may be obstacles.
+        The cells of the path to the target cell, if the region may contain unknown obstacles.
     cost : float
-        Cost in cells of moving to the target and searching it.
+        Cost, in cells, of moving to the target cell and searching it.
     parts : tuple of Part
-        The parts of all robots in the order of the tour.
+        The parts of all robots, in the order of the tour.
     own : int
         Index of the robot's own part, or -1 while the robot listens.
     peers : mapping of int to Peer
+        What the robot knows about each other robot, by the number of the other robot.
     searched : mapping of int to int
-        For each robot, the cells that it reports as searched, as a bitset.
+        Bitset of the cells that each robot reports as searched, by the number of the robot.
     found : mapping of int to int
-        For each cell with findings, the robots that found something, as a bitset.
+        Bitset of the robots that found something in a cell, by the tour index of the cell.
     closed : mapping of int to int
-        For each robot, the cells that it reports as blocked, as a bitset.
+        Bitset of the cells that each robot reports as blocked, by the number of the robot.
     passed : int
-        Bitset of the cells known to be free because the robot has entered them, or has passed one of their corners. The bitset is
-        used only if there may be obstacles.
+        Bitset of the cells known to be free because the robot has entered them or has passed one of their corners. Robots use this
+        bitset only if the region may contain unknown obstacles.
     avoided : int
-        Bitset of the cells that the robot avoids until ``avoided_until``, because another robot was in them.
+        Bitset of the cells that the robot avoids until the time ``avoided_until``, because another robot was in them.
     count : int
-        Number of beacons sent.
+        Number of beacons that the robot has sent.
     next_beat : float
-        Time of the next beacon.
+        Time at which the robot sends its next beacon.
     allotted_to : int
-        Number of robots among which the tour was last divided.
+        Number of robots among which the robot last divided the tour.
     allotted_at : float
-        Time at which the tour was last divided.
+        Time at which the robot last divided the tour.
     began : float
         Time at which the robot was switched on.
     deadline : float
-        Time at which the search ends if the robot searches all cells alone.
+        Time by which the robot would finish if it searched all cells alone.
     left : float
-        Remaining energy, in the unit of ``Brief.energy``.
+        Remaining energy of the robot, in the unit of ``Brief.energy``.
     since : float
-        Time at which the current action (a movement, or waiting) began.
+        Time at which the robot began its current action: a movement, or waiting.
     lag : float
-        Total additional time of all previous paths, compared with their duration at the declared speed.
+        Real duration of all previous paths of the robot, minus their duration at its declared speed.
     lost, got : int
-        Number of messages known to be lost, and number of messages received.
+        Number of messages known to be lost, and number of messages that the robot has received.
     told : tuple of tuple of mapping
         For each of the latest beacons, the searched, found and blocked cells that the robot knew when it sent the beacon.
     window : int
-        The cell from which the next beacon repeats known facts.
+        The cell at which the next beacon begins to repeat known facts.
     lingering : int
-        Number of beacons that the robot still sends after the search is complete.
+        Number of beacons that the robot still sends after it has declared the search complete.
     """
 
     number: int
@@ -204,21 +205,21 @@ class Robot:
 
     @property
     def mine(self) -> int:
-        """The cells that the robot itself has searched, as a bitset."""
+        """Bitset of the cells that the robot itself has searched."""
         return self.searched.get(self.number, 0)
 
     def way_out(self, cell: int) -> float:
-        """Return the extra distance to a cell before the robot's departure (see `from_launch`), or 0 after the departure."""
+        """Return the extra distance from the launch point to a cell (see `from_launch`), or 0 after the robot's departure."""
         return self.brief.from_launch(self.number, self.start, cell) if self.at_launch else 0.0
 
     def lag_at(self, time: float) -> float:
-        """Return the robot's lag behind its declared speed, including the current path."""
+        """Return the robot's lag behind its declared speed at a given time, including the lag on its current path."""
         return self.lag if self.target is None else self.lag + max(time - self.since - self.cost / self.rate, 0.0)
 
     def but(self, **changes: Any) -> Robot:
-        """Return a copy of the state in which some fields have other values.
+        """Return a copy of the state in which the given fields have new values.
 
-        The method avoids the slower `dataclasses.replace`, because every message needs a copy of the state.
+        Every message needs a copy of the state, and `dataclasses.replace` would take longer.
         """
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)

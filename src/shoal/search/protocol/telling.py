@@ -1,7 +1,7 @@
-"""Content of a beacon: the new facts, which several beacons repeat, and one part of all known facts.
+"""Content of a beacon: all new facts, and a part of the older facts that a robot knows.
 
-Consecutive beacons contain different parts of the known facts. All facts stay true, so no message depends on an earlier message. If
-a robot misses a fact, it receives the fact later from any robot that knows it.
+Several beacons repeat each new fact. Consecutive beacons contain different parts of the older facts. All facts stay true, so no
+message depends on an earlier message. A robot that misses a fact receives it later from any robot that knows the fact.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _RELAYED = 6  # heartbeats of other robots per beacon, if there are at most four
 
 
 def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
-    """Return the state after sending a beacon, and the beacon."""
+    """Return the state of a robot after it has sent a beacon, and the beacon."""
     n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
     before: tuple[Mapping[int, int], ...] = robot.told[0] if len(robot.told) == _AGAIN else ({}, {}, {})
     window = _window(robot, n)
@@ -31,15 +31,15 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
 
 
 def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tuple[tuple[int, int], ...]:
-    """Return, for each robot, the cells that are new or inside a window of the tour."""
+    """Return, for each robot, the bitset of cells that are new since the facts ``before``, or inside a window of the tour."""
     told = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
     return tuple((number, bits) for number, bits in told if bits)
 
 
 def _window(robot: Robot, n: int) -> int:
-    """Return a window of the tour as a bitset. The window starts at the end of the last beacon's window.
+    """Return the section of the tour whose facts the next beacon repeats, as a bitset.
 
-    It is as long as one beacon's share of facts.
+    This window begins where the window of the last beacon ended. Its length depends on how many facts fit into one beacon.
     """
     everything = robot.brief.everything
     total = _intervals(robot, everything)
@@ -54,7 +54,7 @@ def _window(robot: Robot, n: int) -> int:
 
 
 def _intervals(robot: Robot, window: int) -> int:
-    """Return the approximate number of intervals of all sets of cells inside a window of the tour."""
+    """Return the approximate number of intervals in all known sets of cells, inside a window of the tour."""
     sets = [bits & window for bits in (*robot.searched.values(), *robot.closed.values())]
     return sum((bits & ~(bits << 1)).bit_count() for bits in sets) + sum(window >> cell & 1 for cell in robot.found)
 
@@ -66,7 +66,7 @@ def _own(robot: Robot, time: float) -> Heartbeat:
 
 
 def _relayed(robot: Robot) -> list[Heartbeat]:
-    """Return the heartbeats of some other robots, in rotation."""
+    """Return the heartbeats of some other robots. Successive beacons relay the heartbeats of all other robots in turn."""
     others = sorted(robot.peers)
     count = max(_RELAYED, ceil(len(others) / 4))
     first = robot.count * count % max(len(others), 1) if count < len(others) else 0

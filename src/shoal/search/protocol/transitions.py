@@ -1,4 +1,4 @@
-"""State transitions of a robot on arrival: in its target cell, or in front of a blocked cell."""
+"""State transitions of a robot that arrives in its target cell, or in front of a cell that it cannot enter."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ LOOK = 1.0  # cells: cost of approaching an obstacle from the centre of the prev
 
 
 def sensed(robot: Robot, event: Sensed) -> Robot:
-    """Update the state after a search: all cells that the robot sees from its cell count as searched."""
+    """Update the state of a robot that has searched a cell. All cells that it sees from this cell count as searched."""
     cell, found = event.cell, robot.found
     seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
@@ -26,14 +26,14 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Avoid a blocked cell for a while, because two robots that want to pass each other would otherwise wait forever."""
+    """Avoid a cell for a while because another robot is in it, so that two robots never wait for each other forever."""
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
 
 
 def obstructed(robot: Robot, cell: int, at: int) -> Robot:
-    """Stop in front of an obstacle and report it."""
+    """Stop in front of an obstacle, and add its cell to the blocked cells that the robot reports."""
     tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
     left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK
@@ -43,6 +43,6 @@ def obstructed(robot: Robot, cell: int, at: int) -> Robot:
 
 
 def passed(robot: Robot, way: tuple[int, ...]) -> int:
-    """Return a bitset of the cells known to be free because the robot passed them, together with the cells of ``way``."""
+    """Return the bitset of cells known to be free because the robot has passed them, including the cells of the path ``way``."""
     distances = robot.brief.tour_cost.distances
     return robot.passed | distances.crossed(robot.cell, way) if way and isinstance(distances, CellDistances) else robot.passed

@@ -1,1 +1,1 @@
-"""Deterministic simulation of a search: world, network, robot faults, and the trace of the robots."""
+"""Deterministic simulation of a search: the world, the network, robot faults, and the trace of each robot."""

@@ -1,4 +1,4 @@
-"""Radio transmission in a simulation: which messages reach which robots, and what the receivers can read."""
+"""Radio transmission in a simulation: which messages reach which robots, and what the robots can read in them."""
 
 from __future__ import annotations
 
@@ -20,12 +20,15 @@ Message = Beacon | bytes
 
 
 class Air:
-    """Transmits beacons between simulated robots. Beacons become bytes only if messages are signed, divided, recorded or damaged.
+    """The radio channel between simulated robots.
+
+    The channel encodes beacons as bytes only if messages are signed, divided, recorded or damaged.
 
     Parameters
     ----------
     scenario : Scenario
     rng : Generator
+        Generator of the random numbers of the network.
     """
 
     def __init__(self, scenario: Scenario, rng: Generator) -> None:
@@ -49,7 +52,7 @@ class Air:
         return list(found)
 
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
-        """Yield the copies of a message that arrive at one receiver, with their delays. Without ``reaches``, no copy arrives."""
+        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If ``reaches`` is false, none arrives."""
         self.sent += 1
         copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)
@@ -65,7 +68,7 @@ class Air:
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:
-        """Return the message of an attacker without the key, which reports that all robots have searched all cells."""
+        """Return a forged message by an attacker without the key. It reports that all robots have searched all cells."""
         everything, robots = self._scenario.brief.everything, range(1, len(self._scenario.starts) + 1)
         heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
         lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))
@@ -82,5 +85,5 @@ class Air:
 
 
 def _clock(time: float) -> int:
-    """Return the time in thousandths of the time that a robot of speed 1 needs for one cell."""
+    """Convert a time to a clock that counts 1000 while a robot of speed 1 searches one cell."""
     return int(1000 * time)

@@ -1,4 +1,4 @@
-"""Coverage of each layer, computed from the robots' paths, independently of cells."""
+"""Coverage of each layer, computed from the paths of the robots and not from cells."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from shoal.search.simulation.trace import RobotLog, SearchTrace
 
 
 def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]) -> tuple[AreaCoverage, ...]:
-    """Return the coverage of each layer by given robots (counted from 0), beginning with the lowest layer."""
+    """Return the coverage of each layer by the given robots, from the lowest layer to the highest. Robots count from 0."""
     layers, found = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
@@ -28,7 +28,7 @@ def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], rob
 
 
 def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: int, layer: int) -> list[NDArray[np.float64]]:
-    """Return the paths of a robot in a layer, without paths from a launch point outside the region and paths between layers."""
+    """Return a robot's paths inside a layer, without its path from a launch point outside the region and without climbs."""
     route, log = routes[robot], trace.robots[robot]
     if isinstance(plan.grid, CellGrid):
         inside = len(route.stops) < 2 or plan.grid.region.contains(route.points[:1])[0]
@@ -39,9 +39,9 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 
 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
-    """Return the indices of the route points between which a robot observes each cell of its log; int64, shape (k, 2).
+    """Return, for each cell of a robot's log, the first and last route point of its observation; int64, shape (k, 2).
 
-    If the robot passes other cells on the way to a cell, the observation begins in the first of these cells.
+    A robot may pass other cells on its way to a cell. The observation of a cell begins in the first of the passed cells.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

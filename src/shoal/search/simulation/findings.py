@@ -1,4 +1,4 @@
-"""Findings of all robots, merged into one map with a confidence for each cell."""
+"""Findings of all robots, merged to one finding with a confidence for each cell."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ _LEAST, _MOST = 1e-3, 1 - 1e-3  # maximum reliability of a sensor, because robot
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A cell in which some robot has found something.
+    """A cell in which at least one robot has found something.
 
     Parameters
     ----------
     cell : int
         Tour index of the cell.
     found_by, missed_by : tuple of int
-        The robots that found something in the cell, and the robots that searched it and found nothing.
+        Numbers of the robots that found something in the cell, and of the robots that searched the cell and found nothing.
     confidence : float
-        Probability that the cell contains a target. The probability follows from the sensors' detection rate and false-alarm rate,
+        Probability that the cell contains a target. This probability follows from the sensors' detection rate and false-alarm rate,
         and from a prior probability of 0.01.
     """
 
@@ -33,16 +33,16 @@ class Finding:
 
 
 def merge_findings(scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]) -> tuple[Finding, ...]:
-    """Merge the robots' reports into one finding per cell.
+    """Merge the robots' reports to one finding for each cell.
 
     Parameters
     ----------
     scenario : Scenario
-        The scenario with the sensors' rates.
+        The scenario, which gives the detection rate and the false-alarm rate of the sensors.
     reports : dict of int to set of int
-        For each cell, the robots that found something in the cell.
+        Numbers of the robots that found something in a cell, by the tour index of the cell.
     searched : dict of int to int
-        For each robot, the cells that it reports as searched, as a bitset.
+        Bitset of the cells that each robot reports as searched, by the number of the robot.
     """
     hit = min(max(scenario.detection, _LEAST), _MOST)
     alarm = min(max(scenario.false_alarm, _LEAST), _MOST)

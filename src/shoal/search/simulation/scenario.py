@@ -1,4 +1,4 @@
-"""Scenario: all data that determine a simulation."""
+"""Scenario: all data that determine the simulation of a search."""
 
 from __future__ import annotations
 
@@ -32,32 +32,34 @@ RETRY = 0.25  # cell times between two attempts
 
 @dataclass(frozen=True)
 class Scenario:
-    """All data that determine a simulation.
+    """All data that determine the simulation of a search.
 
     Parameters
     ----------
     brief : Brief
     starts : tuple of int
-        Tour index of each robot's start cell. Robots are numbered from 1.
+        Tour index of each robot's start cell. The first entry belongs to robot 1.
     rates : tuple of float
-        Speed of each robot.
+        Speed of each robot, relative to the common speed.
     network : RadioNetwork
     faults : tuple of Fault
     targets : tuple of int
-        Cells that contain a target.
+        Tour indices of the cells that contain a target.
     detection : float
-        Probability that a robot that searches a cell detects its target.
+        Probability that a robot that searches a cell detects the target in this cell.
     false_alarm : float
-        Probability that a robot reports a target in an empty cell.
+        Probability that a robot reports a target in a cell without a target.
     obstacles : tuple of int
-        Blocked cells, which robots discover when they reach them. Obstacles require a tour with paths from cell to cell.
+        Tour indices of blocked cells, which robots discover when they reach them. Obstacles require that robots move from cell to
+        cell.
     widths : tuple of int
-        Width of each robot's footprint in cells, odd.
+        Width of each robot's footprint, as an odd number of cells.
     signed : bool
         Whether robots sign their messages with a secret key.
     packet : int
-        Maximum length of a message in bytes. With 0, every beacon is sent in one piece.
+        Maximum length of a message in bytes. With 0, robots send every beacon in one piece.
     seed : int
+        Seed of all random numbers in the simulation.
     """
 
     brief: Brief
@@ -110,11 +112,14 @@ class Scenario:
 
     @cached_property
     def blocked(self) -> int:
-        """The obstacles as a bitset."""
+        """Bitset of the cells with obstacles."""
         return bitset_of(self.obstacles)
 
     def obstacle_on(self, here: int, through: tuple[int, ...]) -> tuple[int | None, int]:
-        """Return the first obstacle on a path from a cell, or None, and the number of path cells before it."""
+        """Return the first obstacle on the path from ``here`` through the cells ``through``, and the number of cells before it.
+
+        If the path is free, return None and the number of cells of the path.
+        """
         distances = self.brief.tour_cost.distances
         if self.blocked and isinstance(distances, CellDistances):
             for index, (one, other) in enumerate(pairwise((here, *through))):
@@ -124,24 +129,24 @@ class Scenario:
         return None, len(through)
 
     def path_length(self, here: int, through: tuple[int, ...]) -> float:
-        """Return the length in cells of a path from a cell through given cells."""
+        """Return the length, in cell sides, of the path from the cell ``here`` through the cells ``through``."""
         return sum(self.brief.tour_cost.length(one, other) for one, other in pairwise((here, *through)))
 
     @cached_property
     def goal(self) -> int:
-        """The cells that at least one robot can reach, as a bitset."""
+        """Bitset of the cells that at least one robot can reach."""
         found = 0
         for number in range(1, len(self.starts) + 1):
             found |= self.reach(number)
         return found
 
     def seen(self, number: int, cell: int) -> int:
-        """Return the cells that a robot sees from a cell, as a bitset."""
+        """Return the bitset of cells that the robot with a given number sees from a cell."""
         width = self.widths[number - 1]
         return 1 << cell if width == 1 else bitset_of(self.brief.tour_cost.seen(cell, width).tolist())
 
     def reach(self, number: int) -> int:
-        """Return the cells that a robot can reach, as a bitset."""
+        """Return the bitset of cells that the robot with a given number can reach."""
         distances = self.brief.tour_cost.distances
         if not isinstance(distances, CellDistances):
             return self.brief.everything
@@ -149,9 +154,9 @@ class Scenario:
 
 
 def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario:
-    """Return the scenario of a plan.
+    """Return the scenario in which robots carry out a plan.
 
-    Lengths are in cell sides. Times are in units of the time that a robot of speed 1 needs for one cell.
+    Lengths in a scenario are in cell sides. A time of 1 in a scenario is the time in which a robot of speed 1 searches one cell.
     """
     vehicle, cell = problem.chosen_vehicle, plan.cell_seconds
     brief = Brief(
@@ -182,9 +187,9 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
 
 
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
-    """Return random crashes of different robots.
+    """Return crashes of random different robots at random times.
 
-    The times are random, up to twice the time in which a robot searches an equal share of the cells.
+    The latest possible time of a crash is twice the time in which a robot searches an equal share of the cells.
     """
     rng = np.random.default_rng([seed, 2])
     dead = rng.choice(problem.robots, size=problem.crashes, replace=False) + 1
@@ -194,9 +199,9 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
 
 
 def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
-    """Return tour indices of cells given as a number of random cells, as points, or as a file of points.
+    """Return the tour indices of cells that are given as a number of random cells, as points, or as a file of points.
 
-    A point exists in all layers. A random obstacle also does; a random target is in one layer.
+    A given point selects a cell in each layer. A random obstacle also lies in all layers, but a random target lies in one layer.
     """
     if isinstance(given, int):
         columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)

@@ -27,7 +27,7 @@ _HORIZON = 60.0  # times the path of one robot alone
 
 @dataclass(frozen=True, eq=False)
 class RobotLog:
-    """The log of one robot: cells, paths and status.
+    """The log of one robot: its cells, its paths, its findings, and the times of its statuses.
 
     Parameters
     ----------
@@ -35,16 +35,15 @@ class RobotLog:
         Tour indices of the cells in which the robot stopped to search. A robot with a footprint wider than one cell also searches
         the cells around each stop.
     times : ndarray of float64, shape (k,)
-        Time at which each cell was searched, in units of the time that a robot of speed 1 needs for one cell.
+        Time at which the robot searched each cell, in units of the time in which a robot of speed 1 searches one cell.
     states : tuple of (float, str)
-        The statuses of the robot, each with the time at which it began: "listening", "searching", "waiting", "complete", "paused"
-        or "dead".
+        Pairs of a time and the status that began at this time: "listening", "searching", "waiting", "complete", "paused" or "dead".
     found : tuple of (int, tuple of int)
-        Findings known to the robot at the end: cells, and the robots that found something there.
+        Findings that the robot knew at the end: pairs of a cell and the robots that found something in this cell.
     detours : tuple of tuple of int
-        For each stop, the cells that the robot passed on the way there. The tuple is empty if robots do not move from cell to cell.
+        The cells that the robot passed on its way to each stop. If robots do not move from cell to cell, the tuple is empty.
     obstructed : tuple of (float, int)
-        Time and cell of each discovered obstacle.
+        Pairs of a time and the cell in which the robot then discovered an obstacle.
     """
 
     cells: NDArray[np.int64]
@@ -68,16 +67,16 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        Time at which the last reachable cell was searched by the required number of robots, or infinity if some cell was searched
-        by fewer robots. The unit is the time that a robot of speed 1 needs for one cell.
+        Time at which the required number of robots had searched every reachable cell, or infinity if too few robots searched a
+        cell. In the time 1, a robot of speed 1 searches one cell.
     declared : dict of int to float
-        Time at which each robot (counted from 1) declared completion.
+        Time at which each robot declared completion. The keys are robot numbers, which begin with 1.
     sent, lost : int
-        Number of sent messages and number of lost messages, both counted per receiver.
+        Number of sent messages and number of lost messages. A message to several receivers counts once for each receiver.
     takeovers : int
-        Number of times that a robot began to search the part of a robot that it presumed dead.
+        Number of times that a robot began to search the part of another robot that it presumed dead.
     dropped : int
-        Number of messages from other senders, or with impossible content, in a live search.
+        Number of dropped messages in a live search: messages from other senders, or with impossible values.
     """
 
     robots: tuple[RobotLog, ...]
@@ -89,7 +88,7 @@ class SearchTrace:
     dropped: int = 0
 
     def difference(self, other: SearchTrace) -> str:
-        """Return the first difference between two traces in one sentence, or an empty text."""
+        """Return one sentence about the first difference from another trace. For equal traces, return an empty text."""
         for number, (one, two) in enumerate(zip(self.robots, other.robots, strict=True), start=1):
             same = np.array_equal(one.cells, two.cells) and np.allclose(one.times, two.times, rtol=0, atol=1e-9)
             if not same or (one.states, one.detours, one.obstructed) != (two.states, two.detours, two.obstructed):
@@ -100,7 +99,7 @@ class SearchTrace:
         return ""
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the trace for JSON."""
+        """Return the trace as a mapping that can be written as JSON."""
         return vars(self) | {
             "robots": [vars(log) | {"cells": log.cells.tolist(), "times": log.times.tolist()} for log in self.robots],
             "covered_at": None if self.covered_at == inf else self.covered_at,
@@ -108,7 +107,7 @@ class SearchTrace:
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace from the data that `to_dict` returned, for given numbers of robots and cells.
+        """Return the trace from which `to_dict` made the mapping ``data``, and check it for given numbers of robots and cells.
 
         Raises
         ------
@@ -129,7 +128,7 @@ class SearchTrace:
 
 
 def _log_from(data: Any, what: str, n: int) -> RobotLog:
-    """Return the log of one robot from the output of `SearchTrace.to_dict`."""
+    """Return the log of one robot from its entry in the mapping of `SearchTrace.to_dict`."""
     names = {one.name for one in fields(RobotLog)}
     if not isinstance(data, dict) or set(data) != names or not all(isinstance(value, list) for value in data.values()):
         raise InvalidInputError(f"{what}: expected lists {', '.join(sorted(names))}, got {shortened(data)}")
@@ -159,12 +158,12 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 
 def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
-    """Return the trace of robots that follow the plan without faults and go home to recharge. Nothing is simulated.
+    """Compute the trace of robots that follow a plan without faults, and go home to recharge, without any simulation.
 
     Raises
     ------
     InvalidInputError
-        If a robot's energy does not suffice to search a cell and return home.
+        If a full battery of a robot does not suffice to go to a cell, search it and return home.
     """
     logs, tour_cost = [], plan.tour_cost
     covered_at = 0.0
@@ -187,7 +186,7 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
 def _with_recharging(
     plan: SearchPlan, brief: Brief, robot: int, cells: NDArray[np.int64], lasting: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the times between a robot's cells if it goes home to recharge by the rule of `head_for`; float64, shape (k,)."""
+    """Return the times between a robot's cells if it goes home to recharge whenever `head_for` would; float64, shape (k,)."""
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
     found, left = lasting.copy(), brief.energy
     away = [tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell) for cell in cells.tolist()]
@@ -206,7 +205,7 @@ def _with_recharging(
 
 
 def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
-    """Simulate a scenario, and return the trace of the robots."""
+    """Simulate a scenario, and return the trace of the search."""
     world = SearchWorld(scenario).run(until=_HORIZON * plan.tour_cost.whole * scenario.brief.multiplicity + 1000.0)
     logs = tuple(
         RobotLog(
@@ -224,10 +223,10 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 
 
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
-    """Return the time at which each reachable cell was searched by the required number of robots; float64, shape (n,).
+    """Return the time at which the required number of robots had searched each reachable cell; float64, shape (n,).
 
-    The required number is the multiplicity, or the number of robots that can reach the cell if that is smaller. At least one of the
-    required robots must not be a liar. The time is infinite for a cell that too few robots searched.
+    The required number of robots is the multiplicity, or the number of robots that can reach the cell if fewer robots can. At least
+    one of the required robots must not be a liar. A cell that too few robots searched gets an infinite time.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}

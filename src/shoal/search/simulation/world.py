@@ -1,4 +1,4 @@
-"""Deterministic simulation of a search with one thread, one clock and one seed. Equal seeds give identical traces."""
+"""Deterministic simulation of a search, with one thread and one clock. Two simulations with equal seeds give equal traces."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from shoal.search.tours.bitset import members
 
 @dataclass
 class SimulatedRobot:
-    """The body of a simulated robot: its position, and whether it works."""
+    """The body of a simulated robot: its state machine, its true position and energy, and whether it still works."""
 
     robot: Robot
     place: int  # tour index of its cell
@@ -69,23 +69,24 @@ class SearchWorld:
     ----------
     scenario : Scenario
     check : callable, optional
-        Function that is called with the world and the robot's number after every event, for example to test invariants.
+        Function that the simulation calls after every event, with the world and the number of the robot, for example to test
+        invariants.
     decide : callable, optional
-        Function that chooses the destination of idle robots instead of the protocol; see `advance`. With this function, robots
-        start without listening, and no tour is divided among them.
+        Function that chooses the destinations of idle robots instead of the protocol; see `advance`. With ``decide``, robots start
+        without listening, and do not divide the tour.
 
     Attributes
     ----------
     covered : int
-        The cells that were searched by robots that do not lie, as a bitset.
+        Bitset of the cells that honest robots have searched.
     covered_at : float
-        Time at which robots that do not lie had searched all reachable cells, or infinity if some cell was left.
+        Time at which honest robots had searched all reachable cells, or infinity if they left a cell.
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
-        The bodies of the robots, by number.
+        The body of each robot, by the number of the robot.
     takeovers : int
-        Number of times that a robot began to search the part of a robot that it presumed dead.
+        Number of times that a robot began to search the part of another robot that it presumed dead.
     """
 
     def __init__(
@@ -140,7 +141,7 @@ class SearchWorld:
         heapq.heappush(self._queue, (time, self._number, robot, kind, what))
 
     def run(self, *, until: float = inf) -> SearchWorld:
-        """Simulate all events up to a given time. Return this world."""
+        """Simulate all events up to the time ``until``, and return the world itself."""
         while self._queue and self._queue[0][0] <= until:
             self.time, _, number, kind, what = heapq.heappop(self._queue)
             vehicle = self.vehicles[number]
@@ -193,7 +194,7 @@ class SearchWorld:
             self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
-        """Enter a cell and search it, if no other robot is in the cell."""
+        """Let a robot enter a cell and search it, or wait in front of it while another robot is in the cell."""
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):
@@ -231,7 +232,7 @@ class SearchWorld:
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
-        """Return whether a robot reports a target in a cell."""
+        """Decide at random, by the rates of the sensor, whether a robot reports a target in a cell."""
         chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
         return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
 
@@ -293,7 +294,7 @@ class SearchWorld:
             self._post(self.time + cost / self._rate(vehicle), vehicle.robot.number, "obstructed", (obstacle, at))
 
     def _way_out(self, vehicle: SimulatedRobot, cell: int) -> float:
-        """Return the distance to a cell from the launch point of a waiting robot, minus the distance from its start cell."""
+        """Return the extra distance to a cell for a robot that is still at its launch point, and 0 for all other robots."""
         robot = vehicle.robot
         return self.scenario.brief.from_launch(robot.number, vehicle.place, cell) if robot.at_launch else 0.0
 
@@ -307,7 +308,7 @@ class SearchWorld:
         return not again and not is_live(robot, part.robot, self.time)
 
     def _spend(self, vehicle: SimulatedRobot, cost: float) -> bool:
-        """Consume energy. A robot without enough energy stops on the way."""
+        """Consume energy of a robot. A robot without enough energy stops for ever on its way."""
         vehicle.energy -= cost
         vehicle.travelled += cost
         if vehicle.energy >= -1e-9:

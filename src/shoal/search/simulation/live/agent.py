@@ -1,4 +1,4 @@
-"""The agent connects the state machine of a robot to a radio, a simulated vehicle and the locks of cells."""
+"""The agent of a live robot: it connects the robot's state machine to a radio, a simulated vehicle and the cell locks."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ _LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a path that an unknown obstacle blocks. The vehicle stops in ``at``, the last cell before the obstacle."""
+    """The end of a path that an unknown obstacle blocks. The vehicle stops in the cell ``at``, the last cell before it."""
 
     obstacle: int
     at: int
 
 
 class Agent:
-    """The program of a robot's process.
+    """The program in the process of a live robot.
 
     Parameters
     ----------
@@ -57,13 +57,13 @@ class Agent:
     robot : Robot
     radio : Radio
     ground : int
-        File descriptor of the file that contains the locks of cells.
+        File descriptor of the file that contains the cell locks.
     lifeline : int
         File descriptor that becomes readable when the supervisor has ended.
     epoch : float
-        Time 0 on the system's monotonic clock.
+        Reading of the system's monotonic clock at the start of the search, in seconds.
     tell : callable
-        Function that receives a report about an event, before the event has any effect.
+        Function that receives the report of each event before the event has an effect.
     """
 
     def __init__(
@@ -96,11 +96,11 @@ class Agent:
 
     @property
     def now(self) -> float:
-        """The time, in units of the time that a robot of speed 1 needs for one cell."""
+        """Time since the start of the search, in units of the time in which a robot of speed 1 searches one cell."""
         return (time.monotonic() - self._epoch) * self.task.speed
 
     def run(self) -> bool:
-        """Search until all cells are searched and reported. Return False if the supervisor has ended."""
+        """Run the robot until all cells are searched and reported. Return False if the supervisor has ended earlier."""
         time.sleep(max(0.0, self._epoch - time.monotonic()))
         self._feed(Begin(self.now))
         while self.robot.status != "complete" or self.robot.lingering > 0:
@@ -174,9 +174,10 @@ class Agent:
         return tuple(float(x) for x in self._tour_cost.points[cell])
 
     def _set_out(self, aim: Go, cell: int) -> None:
-        """Start a leg.
+        """Start a leg to a cell.
 
-        The cost of the leg is the robot's estimate, unless the robot stands in front of a cell instead of in a cell.
+        The length of the leg is the robot's own estimate. If the robot stands between two cells, the length is measured from the
+        position of its vehicle.
         """
         if aim.through:
             length = self.robot.cost
@@ -190,7 +191,7 @@ class Agent:
             self._leave()  # during the motion the robot occupies no cell
 
     def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
-        """Start a leg to the cell before an obstacle. The leg includes the approach to the obstacle and the return."""
+        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and back to this cell."""
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
@@ -213,7 +214,7 @@ class Agent:
         self._going, self._cell, self._tries, self._rest = aim, None, 0, -inf
 
     def _due(self) -> float:
-        """Return the time of the vehicle's next update."""
+        """Return the time at which the agent must update its vehicle next."""
         if self._going is None:
             return inf
         return max(self._rest, self.vehicle.earliest(rate=self._rate))

@@ -1,7 +1,7 @@
-"""Cell locks prevent two robots of a live search from occupying one cell at the same time. The locks need no messages.
+"""Cell locks prevent two live robots from searching one cell at the same time. Robots need no messages for cell locks.
 
 Each cell is a byte of an anonymous file. A robot that searches a cell holds the operating system's lock on the byte of this cell.
-If a process ends for any reason, the operating system releases its lock.
+If the process of a robot ends for any reason, the operating system releases its lock.
 """
 
 from __future__ import annotations
@@ -10,14 +10,15 @@ import fcntl
 
 
 def enter(file: int, cell: int) -> bool:
-    """Lock a cell if no other process holds it. Return whether the lock was obtained.
+    """Lock a cell if no other process holds its lock. Return whether this process now holds the lock.
 
     Parameters
     ----------
     file : int
-        Descriptor of the file that all robots share. A process must not close any other descriptor of this file, because closing it
-        would release the locks of the process.
+        Descriptor of the file that all robots share. A process must not close any other descriptor of this file, because the
+        operating system would then release all locks of the process.
     cell : int
+        Tour index of the cell.
     """
     try:
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 1, cell)

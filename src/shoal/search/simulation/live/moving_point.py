@@ -1,7 +1,4 @@
-"""A simulated vehicle that moves in straight lines from cell to cell.
-
-The vehicle's speed follows the desired speed with a first-order lag.
-"""
+"""A simulated vehicle that moves in straight lines from cell to cell, and follows its desired speed with a first-order lag."""
 
 from __future__ import annotations
 
@@ -16,23 +13,24 @@ _NEAR = 1e-3  # cells
 
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
-    """A vehicle on one leg: it moves in a straight line, and then stands still, for turns and work, during the rest of the leg.
+    """A vehicle on one leg. It first moves in a straight line, and then stands still while it turns and searches.
 
     Parameters
     ----------
     time : float
-        Time of this state. All times are in units of the time that a robot of speed 1 needs for one cell.
+        Time of the vehicle's present state. In the time 1, a robot of speed 1 searches one cell.
     origin, goal : tuple of float
-        Start and end point of the leg in the units of `TourCost.points`.
+        Start and end point of the leg in cell sides, as in `TourCost.points`.
     way : float
         Length of the path in cells. A path around a corner is longer than the straight line.
     length : float
-        Length of the leg, including turning and work on the spot.
+        Length of the leg in cells: the length of the path, plus the cost of turns and search at its end.
     done : float
-        Completed length of the leg.
+        Completed length of the leg in cells.
     limit : float
-        Position on the leg, in cells from its start, at which the vehicle must stop until it is sent on.
+        Position on the leg, in cells from its start, at which the vehicle waits until the agent raises the limit.
     speed : float
+        Current speed of the vehicle, relative to a robot of speed 1.
 
     Examples
     --------
@@ -53,19 +51,19 @@ class MovingPoint:
 
     @property
     def place(self) -> tuple[float, ...]:
-        """Position of the vehicle."""
+        """Position of the vehicle in cell sides, as in `TourCost.points`."""
         share = min(1.0, self.done / self.way) if self.way > 0 else 1.0
         return tuple(one + share * (other - one) for one, other in zip(self.origin, self.goal, strict=True))
 
     @property
     def arrived(self) -> bool:
-        """Whether the vehicle has reached the position ``limit``."""
+        """Whether the vehicle has reached the position ``limit`` on its leg."""
         return self.done >= self.limit - _NEAR
 
     def moved(self, time: float, *, rate: float) -> MovingPoint:
-        """Return the vehicle at a later time, if its desired speed is ``rate``. The motion is computed exactly for any time step.
+        """Return the vehicle at a later time, for the desired speed ``rate``. The motion is exact for time steps of any length.
 
-        The vehicle never passes the position ``limit``. There, `speed` keeps its value until `stopped` sets it to 0.
+        The vehicle never passes the position ``limit``. At this position, `speed` keeps its value until `stopped` sets it to 0.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -75,16 +73,16 @@ class MovingPoint:
         return replace(self, time=time, done=min(done, self.limit), speed=rate + (self.speed - rate) * decay)
 
     def earliest(self, *, rate: float) -> float:
-        """Return a time before which the vehicle cannot reach the position ``limit``."""
+        """Return a lower bound on the time at which the vehicle reaches the position ``limit``."""
         return self.time + (self.limit - self.done) / max(rate, self.speed)
 
     def stopped(self) -> MovingPoint:
-        """Return the vehicle at rest."""
+        """Return the vehicle with the speed 0."""
         return replace(self, speed=0.0)
 
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
-        """Return the vehicle on a new leg from its position. At first, ``limit`` is one cell before the end of the leg.
+        """Return the vehicle on a new leg that begins at its position. At first, ``limit`` is one cell before the leg's end.
 
-        If the leg is shorter than one cell, ``limit`` is 0, and the vehicle does not move until ``limit`` grows.
+        If the leg is shorter than one cell, ``limit`` is 0. The vehicle then does not move until the agent raises the limit.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -16,24 +16,27 @@ class LiveEvent:
     Parameters
     ----------
     time : float
-        Time in units of the time that a robot of speed 1 needs for one cell.
+        Time of the event, in units of the time in which a robot of speed 1 searches one cell.
     robot : int
+        Number of the robot.
     kind : str
-        A status ("listening", "searching", "waiting", "complete"), or an event. Events with a cell are "enters", "leaves",
-        "searched", "blocked" (by another robot) and "obstructed". Other events are "home", "recharged" and "declared". The
-        supervisor adds the events "killed", "stopped" (at the time limit) and "failed" (with a reason).
+        The robot's new status ("listening", "searching", "waiting" or "complete"), or an event. Events with a cell are "enters",
+        "leaves", "searched", "blocked" (by another robot) and "obstructed". Events without a cell are "home", "recharged" and
+        "declared". The supervisor adds the events "killed", "stopped" (at the time limit) and "failed" (with a reason).
     cell : int or None
+        Tour index of the cell of the event.
     found : bool
         Whether the robot found something in the cell.
     place : tuple of float
-        Position of the robot in the units of `TourCost.points`. The tuple is empty if the robot did not report the event itself.
+        Position of the robot in cell sides, as in `TourCost.points`. The position of an event by the supervisor is empty.
     reason : str
+        Reason of an event "failed".
     through : tuple of int
         The cells that the robot has passed since its last search, if robots move from cell to cell.
     around : tuple of int
-        The additional cells that the robot sees with a footprint wider than one cell.
+        The cells around ``cell`` that the robot also sees, because its footprint is wider than one cell.
     beside : tuple of int
-        The cells of ``around`` with findings.
+        The cells of ``around`` in which the robot found something.
     """
 
     time: float
@@ -50,30 +53,31 @@ class LiveEvent:
 
 @dataclass(frozen=True)
 class LiveOutcome:
-    """Result of a live search.
+    """The result of a live search.
 
     Parameters
     ----------
     complete : bool
-        Whether robots really searched every reachable cell, at least one robot survived, and all survivors declared completion.
+        Whether robots really searched every reachable cell, and all surviving robots (at least one) declared completion.
     covered : float
-        Fraction of the reachable cells that any robot really searched before it failed.
+        Fraction of the reachable cells that robots really searched.
     declared, killed : dict of int to float
-        Time at which each robot declared completion, and time at which each killed robot was killed.
+        Time at which each robot declared completion, and time at which the supervisor killed each crashed robot.
     failed : dict of int to str
-        Robots whose process ended too early, with the reason: a program error, or a kill from outside.
+        Reason for which the process of a robot ended too early: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
-        Number of messages sent, received, and lost at the receiver. ``dropped`` counts messages that came from no robot of this
-        search or had impossible content. The numbers of a killed robot are those of its last report.
+        Number of messages sent, received, lost and dropped by all robots. Robots drop messages that come from no robot of the
+        search or contain impossible values. Messages of a killed robot after its last report are not counted.
     channel : str
-        "multicast" or "unicast".
+        Channel of the messages: "multicast" or "unicast".
     port : int
         Port of the multicast group, or 0 with unicast.
     startup, seconds : float
-        Duration in seconds of the start of all processes, and duration of the search that follows.
+        Duration of the start of all processes, and duration of the search after this start, in seconds.
     timed_out : bool
+        Whether the search reached its time limit.
     events : tuple of LiveEvent
-        The events in the order of their times.
+        All events of the search, sorted by time.
     """
 
     complete: bool
@@ -94,7 +98,7 @@ class LiveOutcome:
 
 
 def searched_by(events: Sequence[LiveEvent]) -> dict[int, int]:
-    """Return the cells that each robot really searched, as bitsets.
+    """Return a bitset of the cells that each robot really searched, by the number of the robot.
 
     Examples
     --------

@@ -1,9 +1,9 @@
-"""The program of the robots' processes: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ...
+"""The program in the processes of live robots: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ...
 
-The `process_pool` starts one process, which imports all slow modules once and forks one process per robot. The first process then
-waits until its standard input closes, and ends the remaining processes. The robots' processes share only the open file with the
-cell locks. A robot's process writes one line of JSON per event to OUT. A robot's process starts its search when it gets a message
-from IN. When IN closes, the supervisor has ended, and the robot's process ends too.
+The `process_pool` starts a first process, which imports all slow modules once and forks one process for each robot. The first
+process then waits until its standard input closes, and ends the robots' processes that still run. The robots' processes share only
+the open file with the cell locks. A robot's process starts its search when it gets a message from IN. It writes one line of JSON
+for each event to OUT. If the supervisor ends, IN closes, and the robot's process ends too.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
 
 
 def _warm(task: LiveTask) -> None:
-    """Run slow initial work once before the fork."""
+    """Do slow initial work once, in the first process, so that the robots' processes need not repeat it."""
     brief = task.scenario.brief
     partition(brief.tour_cost, brief.allocator, ((1, task.scenario.starts[0], 1.0, 1),))
     decode_beacon(1, encode_beacon(Beacon(1, (Heartbeat(1, 0, 0, 1.0, "listening"),)))[0])
 
 
 def _live(task: LiveTask, number: int, file: int, orders: int, reports: int) -> int:
-    """Run one robot until all cells are searched. Return the exit code of the process."""
+    """Run one robot until all cells are searched, and return the exit code of its process."""
 
     def tell(report: dict[str, Any]) -> None:
         os.write(reports, json.dumps(report, separators=(",", ":")).encode() + b"\n")

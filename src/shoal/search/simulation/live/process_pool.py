@@ -1,4 +1,4 @@
-"""The process pool starts the processes of all robots, and makes sure that all of them end."""
+"""The process pool starts the processes of all live robots, and makes sure that all these processes end."""
 
 from __future__ import annotations
 
@@ -28,22 +28,24 @@ _QUIET = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS"
 
 @dataclass
 class Member:
-    """One robot's process and its state.
+    """The process of one robot, and the state of this process.
 
     Parameters
     ----------
     number : int
         Number of the robot.
     orders, reports : int
-        File descriptors of the robot's input and output.
+        File descriptors of the process's input and output.
     process : int
-        Process number, or 0 before the process is ready.
+        Process number in the operating system, or 0 before the process is ready.
     port : int
+        Port on which the robot receives messages with unicast.
     counts : sequence of int
-        Number of messages sent, heard, lost and dropped.
+        Numbers of messages that the robot has sent, received, lost and dropped.
     ended : bool
+        Whether the process has ended.
     rest : bytes
-        Incomplete last line of the received reports.
+        Incomplete last line of the reports that have arrived from the process.
     """
 
     number: int
@@ -81,7 +83,7 @@ class ProcessPool:
         self._stack.close()
 
     def _start(self, stack: ExitStack) -> None:
-        """Start the process that forks the robots' processes."""
+        """Start the first process, which forks the robots' processes."""
         data = pickle.dumps(self._task)
         ground = tempfile.TemporaryFile()  # noqa: SIM115 - the stack closes it; without a name, it cannot be left behind
         stack.enter_context(ground)
@@ -120,11 +122,11 @@ class ProcessPool:
 
     @property
     def running(self) -> bool:
-        """Whether some robot may still report."""
+        """Whether reports from at least one robot may still arrive."""
         return bool(self._selector.get_map())
 
     def kill(self, number: int) -> bool:
-        """Kill a robot's process. Return False if the process had ended before."""
+        """Kill the process of a robot. Return False if the process had already ended, or was not yet ready."""
         member = self.members[number]
         if member.ended or not member.process:
             return False
@@ -133,9 +135,9 @@ class ProcessPool:
         return True
 
     def collect(self, seconds: float, take: Callable[[Member, Report], None]) -> None:
-        """Wait for reports for at most ``seconds``, and pass each report to ``take``.
+        """Wait at most ``seconds`` seconds for reports, and pass each report to the function ``take``.
 
-        The last report of every process is "ended".
+        The last report of every process has the kind "ended".
         """
         for key, _ in self._selector.select(max(seconds, 0.0)):
             member: Member = key.data
@@ -152,12 +154,12 @@ class ProcessPool:
                 take(member, report)
 
     def wait_ready(self, seconds: float) -> None:
-        """Wait until all robots listen.
+        """Wait until the processes of all robots are ready.
 
         Raises
         ------
         ShoalError
-            If a robot's process ends too early, or is not ready in time.
+            If the process of a robot ends before it is ready, or is not ready after ``seconds`` seconds.
         """
         reasons: dict[int, str] = {}
 

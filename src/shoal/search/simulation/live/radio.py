@@ -1,10 +1,9 @@
 """A robot's radio: UDP on the loopback interface.
 
-Messages go to a multicast group, or to each robot's port if multicast is not available.
+Messages go to a multicast group. If multicast is not available, a robot sends each message to the port of every other robot.
 
-Every process on the machine can send to the radio. Therefore each message is signed with a key that only the robots of one search
-have, and a robot opens each message only once. Messages without this signature and repeated messages are dropped and counted.
-Messages that are too long are not read.
+Every process on the machine can send to the radio. Therefore robots sign messages with a key that only the robots of one search
+have, and a robot opens each message only once. The radio drops and counts messages that are unsigned, repeated or too long.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ _REST, _BANNED = 0.01, 1.0  # seconds without listening after too many refusals,
 
 
 def listener(group: str, port: int) -> socket.socket:
-    """Return a socket that listens to a multicast group on the loopback interface. Several sockets may listen."""
+    """Return a socket that listens to a multicast group on the loopback interface. Several sockets can share the port."""
     with ExitStack() as stack:
         ear = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         ear.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -48,7 +47,7 @@ def listener(group: str, port: int) -> socket.socket:
 
 
 def speaker(channel: Channel) -> socket.socket:
-    """Return a socket with its own port, which sends only on the loopback interface."""
+    """Return a socket that has its own port and sends only on the loopback interface."""
     with ExitStack() as stack:
         mouth = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
         mouth.bind((LOOPBACK, 0))
@@ -61,10 +60,10 @@ def speaker(channel: Channel) -> socket.socket:
 
 
 def reserve(group: str = GROUP, port: int = 0) -> socket.socket | None:
-    """Return a socket on a port of the group, or None if multicast is not available.
+    """Return a socket on a port of a multicast group, or None if multicast is not available.
 
-    If ``port`` is 0, the function chooses a free port. The port stays reserved until the socket is closed. The function tests that
-    the port receives a datagram.
+    If ``port`` is 0, the function chooses a free port. The port stays reserved until the caller closes the socket. The function
+    sends a datagram to the port to test multicast.
     """
     with ExitStack() as stack, suppress(OSError):
         if not port:
@@ -87,17 +86,17 @@ class Radio:
     Parameters
     ----------
     channel : str
-        "multicast" or "unicast".
+        Channel of the messages: "multicast" or "unicast".
     sender : Sender
-        Creates the robot's messages.
+        Object that creates the robot's messages.
     receiver : Receiver
-        Opens the other robots' messages.
+        Object that opens messages of other robots.
     port : int
         Port of the multicast group. With unicast, the robot uses a free port of its own.
     loss : float
-        Probability that a received message is discarded before it is read.
+        Probability that the radio discards a message of another robot, to simulate loss.
     random : random.Random
-        Generator that decides which messages are lost.
+        Generator of the random numbers that decide which messages are lost.
     """
 
     def __init__(
@@ -117,16 +116,16 @@ class Radio:
         self._forgiven = self.rest_until = 0.0
 
     def fileno(self) -> int:
-        """Return the file descriptor on which messages arrive."""
+        """Return the file descriptor of the socket on which messages arrive."""
         return self._ear.fileno()
 
     def tell(self, ports: Sequence[int]) -> None:
-        """Store the ports of all robots, which are needed only without multicast."""
+        """Store the ports of all robots. The radio uses these ports only with unicast."""
         if self._channel == "unicast":
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
     def send(self, beacon: Beacon) -> None:
-        """Broadcast a beacon. If the operating system does not accept a message, the message is lost."""
+        """Broadcast a beacon. If the operating system refuses to send a message, the radio counts the message as lost."""
         for message in self._sender.messages(beacon, _clock()):
             self.sent += 1
             for other in self._others:
@@ -136,9 +135,9 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return the messages that have arrived from robots of this search. All others are dropped.
+        """Return the beacons in messages that have arrived from other robots of this search. All other messages are dropped.
 
-        The radio spends little time on other senders: after many refused messages, it pauses until ``rest_until``.
+        After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood costs the robot little time.
         """
         beacons: list[Beacon] = []
         longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()
@@ -175,11 +174,11 @@ class Radio:
         return beacons
 
     def close(self) -> None:
-        """Close the sockets."""
+        """Close the sockets of the radio."""
         self._ear.close()
         self._mouth.close()
 
 
 def _clock() -> int:
-    """Return the time of day in milliseconds, which continues while a robot is switched off."""
+    """Return the system's time in milliseconds since 1970. This clock goes on while a robot is switched off."""
     return time.time_ns() // 1_000_000

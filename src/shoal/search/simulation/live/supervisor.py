@@ -1,4 +1,4 @@
-"""The supervisor of a live search starts the robots, kills some of them, records their reports, and ends all processes."""
+"""The supervisor of a live search: it starts the robots, kills crashed robots, records reports, and ends all processes."""
 
 from __future__ import annotations
 
@@ -40,41 +40,42 @@ def run_live(
     timeout: float | None = None,
     on_event: Callable[[LiveEvent], None] | None = None,
 ) -> LiveOutcome:
-    """Run a search with one process per robot and communication by UDP.
+    """Run a search in real time, with one process for each robot and messages over UDP.
 
     Parameters
     ----------
     scenario : Scenario
-        The search. The processes of crashed robots are killed (SIGKILL). A received message is discarded with the probability of
-        the network's model ``loss``. If ``brief.hello`` lasts some tenths of a second (``0.3 * speed``), robots find each other in
-        time, even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
+        The search. The supervisor kills the process of a crashed robot with SIGKILL. Each radio discards received messages with the
+        probability of the network model ``loss``. If ``brief.hello`` is at least ``0.3 * speed``, robots listen for 0.3 s and find
+        each other in time, even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
     speed : float
-        Speed in cells per second of a robot of speed 1, in real time.
+        Speed of a robot of speed 1, in cells per second of real time.
     channel : str
-        "multicast", "unicast" (a message to each robot's port) or "auto". With "auto", unicast is used if multicast is not
-        available.
+        Channel of the messages: "multicast", "unicast" or "auto". With "unicast", a robot sends each message to the port of every
+        other robot. With "auto", robots use unicast only if multicast is not available.
     port : int
         Port of the multicast group 239.83.72.76, or 0 for a free port.
     key : bytes
-        Secret. The key that signs messages is computed from this secret, the tour and the starts. The default is a new random
-        secret.
+        Secret of the search. Shoal computes the key that signs messages from this secret, the tour and the start cells. The default
+        is a new random secret.
     timeout : float, optional
-        Seconds after the start of the search at which running processes are killed.
+        Time limit in seconds after the start of the search, at which the supervisor kills all running processes.
     on_event : callable, optional
-        Function that is called with each `LiveEvent` when it arrives. An exception in this function ends the search.
+        Function that the supervisor calls with each `LiveEvent` when the event arrives. An exception in this function ends the
+        search.
 
     Raises
     ------
     InvalidInputError
-        If an option is out of range. Also if the scenario has faults other than crashes and slow robots, or a network that does
-        more than lose messages.
+        If an option is out of range, or if the scenario has faults or network models that a live search does not support. A live
+        search supports crashes, slow robots and the network model ``loss``.
     ShoalError
-        If a process cannot be started.
+        If the supervisor cannot start a process.
 
     Notes
     -----
-    No process, socket or file remains when the search ends, even after an exception or Ctrl-C. If the calling process itself is
-    killed, the robots notice and end. The order of messages depends on the operating system. Therefore two runs always differ.
+    When the search ends, no process, socket or file remains, even after an exception or Ctrl-C. If somebody kills the calling
+    process, the robots notice and end. The order of messages depends on the operating system. Therefore two runs always differ.
 
     Examples
     --------
@@ -117,14 +118,14 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key of one search. In another search with the same key file, a signature with this key is invalid."""
+    """Return the key that signs the messages of one search. Two searches with one key file sign with different keys."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
 
 
 def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
-    """Return the channel and the port of the group. The port stays reserved."""
+    """Choose the channel, and reserve a port of the multicast group. Return the channel and the port."""
     if channel not in ("auto", "multicast", "unicast"):
         raise InvalidInputError(f"channel: expected auto, multicast or unicast, got {channel!r}")
     if channel != "unicast":
@@ -138,7 +139,7 @@ def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
 
 
 class _Watch:
-    """Observes the robots during the search: it only kills processes and records events."""
+    """An observer of the robots during the search. It kills processes and records events, and does nothing else."""
 
     def __init__(self, pool: ProcessPool, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
         self._pool, self._task, self._on_event, self._startup = pool, task, on_event, startup
@@ -150,7 +151,7 @@ class _Watch:
         return (time.monotonic() - self._epoch) * self._task.speed
 
     def run(self, timeout: float) -> LiveOutcome:
-        """Watch until all processes have ended, or the time limit is reached."""
+        """Observe the search until all processes have ended, or until the time limit of ``timeout`` seconds."""
         pool, speed = self._pool, self._task.speed
         pool.begin(self._epoch)
         crashes = [fault for fault in self._task.scenario.faults if isinstance(fault, Crash)]

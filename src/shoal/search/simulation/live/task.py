@@ -1,4 +1,4 @@
-"""The initial data of the robots' processes."""
+"""The data that the processes of all live robots receive at their start."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from shoal.search.simulation.scenario import Scenario
 
 @dataclass(frozen=True)
 class LiveTask:
-    """The data that all robots' processes receive.
+    """The data that the processes of all live robots receive at their start.
 
     Parameters
     ----------
     scenario : Scenario
-        The search. The obstacles block the vehicles, but the robots do not know the obstacles.
+        The scenario of the search. Its obstacles block the vehicles, but the robots do not know the obstacles.
     speed : float
-        Speed in cells per second of a robot of speed 1.
+        Speed of a robot of speed 1, in cells per second of real time.
     channel : str
+        Channel of the messages: "multicast" or "unicast".
     port : int
         Port of the multicast group.
     key : bytes
-        Key of this run. Messages without a signature by this key come from other senders.
+        Key that signs the messages of this search. Robots drop messages without a signature by this key.
     """
 
     scenario: Scenario
@@ -38,7 +39,7 @@ class LiveTask:
     key: bytes = b""
 
     def check(self, beacon: Beacon) -> None:
-        """Refuse a beacon that no robot of this run can have sent.
+        """Refuse a beacon that no robot of this search can have sent.
 
         Raises
         ------
@@ -61,7 +62,7 @@ class LiveTask:
         return self.scenario.starts[number - 1], self.scenario.rates[number - 1], self.scenario.widths[number - 1]
 
     def radio(self, number: int) -> Radio:
-        """Return a robot's radio."""
+        """Return the radio of the robot with a given number."""
         scenario, most = self.scenario, self.scenario.packet or LONGEST
         receiver = Receiver(self.key, robots=len(scenario.starts), cells=len(scenario.brief.tour_cost), most=most)
         random = Random(f"{scenario.seed} {number}")
@@ -69,5 +70,5 @@ class LiveTask:
         return Radio(self.channel, Sender(number, self.key, most), receiver, port=self.port, loss=loss, random=random)
 
     def robot(self, number: int) -> Robot:
-        """Return a robot in its initial state."""
+        """Return the initial state of the robot with a given number."""
         return Robot(number, self.scenario.brief, *self._of(number))

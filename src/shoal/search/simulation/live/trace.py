@@ -1,4 +1,4 @@
-"""The trace of a live search from the reports of the robots' processes."""
+"""Conversion of the reports of live robots to the trace of a search."""
 
 from __future__ import annotations
 
@@ -21,12 +21,15 @@ _STATES = {status: status for status in get_args(Status)} | dict.fromkeys(("kill
 
 
 def live_trace(scenario: Scenario, *, live: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
-    """Run a live search at ``live`` cells per second. Return the scenario with the times of the live search, and the trace.
+    """Run a live search, in which a robot of speed 1 searches ``live`` cells per second.
+
+    Live robots listen for at least 0.3 s, and send beacons at least 0.05 s apart. Return the scenario with these times, and the
+    trace of the search.
 
     Raises
     ------
     InvalidInputError
-        If there are faults other than crashes and slow robots.
+        If the scenario contains faults other than crashes and slow robots.
     """
     brief = replace(scenario.brief, hello=max(scenario.brief.hello, _HELLO * live), beat=max(scenario.brief.beat, _BEAT * live))
     scenario = replace(scenario, brief=brief)
@@ -39,7 +42,7 @@ def live_trace(scenario: Scenario, *, live: float, key: bytes = b"") -> tuple[Sc
 
 
 def _log_of(number: int, events: Sequence[LiveEvent]) -> RobotLog:
-    """Return the log of a robot from its reports."""
+    """Return the log of the robot with a given number, made from its reports."""
     own = [event for event in events if event.robot == number]
     searched = [event for event in own if event.kind == "searched" and event.cell is not None]
     detours = tuple(event.through for event in searched)
