@@ -20,24 +20,25 @@ _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
-    """Return the arcs and segments of all six Dubins curves between poses.
+    """Return the lengths of the arcs and segments of all six Dubins curves between each start pose and each end pose.
 
     Parameters
     ----------
     starts, ends : array_like of float, shape (..., 3)
-        Poses: x and y in metres, headings in radians counter-clockwise from east.
+        Poses (x, y, heading), with x and y in metres and the heading in radians counter-clockwise from east.
     radius : float
         Minimum turning radius in metres.
 
     Returns
     -------
     ndarray of float64, shape (..., 6, 3)
-        For each type in `WORDS`, the lengths of its three parts divided by the radius, or infinity if the curve does not exist.
+        For each curve type in `WORDS`, the lengths of the curve's three parts divided by the radius. If the curve does not exist,
+        the lengths are infinite.
 
     Notes
     -----
-    Source: L. E. Dubins, On curves of minimal length with a constraint on average curvature, 1957; formulas of A. M. Shkel and
-    V. Lumelsky, Classification of the Dubins set, 2001.
+    The source is L. E. Dubins, On curves of minimal length with a constraint on average curvature, 1957. The formulas are those of
+    A. M. Shkel and V. Lumelsky, Classification of the Dubins set, 2001.
 
     Examples
     --------
@@ -75,10 +76,11 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
 
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Return a path of straight legs that touch a Dubins curve from outside; float64, shape (k, 2).
+    """Approximate a Dubins curve by a path of straight legs, in metres; float64, shape (k, 2).
 
-    The legs are tangents of the curve's circles. The direction changes by at most `SHARPEST` from leg to leg. A vehicle that begins
-    each turn in the middle of a leg flies exactly the curve. The first and the last leg have the headings of the curve's ends.
+    The legs are tangents of the curve's arcs. From leg to leg, the direction changes by at most `SHARPEST`. A vehicle that begins
+    each turn in the middle of a leg flies exactly along the curve. The first leg has the heading of the curve's start, and the last
+    leg has the heading of the curve's end.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]

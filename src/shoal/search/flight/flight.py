@@ -1,4 +1,4 @@
-"""The flight of a vehicle from home along a path and back home, with turns and terrain following."""
+"""The flight of a vehicle from its home along a path and back home, with turns and terrain following."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FRAMES = ("home", "sea", "ground")
 """Reference surfaces of altitudes."""
 
 ENDINGS = ("return", "land", "loiter")
-"""The endings of a flight: the return by the autopilot, a landing, or a stay in the air (for a fixed wing in circles)."""
+"""Endings of a flight: a return by the autopilot, a landing, or a stay in the air, in which a fixed wing flies circles."""
 
 TERRAIN_ERROR = 2.0  # metres
 _WIDER = 1.01  # factor for wider turns than necessary, because coordinates in files are rounded
@@ -38,7 +38,7 @@ _HAIR = 0.01  # metres
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """The motion of a vehicle from home along a path and home again.
+    """The motion of a vehicle from its home along a path and back to its home.
 
     Parameters
     ----------
@@ -46,11 +46,11 @@ class Flight:
     home : ndarray of float64, shape (2,)
         Start point of the vehicle in metres.
     frame : LocalFrame or None
-        Local frame of the metres, or None if the metres have no position on Earth.
+        Local frame of coordinates in metres, or None if the coordinates have no position on Earth.
     altitude_frame : "home", "sea" or "ground"
         Reference surface of the vehicle's altitude.
     terrain : Terrain or None
-        Terrain heights, required for altitudes above the ground.
+        Terrain heights. The altitude frame "ground" requires terrain heights.
     terrain_error : float
         Maximum deviation of the height above ground from the altitude, in metres.
     rate : float
@@ -60,11 +60,11 @@ class Flight:
     blocked : Shapely geometry, optional
         Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
-        Landing point in metres. The default is home.
+        Landing point in metres. By default, the vehicle lands at its home.
     area : Shapely geometry, optional
-        Area that turns must not leave if they connect two points inside this area.
+        Area for turns. A turn that connects two points inside this area must not leave the area.
     ending : "return", "land" or "loiter"
-        Ending of the flight. A fixed wing that lands descends steadily on a straight approach.
+        Ending of the flight. With "land", a fixed wing descends steadily on a straight approach.
 
     Raises
     ------
@@ -109,34 +109,34 @@ class Flight:
 
     @property
     def radius(self) -> float:
-        """Radius of flown turns in metres; 0 for a vehicle that turns on the spot."""
+        """Radius of flown turns in metres, or 0 for a vehicle that turns on the spot."""
         return _WIDER * self.vehicle.ground_radius
 
     @property
     def glides(self) -> bool:
-        """Whether the last leg leads down to the ground."""
+        """Whether the vehicle is a fixed wing that descends to its landing point along the last leg."""
         return bool(self.vehicle.radius) and self.ending == "land"
 
     @cached_property
     def elevation(self) -> float | None:
-        """Height of home above sea level in metres, or None if unknown."""
+        """Height of the vehicle's home above sea level in metres, or None without terrain heights."""
         return None if self.terrain is None else float(self.terrain.at(self.home[None], self.frame)[0])
 
     def waypoints(self, way: Points) -> Floats:
-        """Return the waypoints of a path; float64, shape (m, 3): metres east, north, and above home.
+        """Return the waypoints of a path as metres east, north, and above home; float64, shape (m, 3).
 
-        Home itself is not a waypoint. If the waypoints follow the terrain, they include the points above home and above the landing
-        point. For a fixed wing, the end of its straight climb after take-off is the first waypoint.
+        The home itself is not a waypoint. If waypoints follow the terrain, the points above home and above the landing point are
+        waypoints, too. The first waypoint of a fixed wing is the end of its straight climb after take-off.
 
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Path in metres, without home. Without a third column for altitudes, the whole path has the vehicle's altitude.
+            Path in metres, without home. The third column holds altitudes. Without it, the path has the vehicle's altitude.
 
         Raises
         ------
         InvalidInputError
-            If there is no space for turns, circles or an approach, or if the path meets the ground.
+            If the path meets the ground, or if the vehicle has no space for a turn, a circle or its approach.
         """
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
@@ -151,11 +151,11 @@ class Flight:
 
     @property
     def _follows(self) -> bool:
-        """Whether waypoints follow the terrain. If they do, the points above home and above the end are waypoints too."""
+        """Whether the waypoints follow the terrain."""
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
-        """Return the waypoints of a path with turns, and with circles for changes of altitude."""
+        """Return the waypoints of a fixed wing's path, with its turns, and with circles for changes of altitude."""
         base = float(self.elevation or 0.0) if self.altitude_frame == "sea" else 0.0
         if self.glides:
             descent = self._approach(whole[-2], ups[-1] - base)
@@ -191,12 +191,12 @@ class Flight:
         return found
 
     def _rooms(self, way: Points) -> tuple[Floats, Floats]:
-        """Return by how many metres the vehicle can climb, and sink, on each leg of a level path."""
+        """Return, for each leg of a level path, the largest possible climb and the largest possible descent in metres."""
         lasting = leg_seconds(np.column_stack([way, np.zeros(len(way))]), self.vehicle, rate=self.rate)
         return lasting * (self.vehicle.climb_speed or inf), lasting * (self.vehicle.sink_speed or inf)
 
     def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
-        """Return the path in circles, in the direction of a leg, from a place to another height above or below it."""
+        """Return a path in circles from the point ``place`` to the height ``top``. The circles begin in the direction of a leg."""
         toward = leg[1] - leg[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
         sense = self._sense(start)
@@ -213,16 +213,22 @@ class Flight:
 
     @cached_property
     def _around(self) -> Points:
-        """Points around a place, at the distance to which a turn there leads."""
+        """Offsets in metres from a point, in all directions, to the farthest points of a turn that begins at this point."""
         angles = np.linspace(0.0, 2 * pi, _DIRECTIONS, endpoint=False)
         return 2 * self.radius * np.column_stack([np.cos(angles), np.sin(angles)])
 
     def _sense(self, start: Floats) -> str:
-        """Return to which side of a place and heading there is room for a circle: L, R, or none."""
+        """Return the side on which a vehicle has room for a circle: "L", "R" or an empty text.
+
+        The argument ``start`` holds the position in metres and the heading in radians.
+        """
         return room_beside(start, self.radius, blocked=self.blocked, area=self.area)
 
     def _directions(self, toward: Points) -> Iterator[tuple[Points, float]]:
-        """Yield directions, first against the wind or, without wind, toward a place; and the ground speed in each."""
+        """Yield unit vectors of possible courses, and the ground speed in m/s on each course.
+
+        The first course leads against the wind or, without wind, in the direction ``toward``.
+        """
         ahead = -self.vehicle.wind_vector if self.vehicle.wind else toward
         for number in range(_DIRECTIONS):
             heading = atan2(ahead[1], ahead[0]) + (-1) ** number * ((number + 1) // 2) * 2 * pi / _DIRECTIONS
@@ -230,9 +236,9 @@ class Flight:
             yield course, float(self.vehicle.ground_speed([course])[0]) * self.rate
 
     def _departure(self, then: Points, up: float) -> Points:
-        """Return the end of the straight climb after take-off, from which the path continues to a point.
+        """Return the end of the straight climb after take-off. The path then continues to the point ``then``.
 
-        If circles on the way up make the path shorter, or there is no room for the whole climb, only its first part is straight.
+        The vehicle climbs the rest in circles if circles make the path shorter, or if a straight climb has no room.
         """
         import shapely
 
@@ -257,7 +263,7 @@ class Flight:
         )
 
     def _approach(self, last: Points, up: float) -> Points:
-        """Return the start of the approach to a landing: against the wind, or as close to that as space allows."""
+        """Return the start of the approach to a landing. The approach leads against the wind, as far as space allows."""
         lasting = float(self.vehicle.vertical_seconds(-up))
         for course, speed in self._directions(self.end - last):
             best = self.end - course * max(lasting * speed, 2 * self.radius)
@@ -269,7 +275,7 @@ class Flight:
         )
 
     def _free(self, low: Points, high: Points, course: Points) -> bool:
-        """Return whether a leg avoids blocked areas, and there is room to turn at its upper end."""
+        """Return whether a leg avoids blocked areas and ends where the vehicle has room to turn, at its upper end."""
         return self._passes(low, high) and bool(self._sense(np.append(high, atan2(course[1], course[0]))))
 
     def _passes(self, one: Points, other: Points) -> bool:
@@ -279,9 +285,9 @@ class Flight:
         return self.blocked is None or not shapely.intersects(self.blocked, shapely.linestrings([one, other]))
 
     def _clear(self, low: Points, high: Points, up: float) -> bool:
-        """Return whether a leg from the ground to a height above it, or back, stays above the ground.
+        """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
 
-        The ground must be known there, and be low where a turn at the upper end leads.
+        The height of the ground must be known along the leg. Where a turn at the upper end leads, the ground must be low.
         """
         if self.terrain is None:
             return True
@@ -295,7 +301,7 @@ class Flight:
         return bool((base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all())
 
     def _at(self, way: Points, up: float) -> Floats:
-        """Return the waypoints of a path at one altitude, which follow the terrain if there is one."""
+        """Return the waypoints of a path with one altitude. With the altitude frame "ground", they follow the terrain."""
         terrain = self.terrain
         if terrain is None or not self.flies:
             return self._level(way, np.full(len(way), up))
@@ -313,7 +319,7 @@ class Flight:
         return self._level(way, np.full(len(way), up))
 
     def _level(self, way: Points, ups: Floats) -> Floats:
-        """Return waypoints whose altitudes do not follow the ground."""
+        """Return the waypoints of a path with given altitudes, which do not follow the terrain."""
         base = float(self.elevation or 0.0) if self.altitude_frame == "sea" and self.flies else 0.0
         return np.column_stack([way, ups - base])
 
@@ -328,7 +334,7 @@ class Flight:
             )
 
     def flown(self, waypoints: Floats) -> Trajectory:
-        """Return the vehicle's trajectory from the ground at home along waypoints to the ground at its landing point."""
+        """Return the vehicle's trajectory from the ground at its home, along waypoints, to the ground at its landing point."""
         climb = 0.0 if self.vehicle.radius else None
         way = whole_way(self.home, waypoints, self.landing, climb=climb, glides=self.glides)
         return trajectory(way, self.vehicle, rate=self.rate)

@@ -9,11 +9,10 @@ from shoal.search.flight.vehicle import Vehicle
 
 
 def turn_cells(vehicle: Vehicle, size: float) -> float:
-    """Return the cost of a turn: the number of cells of side ``size`` that a vehicle passes in the time of the turn.
+    """Return the cost of a turn: the number of cells of side ``size`` that the vehicle would pass in the time of the turn.
 
-    For a fixed wing, the cost is half the extra length of the curve between two rows.
-
-    At the end of a row, the vehicle turns twice: towards the next row, and into the next row.
+    At the end of a row, a vehicle turns twice: towards the next row, and into the next row. For a fixed wing, the cost of a turn is
+    half the extra length of the curve between two rows.
 
     Examples
     --------
@@ -29,10 +28,10 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
 
 
 def working_seconds(vehicle: Vehicle) -> float:
-    """Return the usable endurance in seconds minus the time for the climb to the search altitude and the descent."""
+    """Return the usable endurance in seconds, minus the time for the climb to the search altitude and for the descent."""
     return vehicle.usable_seconds - climbing_seconds(vehicle)
 
 
 def climbing_seconds(vehicle: Vehicle) -> float:
-    """Return the total time in seconds that a vehicle needs to climb to the search altitude and to descend from there."""
+    """Return the total time in seconds that a vehicle needs to climb to the search altitude and to descend again."""
     return float(vehicle.vertical_seconds([vehicle.height, -vehicle.height]).sum())

@@ -1,4 +1,4 @@
-"""Separation of vehicles in flight: the nearest approach of two vehicles, and the start delays that keep two vehicles apart."""
+"""Separation of two vehicles in flight: their nearest approach, and the differences of start times that keep them apart."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class Approach:
     Parameters
     ----------
     horizontal : float
-        Horizontal distance in metres at the nearest approach. Only moments count at which the vertical distance is below the
-        vertical separation.
+        Horizontal distance of the vehicles at the nearest approach, in metres. The nearest approach is the moment of the smallest
+        horizontal distance among all moments at which the vertical distance is below the vertical separation.
     vertical : float
-        Vertical distance in metres at the nearest approach.
+        Vertical distance of the vehicles at the nearest approach, in metres.
     times : tuple of float
-        For each vehicle, the time of the nearest approach in seconds after the start of this vehicle.
+        Time of the nearest approach, in seconds after the start of the first vehicle, and after the start of the second vehicle.
     places : ndarray of float64, shape (2, 3)
         Positions of both vehicles at the nearest approach, in metres.
     """
@@ -41,9 +41,9 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The legs of a trajectory that take time. For each leg: its start time, its duration, its start point and its displacement.
+    """The legs of a trajectory that take time: the start time, the duration, the start point and the velocity of each leg.
 
-    A vehicle that circles may be away from this path by up to its reach.
+    The attribute ``reach`` is the distance in metres by which a vehicle that flies circles may be away from the leg.
     """
 
     begins: Floats
@@ -73,20 +73,20 @@ class _Legs:
 def nearest_approach(
     one: Trajectory, other: Trajectory, *, vertical: float, later: float = 0.0, tolerance: float = 0.0
 ) -> Approach | None:
-    """Return the nearest approach of two vehicles in flight, or None if the vertical separation always holds.
+    """Return the nearest approach of two vehicles in flight, or None if they always keep the vertical separation.
 
-    A vehicle is in flight from the beginning to the end of its trajectory. The distance between two vehicles on straight legs is
-    convex, so its minimum over all moments and delays has a closed form.
+    A vehicle is in flight from the beginning to the end of its trajectory. The distance between two vehicles on straight legs is a
+    convex function of time and delay, so its minimum has a closed form.
 
     Parameters
     ----------
     one, other : Trajectory
     vertical : float
-        Vertical separation in metres. Moments with a larger difference in height do not count.
+        Vertical separation in metres. Moments at which the vehicles differ more in height do not count.
     later : float
-        Time in seconds by which the second vehicle starts later than the first.
+        Time in seconds by which the second vehicle starts later than the first vehicle.
     tolerance : float
-        Maximum additional delay of each vehicle in seconds. The delays of the two vehicles are independent.
+        Maximum additional delay of each vehicle in seconds. The additional delays of the two vehicles are independent.
 
     Examples
     --------
@@ -117,7 +117,7 @@ def nearest_approach(
 
 
 def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of legs that may be flown at the same time."""
+    """Return the pairs of legs of two vehicles that the vehicles may fly at the same time."""
     low = np.searchsorted(theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left")
     high = np.searchsorted(theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right")
     counts = np.maximum(high - low, 0)
@@ -127,16 +127,17 @@ def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tup
 
 
 def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[np.int64]) -> Floats:
-    """Return the gaps between the bounding boxes of legs along each axis; shape (n, 3)."""
+    """Return, for pairs of legs, the gap between their bounding boxes along each axis, in metres; float64, shape (n, 3)."""
     (low, high), (below, above) = mine.bounds(), theirs.bounds()
     return np.maximum(np.maximum(low[first] - above[second], below[second] - high[first]), 0.0)
 
 
 def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
-    """Return linear constraints on the times since the beginnings of two legs: normals @ times <= limits.
+    """Return the normals and limits of linear constraints ``normals @ times <= limits``, with shapes (n, k, 2) and (n, k).
 
-    Shapes (n, k, 2) and (n, k). The constraints are that the times lie within the legs and that heights differ by at most
-    ``level``. If ``shift`` (start of the second vehicle, and tolerance) is given, both legs must also be flown at the same time.
+    For each pair of legs, the two times count from the beginning of each leg. Both times must lie within the legs, and the heights
+    must differ by at most ``level`` metres. The argument ``shift`` holds the start time of the second vehicle and the tolerance.
+    With ``shift``, the vehicles must also fly both legs at the same time.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -153,7 +154,7 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 
 
 def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return a point and the direction of a constraint's line, and the interval along it that satisfies all constraints."""
+    """Return a point and the direction of a constraint's line, and the interval of the line that meets all constraints."""
     normal = normals[:, edge]
     square = (normal**2).sum(axis=1)
     there = square > 0
@@ -178,7 +179,7 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
 
 
 def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
-    """Return the smallest horizontal distance of pairs of legs, with its times and positions."""
+    """Return the smallest horizontal distance among pairs of legs in metres, and the times and positions of this distance."""
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
@@ -203,7 +204,7 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return the times since the beginnings of two legs at which their horizontal lines cross, and whether they cross."""
+    """Return, for pairs of legs, the times at which their horizontal lines cross, and whether they cross at all."""
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
     there = np.abs(cross) > _HAIR * scale
@@ -214,7 +215,7 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return the distance 0 and the times for legs that cross within the limits, and an infinite distance for other legs."""
+    """Return a distance and times for each pair of legs: 0 if the legs cross within the constraints, else infinity."""
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times
@@ -228,15 +229,15 @@ def _within(times: Floats, normals: Floats, limits: Floats) -> NDArray[np.bool_]
 def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical: float) -> Floats:
     """Return the intervals of start time differences for which two vehicles come too close; float64, shape (k, 2).
 
-    Each row is an interval of the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals are
-    in increasing order and do not overlap. For time differences outside all intervals, the vehicles always keep the horizontal or
-    the vertical separation.
+    A start time difference is the second vehicle's start time minus the first vehicle's start time, in seconds. The intervals are
+    in increasing order and do not overlap. For differences outside all intervals, the vehicles always keep the horizontal or the
+    vertical separation.
 
     Parameters
     ----------
     one, other : Trajectory
     horizontal, vertical : float
-        Required separations in metres.
+        Required horizontal and vertical separation in metres.
 
     Examples
     --------
@@ -273,7 +274,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
 
 def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Return the interval along a line in which two vehicles are too close horizontally, within bounds."""
+    """Return the part of an interval along a line in which two vehicles are closer than the horizontal separation."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -286,7 +287,7 @@ def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most:
 
 
 def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
-    """Return the smallest and the largest time difference at which two lines are too close, if these lie within the limits."""
+    """Return the smallest and largest start time difference for which two legs come too close, within all constraints."""
     middle, there = _solved(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
     cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)
@@ -305,7 +306,7 @@ def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limi
 def merged_intervals(intervals: Floats) -> Floats:
     """Merge overlapping intervals, and return them in increasing order; float64, shape (k, 2).
 
-    Intervals that end before they begin are dropped.
+    The function drops intervals that end before they begin.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Staggering: altitude layers and delayed starts that keep vehicles separated."""
+"""Staggering: the choice of altitude layers and start delays that keep vehicles separated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shoal.search.flight.separation import conflicts, merged_intervals
 from shoal.search.flight.timing import Floats, Trajectory
 
 HORIZONTAL, VERTICAL, DELAY = 10.0, 5.0, 10.0
-"""The default separation (horizontal and vertical, in metres), and the default uncertainty of each vehicle's start (in seconds)."""
+"""Defaults of the horizontal and vertical separation in metres, and of a vehicle's maximum unplanned delay in seconds."""
 
 _WORTH = 0.05  # relative to the longest flight: time that another layer must save
 _AFTER = 1.0  # seconds: distance of delays from a conflict, so that delays can be rounded to whole seconds
@@ -26,14 +26,14 @@ Started = tuple[Sequence[Trajectory], float]
 class Separation:
     """The required horizontal and vertical distance of vehicles in flight.
 
-    Two vehicles must keep the horizontal or the vertical distance.
+    Two vehicles must always keep at least one of the two distances.
 
     Parameters
     ----------
     horizontal, vertical : float
-        Required separations in metres.
+        Required horizontal and vertical distance in metres.
     delay : float
-        Maximum unplanned delay of each vehicle in seconds. The delays of different vehicles are independent.
+        Maximum unplanned delay of each vehicle in seconds. The unplanned delays of different vehicles are independent.
     """
 
     horizontal: float = HORIZONTAL
@@ -48,29 +48,29 @@ def staggered(
     earliest: Floats | None = None,
     before: Sequence[Started] = (),
 ) -> tuple[NDArray[np.int64], Floats]:
-    """Return layers and delays for which all vehicles in flight keep the separation.
+    """Choose an altitude layer and a start delay for each vehicle, so that all vehicles in flight keep the separation.
 
-    The longest flight starts first, without delay and in the lowest layer. Every other flight uses the layer in which it can end
-    earliest. A new layer is opened only if it saves at least a twentieth of the longest flight's duration, because the climb to a
-    higher layer takes longer.
+    The longest flight starts first, in the lowest layer. Every other flight uses the layer in which it can end earliest. A new
+    layer must save at least a twentieth of the longest flight's duration, because the climb to a higher layer takes longer.
 
     Parameters
     ----------
     flights : sequence of callable
-        For each vehicle, a function that returns the vehicle's trajectories in a given layer (counted from 0). Several trajectories
-        are alternative estimates of the vehicle's times. The separation holds for all trajectories. A vehicle without trajectories
-        stays on the ground.
+        For each vehicle, a function that returns the vehicle's trajectories in a given layer. The lowest layer has the number 0.
+        Several trajectories are alternative estimates of the vehicle's times, and the separation holds for all of them. A vehicle
+        without trajectories stays on the ground.
     separation : Separation
     layers : sequence of int, optional
-        Layer of each vehicle. If layers are given, only the delays are computed.
+        Layer of each vehicle. With given layers, the function computes only the delays.
     earliest : ndarray of float64, shape (m,), optional
-        Lower bounds on the delays in seconds.
+        Lower bound on the delay of each vehicle in seconds.
     before : sequence of (sequence of Trajectory, float)
-        Flights whose delays are already fixed, with these delays.
+        Trajectories and delays of vehicles whose delays are already fixed.
 
     Returns
     -------
     layers : ndarray of int64, shape (m,)
+        Layer of each vehicle, counted from 0.
     delays : ndarray of float64, shape (m,)
         Delay of each vehicle in whole seconds.
 
@@ -107,7 +107,7 @@ def staggered(
 
 
 def _earliest(mine: Sequence[Trajectory], others: Sequence[Started], separation: Separation, delay: float) -> float:
-    """Return the smallest delay, at least ``delay``, with which a vehicle keeps its separation from vehicles with fixed delays."""
+    """Return the smallest delay, at least ``delay``, with which a vehicle keeps apart from vehicles with fixed delays."""
     barred = [np.zeros((0, 2))]
     for theirs, started in others:
         if started + max(one.duration for one in theirs) + separation.delay < delay:

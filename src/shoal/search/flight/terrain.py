@@ -1,4 +1,4 @@
-"""Terrain: heights of the ground above sea level, and terrain-following paths."""
+"""Terrain: heights of the ground above sea level, and paths that follow the terrain."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ _SHARE = 0.98  # fraction of the requested error that is used; the rest is for r
 
 @dataclass(frozen=True, eq=False)
 class Terrain:
-    """Ground heights on a grid with bilinear interpolation.
+    """Ground heights on a grid, with bilinear interpolation between the grid points.
 
     Parameters
     ----------
     heights : ndarray of float64, shape (rows, columns)
         Heights in metres above sea level, with rows from north to south. Missing heights are NaN.
     west, north : float
-        Coordinates of the first height.
+        Coordinates of the north-west height, in the coordinate reference system.
     steps : tuple of float
-        Distance between columns, and distance between rows (from north to south), both above 0.
+        Distance between two columns, and distance between two rows from north to south. Both distances are positive.
     crs : str or None
-        Coordinate reference system in PROJ notation, or None for metres without a position on Earth. `UNSAID` means longitude and
-        latitude, or metres, depending on the region.
+        Coordinate reference system in PROJ notation, or None for metres without a position on Earth. With `UNSAID`, the coordinates
+        are longitude and latitude for a region on Earth, and metres for any other region.
     name : str
-        Name of the terrain for messages.
+        Name of the terrain in error messages.
 
     Examples
     --------
@@ -56,18 +56,18 @@ class Terrain:
     name: str = "terrain"
 
     def at(self, points: ArrayLike, frame: LocalFrame | None) -> Floats:
-        """Return the heights at points given in metres of a local frame; float64, shape (n,).
+        """Return the ground heights in metres at points given in metres of a local frame; float64, shape (n,).
 
         Raises
         ------
         InvalidInputError
-            If a height is missing, or only one of frame and grid has a position on Earth.
+            If a height is missing, or if only one of the local frame and the grid has a position on Earth.
         """
         places = check_points(points, what="points", dimensions=2)
         return self._heights_at(self.grid_points(places, frame), places)
 
     def grid_points(self, points: Points, frame: LocalFrame | None) -> Points:
-        """Return the positions of points on the grid as fractional (column, row) coordinates."""
+        """Convert points in metres of a local frame to fractional coordinates (column, row) of the grid."""
         if self.crs != UNSAID and (frame is None) != (self.crs is None):
             kinds = ("metres without a position on Earth", "a position on Earth")
             raise InvalidInputError(
@@ -82,7 +82,7 @@ class Terrain:
         return np.stack([(placed[:, 0] - self.west) / self.steps[0], (self.north - placed[:, 1]) / self.steps[1]], axis=1)
 
     def _cells(self, places: Points) -> tuple[Any, Any]:
-        """Return column and row of the grid cell that contains each point."""
+        """Return the column and the row of the grid cell that contains each point."""
         rows, columns = self.heights.shape
         cells = np.floor(np.where(np.isfinite(places), places, -1.0)).astype(np.int64)
         return np.clip(cells[:, 0], 0, max(columns - 2, 0)), np.clip(cells[:, 1], 0, max(rows - 2, 0))
@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return by how many metres, at most, a corner of a grid cell lies off the plane through the other three corners."""
+        """Return the largest distance in metres of a grid cell's corner from the plane through its other three corners."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]
@@ -114,7 +114,7 @@ class Terrain:
 
 @lru_cache(maxsize=8)
 def _transformer(crs: str) -> Any:
-    """Return the transformation from longitude and latitude to a coordinate system, or None if none is needed."""
+    """Return the transformation from longitude and latitude to a coordinate reference system, or None for WGS84 itself."""
     from pyproj import CRS, Transformer
 
     system = CRS.from_user_input(crs)
@@ -126,7 +126,7 @@ def _transformer(crs: str) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """The ground below a path, sampled so that it is almost straight between samples.
+    """The height of the ground below a path, sampled so densely that the ground is almost straight between samples.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ class Profile:
     heights : ndarray of float64, shape (n,)
         Ground height of each sample in metres above sea level.
     vertices : ndarray of int64, shape (k,)
-        Indices of the path's vertices.
+        Indices of the path's vertices among the samples.
     rough : float
         Maximum deviation of the ground from straight lines between samples, in metres.
     """
@@ -147,7 +147,7 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Return the ground below a path, sampled at the path's vertices, at every crossed grid line, and at points between them.
+    """Sample the ground below a path: at the path's vertices, at every crossed grid line, and at points in between.
 
     Parameters
     ----------
@@ -156,7 +156,8 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
         Vertices of the path in metres.
     frame : LocalFrame or None
     error : float
-        Error in metres. Between two samples, the ground deviates from a straight line by at most an eighth of this error.
+        Allowed error of the height above ground, in metres. Between two samples, the ground deviates from a straight line by at
+        most an eighth of this error, unless the terrain is too rough.
 
     Raises
     ------
@@ -192,9 +193,9 @@ def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
 
 
 def _crossings(along: Floats, places: Points) -> Floats:
-    """Return the crossings of grid lines between samples.
+    """Return the positions along a path at which it crosses a grid line between two samples.
 
-    Each step between samples crosses at most one vertical and one horizontal grid line.
+    Between two samples, the path crosses at most one vertical and one horizontal grid line.
     """
     along = np.append(along, np.ceil(along[-1] + 1e-12))
     found = []
@@ -209,13 +210,14 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
-    """Return the lowest heights along a path that are not below given heights and keep to the limits of climb and descent.
+    """Return the lowest heights along a path that respect limits of climb and descent and are nowhere below given heights.
 
-    Where the limits would be exceeded, the path rises earlier or sinks later than the given heights.
+    Where the given heights rise or fall too steeply, the path climbs earlier or descends later.
 
     Parameters
     ----------
     heights : ndarray of float64, shape (n,)
+        Given height at each point of the path, in metres.
     climbs, sinks : ndarray of float64, shape (n - 1,)
         Largest climb and largest descent on each leg, in metres.
 
@@ -230,7 +232,7 @@ def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
 
 
 def followed(profile: Profile, clearance: float, error: float) -> Floats:
-    """Return a path with a nearly constant height above the ground. Points are added between the path's vertices.
+    """Return a path with a nearly constant height above the ground. The function adds points between the path's vertices.
 
     Parameters
     ----------
@@ -238,12 +240,12 @@ def followed(profile: Profile, clearance: float, error: float) -> Floats:
     clearance : float
         Height above the ground in metres.
     error : float
-        Maximum deviation of the height above ground in metres, also between waypoints.
+        Maximum deviation of the height above ground from ``clearance``, in metres, also between waypoints.
 
     Returns
     -------
     ndarray of float64, shape (m, 3)
-        Metres east, north, and above sea level.
+        Points of the path as metres east, metres north, and metres above sea level.
 
     Examples
     --------

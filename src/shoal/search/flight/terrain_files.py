@@ -33,9 +33,9 @@ def open_terrain(path: str | os.PathLike[str]) -> Terrain:
     Parameters
     ----------
     path : path
-        ``.tif`` or ``.tiff``: GeoTIFF with its coordinate reference system as an EPSG code. ``.asc``: ESRI ASCII grid. A ``.prj``
-        file of the same name states the coordinate reference system of the grid. Without this file, coordinates are longitude and
-        latitude, or metres if the region has no position on Earth.
+        A GeoTIFF (``.tif`` or ``.tiff``) whose coordinate reference system is an EPSG code, or an ESRI ASCII grid (``.asc``). A
+        file with the same name and the suffix ``.prj`` gives the coordinate reference system of an ESRI ASCII grid. Without a
+        ``.prj`` file, coordinates are longitude and latitude for a region on Earth, and metres for any other region.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def _check_size(source: Path, rows: int, columns: int) -> None:
 
 
 def _check_system(source: Path, crs: str) -> str:
-    """Return the name of a coordinate reference system after checking that it converts to longitude and latitude."""
+    """Check that a coordinate reference system can be converted to longitude and latitude, and return its name."""
     from pyproj import CRS
     from pyproj.exceptions import ProjError
 
@@ -114,7 +114,7 @@ def _geotiff(source: Path) -> Terrain:
 
 
 def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
-    """Return the numeric GeoTIFF keys."""
+    """Return the GeoTIFF keys with numeric values, as a mapping from key to value."""
     directory = tags.get(_KEYS)
     if not isinstance(directory, tuple) or len(directory) < 4 or len(directory) % 4:
         raise InvalidInputError(f"{source}: expected a GeoTIFF, got a TIFF without the keys of a GeoTIFF")
@@ -123,7 +123,10 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
 
 
 def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
-    """Return the west and north coordinates and the steps of the grid. The heights are those at the centres of the cells."""
+    """Return the coordinates of the north-west height of a GeoTIFF, and the distances between columns and between rows.
+
+    If ``points`` is false, heights belong to the centres of grid cells, and the file gives a corner of a grid cell.
+    """
     try:
         if _TRANSFORM in tags:
             matrix = [float(value) for value in tags[_TRANSFORM]]
@@ -143,7 +146,7 @@ def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[flo
 
 
 def _without(heights: Floats, no_data: str) -> Floats:
-    """Return heights with NaN for missing values."""
+    """Return heights in which missing values are replaced by NaN."""
     try:
         missing = float(no_data)
     except ValueError:
@@ -185,7 +188,7 @@ def _ascii_grid(source: Path) -> Terrain:
 
 
 def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
-    """Return all numbers of the lines from ``begin`` on."""
+    """Read all numbers in the lines of a file, beginning with the line ``begin``."""
     rows = []
     for number, line in enumerate(lines[begin:], start=begin + 1):
         try:
@@ -199,7 +202,7 @@ def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
 
 
 def _system_beside(source: Path) -> str:
-    """Return the coordinate system named by the ``.prj`` file beside a grid."""
+    """Return the coordinate reference system in the ``.prj`` file that belongs to an ESRI ASCII grid."""
     beside = source.with_suffix(".prj")
     if not beside.is_file():
         return UNSAID

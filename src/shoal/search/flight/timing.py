@@ -1,4 +1,4 @@
-"""Timing: the trajectory of a vehicle that follows a path."""
+"""Timing: the trajectory (position as a function of time) of a vehicle that follows a path."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ STRAIGHT = 2.0 * sin(radians(0.5))  # distance between unit vectors whose direct
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Position of a vehicle over time, with constant velocity between vertices.
+    """Position of a vehicle as a function of time, with constant velocity between the vertices of the trajectory.
 
     Parameters
     ----------
     times : ndarray of float64, shape (n,)
-        Times in seconds, nondecreasing. A vehicle stands still while it turns. Therefore the position of a turn occurs twice.
+        Time at each vertex in seconds, in increasing order. If a vehicle turns on the spot, the position of the turn occurs twice.
     points : ndarray of float64, shape (n, 3)
-        Metres east, north and up.
+        Position at each vertex as metres east, metres north and metres up.
     circle : float
         Radius in metres of the circles that the vehicle flies around its position in the last leg.
     """
@@ -35,13 +35,13 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Duration in seconds."""
+        """Duration of the whole trajectory in seconds."""
         return float(self.times[-1])
 
     def at(self, times: ArrayLike) -> Floats:
-        """Return the vehicle's positions at some times; shape (..., 3).
+        """Return the vehicle's positions in metres at given times in seconds; float64, shape (..., 3).
 
-        Before the first time and after the last time, the vehicle stands still.
+        Before the first time and after the last time of the trajectory, the vehicle stands still.
         """
         asked = np.asarray(times, dtype=np.float64)
         return np.stack([np.interp(asked, self.times, self.points[:, axis]) for axis in range(3)], axis=-1)
@@ -50,18 +50,18 @@ class Trajectory:
 def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
-    The duration of a leg is its horizontal length divided by the ground speed in the wind, or the duration of its climb if the
-    climb takes longer. Each horizontal change of direction of more than a degree adds the duration of a turn. A change between
-    vertical and horizontal motion also adds the duration of a turn. The start and the stop at the ends of the path each add half
-    the duration of a turn. For fixed wings, the path itself must contain the turns as short legs.
+    The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
+    longer, the duration of the leg is that of the climb or descent. Each horizontal change of direction by more than one degree
+    adds the duration of a turn, and so does each change between vertical and horizontal motion. The start and the stop at the ends
+    of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as short legs.
 
     Parameters
     ----------
     way : array_like of float, shape (k, 3), k >= 1
-        Metres east, north and up.
+        Points of the path as metres east, metres north and metres up.
     vehicle : Vehicle
     rate : float
-        Airspeed relative to the vehicle's cruise speed.
+        Airspeed of the vehicle, relative to its cruise speed.
 
     Raises
     ------
@@ -87,7 +87,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
 
 def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Floats:
-    """Return the duration of each leg of a path, without the time for turns; float64, shape (k - 1,)."""
+    """Return the duration of each leg of a path in seconds, without the time for turns; float64, shape (k - 1,)."""
     legs = np.diff(points, axis=0)
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     moving = lengths > 0
@@ -98,7 +98,7 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
 
 
 def turns_of(points: Floats) -> NDArray[np.bool_]:
-    """Return which inner points of a path change the horizontal direction by more than a degree; bool, shape (k - 2,)."""
+    """Return whether the horizontal direction changes by more than 1 degree at each inner point of a path; bool, shape (k - 2,)."""
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)
@@ -112,7 +112,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Return the points and altitudes of a path with vertical climbs before its legs and vertical descents after its legs.
+    """Add vertical climbs before the legs of a path, and vertical descents after its legs. Return points and altitudes.
 
     Examples
     --------
@@ -130,11 +130,11 @@ def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
 def whole_way(
     home: Floats, waypoints: Floats, landing: Floats | None = None, *, climb: float | None = None, glides: bool = False
 ) -> Floats:
-    """Return the complete path: up from the ground at home, along the waypoints, and down at home or the landing point.
+    """Return a complete path: up from the ground at home, along the waypoints, and down at home or at the landing point.
 
     The vehicle climbs vertically to the height ``climb``, and then flies straight to the first waypoint. By default, ``climb`` is
-    the height of the first waypoint. The vehicle descends vertically at the end of the path. A vehicle that glides descends during
-    the last leg instead.
+    the height of the first waypoint. At the end of the path, the vehicle descends vertically. If ``glides`` is true, the vehicle
+    descends during the last leg instead.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Turns of fixed wings: a path of straight legs becomes a path that a fixed wing can follow."""
+"""Turns of fixed wings: the conversion of a path of straight legs to a path that a fixed wing can follow."""
 
 from __future__ import annotations
 
@@ -29,9 +29,10 @@ _SAME = 1e-6  # metres, and radians
 
 @dataclass
 class _Poses:
-    """Points of a path in order, with the possible headings at each point, and with a mark for each straight leg to the next point.
+    """The points of a path, the possible headings at each point, and whether the leg to the next point is straight.
 
-    ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. ``vertices`` are indices of the path's vertices.
+    The array ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. The list ``vertices`` gives the index of the
+    path's vertex for each point.
     """
 
     points: Floats
@@ -42,9 +43,9 @@ class _Poses:
 
 @dataclass
 class _Room:
-    """The areas in which curves may lie. A curve must not cross a blocked area.
+    """The allowed area and the blocked areas for curves. A curve must not cross a blocked area.
 
-    A curve may leave the allowed area only if the straight line between the ends of the curve leaves the area too.
+    A curve may leave the allowed area only if the straight line between the ends of the curve also leaves the allowed area.
     """
 
     blocked: Any
@@ -52,7 +53,7 @@ class _Room:
 
     @classmethod
     def of(cls, blocked: Any, area: Any) -> _Room:
-        """Return the areas for the test of curves, each with a small tolerance for rounding errors."""
+        """Return the allowed area and the blocked areas, each with a small tolerance for rounding errors."""
         import shapely
 
         closed = None if blocked is None or blocked.is_empty else blocked.buffer(-_TOUCH)
@@ -81,9 +82,10 @@ class KnownCurves:
     Parameters
     ----------
     costs : dict
-        For each link (two points with headings), the lengths of the unblocked curves and their indices in `WORDS`.
+        For each link, the lengths of its shortest unblocked curves and the types of these curves as indices in `WORDS`. The key of
+        a link consists of its two end points and their possible headings.
     loose : set
-        Points at which straight legs had to be shortened.
+        Points at which straight legs had to end early, because all curves were blocked.
     """
 
     costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
@@ -102,17 +104,18 @@ def turned_way(
 ) -> list[Floats]:
     """Return a path that follows the legs of a given path, and turns outside these legs with at least a minimum radius.
 
-    The path passes all vertices. Legs longer than ``link`` are flown straight from end to end. A curve may replace a leg of length
-    ``link`` or less. If the first or the last point is given twice, the leg at this point is flown straight. The headings at the
-    vertices and the curves are chosen for the smallest total length. At a vertex without a straight leg, `HEADINGS` headings are
-    compared. If all curves at an end of a straight leg are blocked, the part near this end is not flown straight. The path only
-    passes points on this part, at most a footprint or an eighth of the radius apart, whichever is longer. The path may pass these
-    points in any direction.
+    The path passes all vertices of the given path. It follows legs longer than ``link`` straight from end to end, and may replace
+    any shorter leg by a curve. If the first or the last point is given twice, the path follows the leg at this point straight. The
+    function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight leg, the
+    function compares `HEADINGS` headings.
+
+    If all curves at an end of a straight leg are blocked, the path does not follow the leg near this end. It only passes points on
+    the leg, in any direction. These points are at most a footprint or an eighth of the radius apart, whichever is longer.
 
     Parameters
     ----------
     way : ndarray of float64, shape (k, 2)
-        Path in metres. The path may leave its first point, and reach its last point, in any direction.
+        Given path in metres. The vehicle may leave the first point, and reach the last point, in any direction.
     radius : float
         Minimum turning radius in metres.
     link : float
@@ -120,22 +123,21 @@ def turned_way(
     blocked : Shapely geometry, optional
         Areas that no curve may cross.
     area : Shapely geometry, optional
-        Area that a curve must not leave if the straight line between its ends lies inside.
+        Area that a curve must not leave if the straight line between the ends of the curve lies inside the area.
     known : KnownCurves, optional
-        Curves that were found for other paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new
-        curves.
+        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new curves.
     cuts : sequence of int
-        Inner vertices at which the path is cut. The next piece begins in the direction in which the previous piece ends.
+        Inner vertices at which the path is cut into pieces. A piece begins in the direction in which the previous piece ends.
 
     Returns
     -------
     list of ndarray of float64, each of shape (m, 2)
-        The pieces of the path between cuts, or one piece without cuts.
+        The pieces of the path between cuts, in metres. A path without cuts is a single piece.
 
     Raises
     ------
     InvalidInputError
-        If there is no room for a turn.
+        If the vehicle has no room for a turn.
 
     Examples
     --------
@@ -173,9 +175,9 @@ def turned_way(
 
 
 def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any, Any]:
-    """Return a path in which the straight legs at a vertex end before this vertex.
+    """Shorten the straight legs at a vertex, so that they end before the vertex.
 
-    The vehicle passes the rest of each leg point by point.
+    The vehicle passes the removed section of each leg point by point.
     """
     for leg in (vertex, vertex - 1):  # the later leg first, because indices change after it
         if not (0 <= leg < len(straight)) or not straight[leg]:
@@ -195,9 +197,9 @@ def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: flo
 
 
 def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
-    """Return the shortest path through poses.
+    """Return the shortest path through all points.
 
-    Without one, return the vertices to loosen in increasing order, and then the first unreachable vertex.
+    If no path exists, return the vertices at which straight legs must be shortened, and then the first unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
@@ -218,7 +220,7 @@ def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tup
 
 
 def _poses(points: Floats, far: Any) -> _Poses:
-    """Return the poses of the path: both ends of each straight leg with its heading, other points with free headings."""
+    """Return the points of a path with their possible headings. Both ends of a straight leg have the heading of this leg."""
     legs = np.diff(points, axis=0)
     courses = np.arctan2(legs[:, 1], legs[:, 0])
     vertices: list[int] = []
@@ -240,7 +242,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
 
 
 def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
-    """Return the length and the word of the shortest curve for each link and pair of headings."""
+    """Return the length and the type of the shortest Dubins curve for each link and each pair of headings."""
     lengths, words = np.full((len(links), HEADINGS, HEADINGS), np.inf), np.zeros((len(links), HEADINGS, HEADINGS), dtype=np.int8)
     only = np.isnan(poses.headings[:, 1])
     fixed = only[links] & only[links + 1]
@@ -253,7 +255,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
 
 
 def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return the parts of all curves of links, shape (n, count, count, 6, 3); with infinity for unused headings."""
+    """Return the parts of all Dubins curves of links, infinite for unused headings; float64, shape (n, count, count, 6, 3)."""
     ends = []
     for some in (links, links + 1):
         place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
@@ -262,7 +264,7 @@ def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> F
 
 
 def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: KnownCurves) -> tuple[Floats, Any]:
-    """Return the lengths and words of the shortest unblocked curves of one link."""
+    """Return the lengths and types of the shortest unblocked Dubins curves of one link, for each pair of headings."""
     key = poses.points[link : link + 2].tobytes() + poses.headings[link : link + 2].tobytes()
     if key in known.costs:
         return known.costs[key]
@@ -280,9 +282,9 @@ def _free_costs(poses: _Poses, link: int, radius: float, room: _Room, known: Kno
 
 
 def _cheapest(poses: _Poses, links: Any, lengths: Floats) -> list[int] | int:
-    """Return the heading of each point on the shortest path, as a column of ``headings``.
+    """Return the heading of each point on the shortest path, as a column index of ``headings``.
 
-    Without one, return the first unreachable point.
+    If no path exists, return the first unreachable point.
     """
     number = dict(zip(links.tolist(), range(len(links)), strict=True))
     costs = [np.where(np.isnan(poses.headings[0]), np.inf, 0.0)]
@@ -317,10 +319,9 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Return the whole path in pieces. Points on straight lines are left out, except marked points.
+    """Join all legs and curves to a path, cut it into pieces, and leave out unmarked points on straight lines.
 
-    Ends of rows lie on the first legs of curves. The second point and the last but one are kept, because a mission sees the region
-    between these two points.
+    The second point and the last but one point are marked, because a mission sees the region between these two points.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
     pieces, told = [poses.points[:1]], [_KEPT]
@@ -343,6 +344,6 @@ def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list
 
 
 def room_beside(start: Floats, radius: float, *, blocked: Any, area: Any) -> str:
-    """Return the side on which a vehicle with a given position and heading has room for a circle: "L", "R", or an empty text."""
+    """Return the side on which a vehicle at a given pose has room for a circle: "L", "R", or an empty text for neither side."""
     room = _Room.of(blocked, area)
     return "".join(sense for sense in "LR" if not room.crossing([dubins_way(start, sense, [2 * pi], radius)]))[:1]

@@ -46,11 +46,11 @@ class Vehicle(Problem):
     Raises
     ------
     InvalidInputError
-        If a value is out of range, or fields contradict each other.
+        If a value is out of range, or if two fields contradict each other.
 
     Notes
     -----
-    Source: docs/concepts/vehicles.md.
+    The page docs/concepts/vehicles.md explains the fields.
 
     Examples
     --------
@@ -156,7 +156,7 @@ class Vehicle(Problem):
         Raises
         ------
         InvalidInputError
-            If a field is unknown or invalid. The message names the field.
+            If a field is unknown or invalid. The error message names the field.
         """
         if "kind" in data:
             raise InvalidInputError(
@@ -165,7 +165,7 @@ class Vehicle(Problem):
         return super().from_dict(data, where=where)
 
     def to_dict(self, *, defaults: bool = False) -> dict[str, Any]:
-        """Return the preset and the fields that differ from it, or all fields if ``defaults`` is true."""
+        """Return the preset and the fields that differ from the preset, or all fields if ``defaults`` is true."""
         values = {name: getattr(self, name) for name in self.declarations()}
         return {name: value for name, value in values.items() if defaults or value != PRESETS[self.preset].get(name)}
 
@@ -176,32 +176,32 @@ class Vehicle(Problem):
 
     @property
     def cruise(self) -> float:
-        """The cruise speed in m/s."""
+        """Cruise speed of the vehicle in m/s."""
         return float(self.cruise_speed or 0.0)
 
     @property
     def height(self) -> float:
-        """The altitude in metres."""
+        """Altitude of the vehicle in metres."""
         return float(self.altitude or 0.0)
 
     @property
     def radius(self) -> float:
-        """The minimum turning radius without wind in metres, or 0 if the vehicle turns on the spot."""
+        """Minimum turning radius without wind in metres, or 0 if the vehicle turns on the spot."""
         return float(self.turn_radius or 0.0)
 
     @property
     def ground_radius(self) -> float:
-        """The minimum radius in metres of turns over ground. Any wind direction is allowed, and a tailwind is the worst case."""
+        """Minimum turning radius over ground in metres that the vehicle can fly in wind from any direction, even in a tailwind."""
         return self.radius * (1.0 + self.wind / self.cruise) ** 2
 
     @property
     def bank(self) -> float:
-        """Bank angle in the narrowest turn, in degrees."""
+        """Bank angle of the vehicle in its narrowest turn, in degrees."""
         return degrees(atan(self.cruise**2 / (GRAVITY * self.radius))) if self.radius else 0.0
 
     @property
     def turn_seconds(self) -> float:
-        """Extra time of a turn in seconds. The extra time is 0 for fixed wings, whose turns are part of the path."""
+        """Extra time of a turn in seconds. For fixed wings, the extra time is 0, because their turns are part of the path."""
         if self.turn_time is not None:
             return float(self.turn_time)
         return self.cruise / self.acceleration if self.acceleration and not self.radius else 0.0
@@ -213,29 +213,29 @@ class Vehicle(Problem):
 
     @property
     def wind_vector(self) -> NDArray[np.float64]:
-        """Velocity of the wind, east and north in m/s; float64, shape (2,)."""
+        """Velocity of the wind to the east and to the north, in m/s; float64, shape (2,)."""
         heading = radians(float(self.wind_from or 0.0))
         return -self.wind * np.array([sin(heading), cos(heading)])
 
     @property
     def usable_seconds(self) -> float:
-        """The endurance without the reserve in seconds, or infinity if the vehicle has no limit."""
+        """Endurance minus the reserve in seconds, or infinity if the endurance has no limit."""
         return inf if self.endurance is None else float(self.endurance) * 60.0 * (1.0 - float(self.reserve or 0.0))
 
     @property
     def recharge_seconds(self) -> float:
-        """Time on the ground between two sorties in seconds."""
+        """Time in seconds that the vehicle spends on the ground between two sorties."""
         return float(self.recharge or 0.0) * 60.0
 
     def vertical_seconds(self, change: ArrayLike) -> NDArray[np.float64]:
-        """Return the time in seconds to climb by ``change`` metres, or to descend if ``change`` is negative."""
+        """Return the time in seconds for a climb by ``change`` metres, or for a descent if ``change`` is negative."""
         up = np.asarray(change, dtype=np.float64)
         return np.maximum(up, 0.0) / (self.climb_speed or inf) + np.maximum(-up, 0.0) / (self.sink_speed or inf)
 
     def ground_speed(self, ways: ArrayLike) -> NDArray[np.float64]:
-        """Return the ground speed in m/s along given directions at cruise speed, if the vehicle compensates crosswind.
+        """Return the ground speed in m/s along given directions, for a vehicle at cruise speed that compensates crosswind.
 
-        ``ways`` holds direction vectors (east, north) of any positive length; float64, shape (k, 2).
+        The array ``ways`` of shape (k, 2) holds direction vectors (east, north) of any positive length.
         """
         along = np.asarray(ways, dtype=np.float64)
         along = along / np.linalg.norm(along, axis=-1, keepdims=True)
@@ -244,23 +244,23 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the mean ground speed in m/s along rows in both directions. ``angle`` is in degrees: 0 for east, 90 for north."""
+        """Return the mean ground speed in m/s along rows, back and forth. The angle is 0 degrees for rows to the east."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 
     @property
     def image_size(self) -> tuple[float, float] | None:
-        """Area on the ground that the camera sees, across and along the path in metres, or None without a camera."""
+        """Width across the path and length along the path of an image on the ground, in metres, or None without a camera."""
         if not (self.sensor_width and self.sensor_height and self.focal_length):
             return None
         return self.height * self.sensor_width / self.focal_length, self.height * self.sensor_height / self.focal_length
 
     @property
     def row_spacing(self) -> float | None:
-        """The distance between neighbouring rows in metres (the footprint's width), or None without a camera or a detector.
+        """Distance between neighbouring rows of cells in metres, or None without a camera or a detector.
 
-        For a camera, this distance is the width of an image minus the overlap, but at most the length of an image. At the end of a
-        row, half a row spacing of the region may lie ahead, and the camera sees half an image length ahead.
+        For a camera, the row spacing is the width of an image minus the overlap, but at most the length of an image. Therefore the
+        camera sees the whole region at the end of a row, where the region may extend half a row spacing further.
         """
         if self.image_size is None:
             return self.detector_width
@@ -274,7 +274,7 @@ class Vehicle(Problem):
 
     @property
     def ground_sample(self) -> float | None:
-        """Ground sample distance: the longer side of a pixel's area on the ground in metres, or None if it cannot be computed."""
+        """Ground sample distance: longer side in metres of the area that a pixel shows, or None without data of the camera."""
         sides = [
             side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
         ]
@@ -287,13 +287,13 @@ def vehicle_of(value: Any) -> Vehicle:
     Parameters
     ----------
     value : str, path, mapping or Vehicle
-        A preset or a TOML or JSON file, with optional changes: ``"rover"``, ``"drone.toml"``,
+        A preset, or a TOML or JSON file. Changed fields may follow, for example ``"rover"``, ``"drone.toml"`` or
         ``"multirotor,cruise_speed=8,wind_speed=4"``.
 
     Raises
     ------
     InvalidInputError
-        If the description is invalid. The message names the file and the field.
+        If the description of the vehicle is invalid. The error message names the file and the field.
 
     Examples
     --------
@@ -324,7 +324,7 @@ def vehicle_of(value: Any) -> Vehicle:
 
 
 def _fields_of(path: Path) -> dict[str, Any]:
-    """Return the fields in a vehicle file."""
+    """Return the fields in a vehicle file as a mapping from names to values."""
     text = read_text(path, what="vehicle file", most=LARGEST_VEHICLE)
     if path.suffix.lower() == ".json":
         data = parse_json(text, where=str(path))
@@ -340,7 +340,7 @@ def _fields_of(path: Path) -> dict[str, Any]:
 
 
 def _change(text: str) -> tuple[str, Any]:
-    """Return the field and the value of a text "field=value"."""
+    """Split a text "field=value" into the field and its value, which becomes a float if it is a number."""
     name, equals, said = text.partition("=")
     if not equals:
         raise InvalidInputError(f"vehicle: expected field=value after the preset or file, got {shortened(text)}")

@@ -1,4 +1,4 @@
-"""Missions for real vehicles, which are created from routes, written and read in six formats, and checked."""
+"""Missions for real vehicles: how Shoal creates them from routes, writes and reads them in six formats, and checks them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Distances between vehicles that follow missions, their heights above ground, and the airspace that their turns need."""
+"""Distances between vehicles that follow missions, heights of vehicles above ground, and the airspace that turns need."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _FINE = 0.1  # metres: an eighth of this is the deviation of the ground from a s
 def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: float, stay: float) -> Trajectory:
     """Return the trajectory of a vehicle that follows its mission.
 
-    At the end of a mission that ends with loitering, the vehicle circles for ``stay`` seconds.
+    If the mission ends with loitering, the vehicle circles for ``stay`` seconds at the end of the trajectory.
     """
     if mission.loiter is None:
         return trajectory(way, vehicle, rate=rate)
@@ -35,21 +35,21 @@ def mission_trajectory(mission: Mission, way: Floats, vehicle: Vehicle, rate: fl
 
 
 def common_way(mission: Mission, frame: LocalFrame | None) -> Floats:
-    """Return the path of a mission with heights above sea level, or above home if the height of home is unknown."""
+    """Return the path of a mission with heights above sea level, or above home if home's height above sea level is unknown."""
     way = mission.way_in(frame)
     way[:, 2] += mission.elevation or 0.0
     return way
 
 
 def constant_speed(mission: Mission) -> Vehicle:
-    """Return the vehicle that moves at the mission's speed everywhere, including climbs, and needs no time for turns."""
+    """Return a vehicle that always moves at the mission's speed, even in climbs, and needs no time for turns."""
     return Vehicle(
         preset="ideal", cruise_speed=mission.speed, climb_speed=min(mission.speed, 50), sink_speed=min(mission.speed, 50)
     )
 
 
 def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
-    """Return the largest distance in metres by which vehicles leave a region while they search it, including their turns."""
+    """Return the largest distance in metres by which vehicles leave a region while they search it, in turns or elsewhere."""
     import shapely
 
     shapely.prepare(region.outline)
@@ -64,20 +64,20 @@ def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
 
 @dataclass(frozen=True, eq=False)
 class MissionApproach:
-    """The nearest approach of any two vehicles.
+    """The nearest approach of any two vehicles that follow missions.
 
     Parameters
     ----------
     robots : tuple of int
         Numbers of the two robots.
     sorties : tuple of int
-        Sortie of each robot.
+        Number of the sortie that each of the two robots flies at the nearest approach.
     horizontal, vertical : float
-        Horizontal and vertical distance of the vehicles in metres.
+        Horizontal and vertical distance of the two vehicles at the nearest approach, in metres.
     time : float
-        Time in seconds after the start of the first missions, if the first of the two vehicles has no unplanned delay.
+        Time of the nearest approach in seconds after the start of the first missions, if the first vehicle has no unplanned delay.
     place : ndarray of float64, shape (3,)
-        Position of the first vehicle at that time: metres east, north and up.
+        Position of the first vehicle at the nearest approach: metres east, north and up.
     """
 
     robots: tuple[int, int]
@@ -88,7 +88,7 @@ class MissionApproach:
     place: Floats
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the approach for JSON. If a frame is given, the position is also given in degrees."""
+        """Return the approach as a mapping that can be written as JSON. With a frame, it contains the position in degrees, too."""
         told = {
             "robots": list(self.robots), "sorties": list(self.sorties),
             "horizontal_m": self.horizontal, "vertical_m": self.vertical, "time_s": self.time,
@@ -109,19 +109,20 @@ def missions_approach(
     Parameters
     ----------
     missions : sequence of Mission
-        The missions, with start times on one clock. The first sortie of each robot begins after its ``delay``. A later sortie
-        begins at its ``start``, or when all earlier sorties have ended.
+        The missions. The first sortie of each robot begins after the mission's ``delay``. A later sortie begins at the mission's
+        ``start``, or when all earlier sorties have ended.
     separation : Separation
-        The separation. Moments at which the heights differ by more than the vertical separation do not count.
+        The required separation. Moments at which two vehicles keep the vertical separation do not count.
     frame : LocalFrame or None
-        Local frame in whose metres distances are measured.
+        Local frame in which distances are measured, or None for missions in metres.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used. By default, vehicles fly and climb at the speed in the file.
+        Vehicle whose speeds of climb and descent and whose turning times are used. By default, vehicles fly and climb at the speed
+        in the mission, and turn in no time.
 
     Returns
     -------
     MissionApproach or None
-        None if all vehicles always keep the vertical separation.
+        The nearest approach, or None if all vehicles always keep the vertical separation.
     """
     flights = _Flights({(one.robot, one.sortie): one for one in missions}, separation, frame, vehicle)
     best: MissionApproach | None = None
@@ -134,7 +135,7 @@ def missions_approach(
 
 
 class _Flights:
-    """Missions on one clock, by robot and sortie."""
+    """The missions of all robots, with start times on one common clock."""
 
     def __init__(
         self,
@@ -163,7 +164,7 @@ class _Flights:
         return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach in two missions, or None if the vehicles are never in the air at the same time and height."""
+        """Return the nearest approach in two missions, or None if the vehicles are never in the air together at similar heights."""
         there, here, apart = self.flown[one], self.flown[other], self.separation
         later = self.starts[other] - self.starts[one]
         if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
@@ -173,21 +174,21 @@ class _Flights:
 
 @dataclass(frozen=True, eq=False)
 class Clearance:
-    """The smallest and the largest height of flying vehicles above ground, between home and the end of the mission.
+    """The smallest and the largest height above ground of vehicles that follow missions.
 
-    Climbs, landings and rovers do not count.
+    Climbs after take-off, landings and rovers do not count.
 
     Parameters
     ----------
     lowest, highest : float
-        The smallest and the largest height in metres.
+        The smallest and the largest height above ground in metres.
     missions : tuple of str
-        Names of the missions with the smallest and the largest height.
+        Names of the missions with the smallest and with the largest height above ground.
     places : ndarray of float64, shape (2, 2)
-        Positions in metres of the smallest and the largest height.
+        Positions of the smallest and of the largest height above ground, in metres.
     error : float
-        Largest deviation in metres of a height above ground from the mission's altitude, if altitudes refer to the ground, and
-        otherwise 0.
+        Largest deviation of a height above ground from the altitude of the mission, in metres. If no mission has altitudes above
+        ground, the deviation is 0.
     """
 
     lowest: float
@@ -197,7 +198,7 @@ class Clearance:
     error: float
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the clearance for JSON. If a frame is given, positions are in degrees."""
+        """Return the clearance as a mapping that can be written as JSON. With a frame, positions are in degrees."""
         placed = self.places if frame is None else frame.to_degrees(self.places)
         low, high = (
             {"height_m": height, "mission": name, "place": place}
@@ -207,16 +208,17 @@ class Clearance:
 
 
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
-    """Return the heights above ground of vehicles that follow missions, or None if none flies.
+    """Return the smallest and largest height above ground of vehicles that follow missions, or None if no vehicle flies.
 
-    The height of the ground is evaluated at every waypoint, at every grid line that a leg crosses, and at points between them.
+    The function evaluates the height of the ground at every waypoint, at every grid line of the terrain that a leg crosses, and at
+    points in between.
 
     Parameters
     ----------
     missions : sequence of Mission
     terrain : Terrain
     frame : LocalFrame or None
-        Local frame in whose metres distances are measured.
+        Local frame in which distances are measured, or None for missions in metres.
 
     Raises
     ------
@@ -238,9 +240,9 @@ def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFram
 
 
 def _heights_of(mission: Mission, terrain: Terrain, frame: LocalFrame | None) -> tuple[Floats, Floats]:
-    """Return positions along the path of a mission, shape (n, 2), and the heights above ground at these positions.
+    """Return positions along the path of a mission, shape (n, 2), and the height above ground at each position.
 
-    Positions may be repeated.
+    A position may occur several times.
     """
     points = np.vstack([mission.home, mission.waypoints, mission.end])
     points = points if frame is None else frame.to_metres(points)

@@ -1,4 +1,4 @@
-"""Coverage check of mission files: the part of a region that vehicles see if they fly the missions in a folder."""
+"""Check of mission files: how much of a region vehicles see if they follow the missions in a folder, and which mistakes remain."""
 
 from __future__ import annotations
 
@@ -34,32 +34,34 @@ _ROUNDED = 0.05  # tenths of a degree: error of leg directions due to rounded co
 
 @dataclass(frozen=True, eq=False)
 class MissionCheck:
-    """The result of `check_missions`.
+    """The result of the function `check_missions`.
 
     Parameters
     ----------
     region : SearchRegion
     format : str
-        The format of the checked files.
+        Format of the mission files whose coverage was checked.
     files : tuple of str
-        The checked files: all readable files of the format.
+        Names of the checked files: all readable mission files of this format.
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        The coverage of each band, or a single coverage without bands. Without a footprint, the tuple is empty.
+        The coverage of each altitude band, or a single coverage without bands. Without a footprint, the tuple is empty.
     n_waypoints : int
+        Number of waypoints in all checked files.
     footprint : float, tuple of float or None
-        Footprint in metres: one for all robots, or one for each robot.
+        Side of the footprint in metres: one number for all robots, or one number for each robot.
     missions : tuple of Mission
-        The checked missions, except missions whose altitudes are above ground.
+        The checked missions, except for missions whose altitudes are above ground.
     separation : Separation or None
         The required separation of vehicles in flight.
     approach : MissionApproach or None
-        The nearest approach of two vehicles. None if all vehicles always keep the vertical separation, or no check was requested.
+        The nearest approach of two vehicles. Without a required separation, or if all vehicles always keep the vertical separation,
+        it is None.
     bands : tuple of float
-        Altitudes in metres. The whole region must be seen from each altitude.
+        Altitudes in metres from each of which vehicles must see the whole region.
     clearance : Clearance or None
-        Heights above ground, or None without a terrain.
+        Smallest and largest height of vehicles above ground, or None without a terrain.
     """
 
     region: SearchRegion
@@ -77,7 +79,7 @@ class MissionCheck:
 
     @property
     def coverage(self) -> AreaCoverage | None:
-        """The coverage of all bands together, or None without a footprint."""
+        """The coverage of all altitude bands together, or None without a footprint."""
         return together(self.coverages) if self.coverages else None
 
     @property
@@ -86,7 +88,7 @@ class MissionCheck:
         return tuple(diagnostic for diagnostic in self.diagnostics if diagnostic.severity == "error")
 
     def report(self) -> dict[str, Any]:
-        """Return the whole result for JSON, without geometries."""
+        """Return the whole result as a mapping that can be written as JSON, without geometries."""
         seen = self.coverage
         return {
             "region": self.region.name,
@@ -113,14 +115,14 @@ class MissionCheck:
         }
 
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
-        """Write the uncovered areas as GeoJSON, one polygon per feature with its ``area_m2``, largest first.
+        """Write the uncovered areas as GeoJSON, from the largest to the smallest, each as a feature with its ``area_m2``.
 
-        Coordinates are in degrees. For a region in metres, the coordinates are in metres, so map programs cannot show the file.
+        Coordinates in the file are in degrees. For a region in metres, they are in metres, so map programs cannot show the file.
 
         Raises
         ------
         InvalidInputError
-            If the check had no footprint.
+            If `check_missions` was called without a footprint.
         OutputError
         """
         import shapely
@@ -151,40 +153,41 @@ def check_missions(
     airspace: float | None = None,
     terrain: Terrain | None = None,
 ) -> MissionCheck:
-    """Read mission files and measure how much of a region the vehicles see.
+    """Read mission files, and measure how much of a region the vehicles see.
 
-    The check is independent of the planner: it uses only the waypoints in the files and Shapely's areas. The check counts the area
-    that is seen between the first and the last waypoint of each mission, but not on the paths from and to home.
+    The check does not depend on the planner, because it uses only the waypoints in the files and Shapely's areas. It counts the
+    area that vehicles see between the first and the last waypoint of each mission, but not on the paths from home and back home.
 
     Parameters
     ----------
     folder : path
+        Folder of mission files.
     region : SearchRegion
     footprint : float, sequence of float or None
-        Side in metres of the square that a vehicle sees, or one side per robot in the order of their numbers. With None, the files
-        are only linted.
+        Side in metres of the square that a vehicle sees: one number, or one number for each robot in the order of robot numbers.
+        With None, the function only lints the files.
     angle : float, optional
-        Rotation of the squares in degrees counter-clockwise from east. The default is the direction of most legs (`angle_of`).
+        Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
     format : str, optional
-        Format of the checked files. The default is the first of ``FORMATS`` that is in the folder.
+        Format of the files to check. By default, it is the first format of ``FORMATS`` that is in the folder.
     cap, autopilot, airspace : optional
-        As in `lint`, which also receives ``vehicle``.
+        The arguments ``cap``, ``autopilot`` and ``airspace`` of `lint`, which also receives ``vehicle``.
     separation : Separation, optional
-        Required separation of vehicles in flight. If the separation is given, the nearest approach is computed.
+        Required separation of vehicles in flight. With a separation, the function computes the nearest approach of two vehicles.
     vehicle : Vehicle, optional
-        Vehicle whose climbing and turning times are used for the approach. By default, vehicles fly and climb at the speed in the
-        file.
+        Vehicle whose speeds of climb and descent and whose turning times are used for the nearest approach. By default, vehicles
+        fly and climb at the speed in the file.
     bands : sequence of float, optional
-        Increasing altitudes in metres. The whole region must be seen from each altitude. A flight counts for the highest band that
-        is not above the flight. With a camera, the footprint belongs to the lowest band and grows with altitude like the camera's
-        view. For a volume, the default is the altitudes of its layers.
+        Altitudes in metres, ascending, from each of which vehicles must see the whole region. A flight counts for the highest band
+        that is not above it. The footprint is that of the lowest band, and grows with altitude like the view of the vehicle's
+        camera. By default, the bands of a volume are the altitudes of its layers.
     terrain : Terrain, optional
-        Terrain for heights above ground, which are computed along all paths.
+        Terrain from which the function computes heights above ground along all paths.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the folder has no mission files (of the format), or a robot has no footprint. Also if only the region or only the
+        If the folder has no mission files (of the given format), if a robot has no footprint, or if only the region or only the
         missions are in degrees.
     """
     if not Path(folder).is_dir():
@@ -239,9 +242,9 @@ def _by_band(
     spread: NDArray[np.float64],
     least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield the paths in each band and their footprints, or the smallest footprint for a band without flights.
+    """Yield, for each band, the paths of vehicles in this band and their footprints.
 
-    Without bands, yield all paths.
+    A band without flights gets the smallest footprint. Without bands, the function yields all paths together.
     """
     if not bands:
         yield [way[:, :2] for way in ways], sides.tolist()
@@ -259,7 +262,7 @@ def _by_band(
 
 
 def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Return the width of the camera's view from each band, relative to the lowest band."""
+    """Return the width of the camera's view from each band, relative to the view from the lowest band."""
     if vehicle is None or vehicle.image_size is None:
         return np.ones(len(bands or ()))
     seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
@@ -267,9 +270,9 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
 
 
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
-    """Return the waypoints of a mission in metres with their altitudes, shape (k, 3).
+    """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
-    For a path from or to a home outside the region, only the section inside is returned.
+    If home lies outside the region, the result contains only the sections of the paths from home and back that lie inside.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -286,7 +289,10 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 
 
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the first point where a leg that starts inside leaves the region, at the altitude of the leg's start; shape (1, 3)."""
+    """Return the first point at which a leg that starts inside the region leaves it; float64, shape (1, 3).
+
+    The point gets the altitude of the leg's start.
+    """
     import shapely
 
     pieces = shapely.get_parts(
@@ -299,9 +305,9 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
 
 
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
-    """Return the direction with the largest total length of legs, as the angle of the rows; degrees from 0 to below 90.
+    """Return the angle of the rows of cells: the direction with the largest total length of legs, from 0 to below 90 degrees.
 
-    An angle that differs from a multiple of 0.1 degrees only by the rounding of files is set to this multiple.
+    If the angle differs from a multiple of 0.1 degrees only because files round coordinates, the result is this multiple.
 
     Examples
     --------
@@ -320,7 +326,7 @@ def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
 
 
 def _footprints(flown: list[Sheet], footprint: float | Sequence[float]) -> float | list[float]:
-    """Return the footprint of each mission's vehicle."""
+    """Return one footprint for all missions, or the footprint of each mission's vehicle, in metres."""
     if not isinstance(footprint, Sequence):
         return footprint
     for sheet in flown:

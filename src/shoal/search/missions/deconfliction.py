@@ -1,4 +1,4 @@
-"""Deconfliction: the missions of all robots of a plan, kept apart by altitude layers and staggered starts.
+"""Deconfliction: the missions of all robots of a plan, which altitude layers and staggered starts keep apart.
 
 The missions also get a fence and rally points.
 """
@@ -40,29 +40,29 @@ def plan_missions(
     ending: str | None = None,
     **options: Any,
 ) -> tuple[Mission, ...]:
-    """Return the missions of all robots of a plan, assuming that no fault occurs.
+    """Return the missions of all robots of a plan, for a search without faults.
 
-    The first sorties of all robots begin at the same time, apart from their delays. The delay of each robot is at least as long as
-    its delay in the plan. Each later sortie begins when its vehicle is back and recharged, and when it can keep the separation from
-    the other vehicles.
+    The first sorties of all robots begin at the same time, apart from the delays of robots. The delay of a robot is at least as
+    long as its delay in the plan. Each later sortie begins as soon as its vehicle is back and recharged, and can keep the
+    separation from all other vehicles.
 
     Parameters
     ----------
     plan : SearchPlan
     separation : Separation, optional
-        Separation that vehicles in flight keep, even if each vehicle is late by up to the separation's ``delay``. The default is no
-        separation. Rovers have no altitude layers, only delays.
+        Separation that vehicles in flight keep, even if each vehicle is late by up to ``separation.delay``. By default, vehicles
+        keep no separation. Rovers keep their separation by delays alone, without altitude layers.
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default, turns may leave the
-        region as far as necessary.
+        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave this area
+        as far as necessary.
     ending : "return", "land" or "loiter", optional
-        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. A return
-        might not keep the separation, because autopilots choose the altitude of a return themselves. Without a separation, the
-        default is that of `missions_of`.
+        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. Without
+        a separation, `missions_of` chooses the default. In a return, vehicles might not keep the separation, because the autopilot
+        chooses the altitude of the return.
     options
-        Options of `missions_of` that the plan does not determine.
+        Further arguments of `missions_of`, such as ``autopilot``, which the plan does not determine.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def plan_missions(
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot. A robot in reserve has none."""
+    """Return the missions of one robot. A robot in reserve has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
@@ -120,16 +120,16 @@ def _same(flights: Sequence[Trajectory], layer: int) -> Sequence[Trajectory]:
 
 
 class _Schedule:
-    """Finds the layers and starts for which all sorties of a plan keep their separation."""
+    """An object that finds altitude layers and start times for which all sorties of a plan keep their separation."""
 
     def __init__(self, plan: SearchPlan, separation: Separation, sorties: Callable[[int, int], Sorties]) -> None:
         self.plan, self.separation, self.sorties = plan, separation, sorties
         self.stay = 0.0
 
     def settled(self, made: list[Sorties]) -> list[Sorties]:
-        """Return the missions with their layers, delays, start times and takeover altitudes.
+        """Return the missions with altitude layers, delays, start times and takeover altitudes.
 
-        A vehicle that searches cells of a failed robot flies at its takeover altitude.
+        While a vehicle searches cells of a failed robot, it flies at its takeover altitude.
         """
         self.stay = 2 * max((self._flights(made, robot, 0, 0.0)[0].duration for robot, one in enumerate(made) if one), default=0.0)
         while True:
@@ -139,9 +139,9 @@ class _Schedule:
             self.stay = 1.5 * last  # vehicles that stay in the air must be separated from all later flights
 
     def _once(self, made: list[Sorties]) -> tuple[list[Sorties], float]:
-        """Return the missions, and the time at which all vehicles are back.
+        """Return the missions with layers and start times, and the time at which all vehicles are back.
 
-        Vehicles that loiter stay in the air for the given time.
+        Vehicles that loiter stay in the air for ``self.stay`` seconds.
         """
         plan, robots = self.plan, range(len(made))
         layers: Sequence[int] = [0] * len(made)
@@ -165,11 +165,11 @@ class _Schedule:
         return [self._told(one, robot, starts, layers) for robot, one in enumerate(made)], last
 
     def _raised(self, made: Sequence[Sorties], robot: int, layer: int) -> Sequence[Trajectory]:
-        """Return the first sortie of a robot in a layer."""
+        """Return the trajectories of a robot's first sortie in a given altitude layer."""
         return self._flights(made, robot, 0, layer * self.separation.vertical)
 
     def _told(self, made: Sorties, robot: int, starts: dict[tuple[int, int], float], layers: Sequence[int]) -> Sorties:
-        """Return the missions of a robot with the layers and the start times that were found."""
+        """Return the missions of a robot with its start times and its takeover altitude."""
         told: dict[str, Any] = {}
         if self.plan.vehicle.kind != "rover":
             above = max(self.plan.altitudes) + (max(layers) + 1 + robot) * self.separation.vertical
@@ -179,12 +179,12 @@ class _Schedule:
         return (*first, *(replace(one, start=starts[robot, number], **told) for number, one in enumerate(made[1:], start=1)))
 
     def _back(self, flights: Sequence[Sequence[Trajectory]], number: int, start: float) -> float:
-        """Return the time at which a vehicle can start again. It includes the possible delay of the vehicle."""
+        """Return the time at which a vehicle can start again after a sortie, even if the sortie is late."""
         lasting = max(one.duration for one in flights[number])
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
 
     def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
-        """Return two trajectories of a mission: with the vehicle's own dynamics, and at the constant speed in its file."""
+        """Return two trajectories of a mission: one with the speeds and turns of the vehicle, one at a constant speed."""
         if number >= len(made[robot]):
             return ()
         mission, plan = made[robot][number], self.plan
@@ -196,7 +196,7 @@ class _Schedule:
 
 
 def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tuple[Mission, ...]:
-    """Return missions with their fence and rally points."""
+    """Add the fence and the rally points to missions."""
     region = plan.grid.region
     if not missions:
         return ()

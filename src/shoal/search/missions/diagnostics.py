@@ -1,4 +1,4 @@
-"""The mistakes that the linter can find in a mission file."""
+"""The kinds of mistakes that the linter can find in a mission file, and the diagnostics that report mistakes."""
 
 from __future__ import annotations
 
@@ -17,14 +17,15 @@ Severity = Literal["error", "warning"]
 
 @dataclass(frozen=True)
 class Rule:
-    """A kind of mistake.
+    """A kind of mistake that the linter can find in a mission file.
 
     Parameters
     ----------
     severity : "error" or "warning"
     meaning : str
+        Description of the mistake.
     fatal : bool
-        Whether the mission cannot be read because of this mistake.
+        Whether a mission with this mistake cannot be read.
     """
 
     severity: Severity
@@ -91,12 +92,13 @@ class Diagnostic:
     Parameters
     ----------
     file : str
+        Name of the file.
     place : str
-        Line or item in the file, or an empty text if the mistake concerns the whole file.
+        Line or item of the mistake in the file, or an empty text if the mistake concerns the whole file.
     rule : str
-        A key of `RULES`.
+        Kind of mistake, as a key of `RULES`.
     sentence : str
-        A sentence with the expected and the actual content.
+        A sentence that states the expected and the actual content of the file.
     """
 
     file: str
@@ -114,16 +116,17 @@ class Diagnostic:
         return f"{self.file}{place}: {self.severity}: {self.sentence} [{self.rule}]"
 
     def report(self) -> dict[str, str]:
-        """Return the diagnostic for JSON."""
+        """Return the diagnostic as a mapping that can be written as JSON."""
         return {"severity": self.severity, **vars(self)}
 
 
 @dataclass
 class Sheet:
-    """The raw content of a mission file before it is checked. Readers fill the sheet, and rules add diagnostics.
+    """The raw content of a mission file before it is checked. Readers of files fill the sheet, and checks add diagnostics.
 
-    ``points`` are (longitude, latitude), whatever the order in the file, or (x, y) in metres if ``geographic`` is false. ``places``
-    are the locations of the points in the file, for messages. Missing content is None.
+    The array ``points`` holds (longitude, latitude) in degrees, regardless of the order in the file, or (x, y) in metres if
+    ``geographic`` is false. The list ``places`` tells where the file contains each point, for error messages. Fields that are
+    missing in the file are None.
     """
 
     file: str
@@ -156,18 +159,18 @@ class Sheet:
     diagnostics: list[Diagnostic] = field(default_factory=list)
 
     def add(self, rule: str, place: str, sentence: str) -> None:
-        """Add a diagnostic."""
+        """Add a diagnostic to the sheet."""
         assert rule in RULES
         self.diagnostics.append(Diagnostic(self.file, place, rule, sentence))
 
     @property
     def readable(self) -> bool:
-        """Whether the mission can be read despite the mistakes found so far."""
+        """Whether the mission can be read in spite of the mistakes found so far."""
         return not any(RULES[diagnostic.rule].fatal for diagnostic in self.diagnostics)
 
 
 def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
-    """Return the root of an XML text, or add a diagnostic and return None if the text or its root is not as expected."""
+    """Return the root element of an XML text. If the text is invalid or has another root, add a diagnostic and return None."""
     try:
         return parse_xml(text, root=root)
     except XmlError as error:
@@ -176,7 +179,7 @@ def parse_root(text: str, root: str, sheet: Sheet) -> Element | None:
 
 
 def decimals_of(text: str) -> int:
-    """Return the number of decimals of a number given as text.
+    """Return the number of decimals in a text that represents a number.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""Geofences for autopilots: an outline that vehicles must not leave, and zones that they must not enter."""
+"""Geofences for autopilots: an outline that vehicles must not leave, and zones that vehicles must not enter."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number
 
 @dataclass(frozen=True, eq=False)
 class Fence:
-    """A geofence in the units of a mission: degrees with longitude first, or metres.
+    """A geofence in the unit of a mission: degrees with longitude first, or metres.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class Fence:
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """All rings of the fence, with the inclusion ring first."""
+        """All rings of the fence: the inclusion ring, followed by the exclusion rings."""
         return (self.inclusion, *self.exclusions)
 
     def area(self, frame: LocalFrame | None) -> Any:
-        """Return the area in which the fence allows vehicles to be, as a Shapely geometry in the metres of a frame."""
+        """Return the area in which the fence allows vehicles, as a Shapely geometry in metres of a local frame."""
         import shapely
 
         placed = [ring if frame is None else frame.to_metres(ring) for ring in self.rings]
@@ -51,13 +51,14 @@ class Fence:
 
 
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
-    """Return the fence around a region and all vehicles' paths, in degrees for a region in degrees and otherwise in metres.
+    """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
-    The fence contains the whole region, and a margin `ROOM` around each path outside the region. No-go zones, and holes without
-    paths, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines differently. If the
-    region and these margins are not connected, the outline is their convex hull. If there are too many corners, the outline is
-    simplified so that it only grows. An exclusion zone is also simplified, but it grows only where no path enters it. A fence that
-    still has too many corners causes a notice.
+    The fence contains the whole region, and a margin `ROOM` around each path outside the region. No-go zones become exclusion
+    zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they interpret
+    several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
+
+    If the fence has too many corners, the function simplifies the outline so that it only grows. It also simplifies an exclusion
+    zone, but only if no path then enters the larger zone. If the fence still has too many corners, Shoal prints a notice.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     ways : sequence of ndarray of float64, each of shape (k, 2)
         Paths in metres, including launch and landing points.
     most : int, optional
-        Maximum number of corners that the autopilot stores, over all rings.
+        Maximum number of corners of all rings together that the autopilot stores.
     """
     import shapely
 
@@ -82,9 +83,9 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 
 
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Return simplified polygons that contain the original polygons and, if possible, have at most ``most`` corners in total.
+    """Simplify polygons so that they have at most ``most`` corners in total, if possible, and contain the given polygons.
 
-    A ring that is grown by a distance and then simplified by this distance still contains the original ring.
+    The function grows a ring by a distance, and then simplifies it by this distance. The result contains the given ring.
     """
     import shapely
 
@@ -112,7 +113,7 @@ def _corners(shapes: list[Any]) -> int:
 
 
 def _empty_holes(region: SearchRegion, lines: list[Any]) -> list[Any]:
-    """Return the holes of a region that no path crosses."""
+    """Return the holes of a region that no vehicle's path crosses."""
     import shapely
 
     return [hole for part in shapely.get_parts(region.outline) for hole in _empty_holes_of(part, lines)]

@@ -1,4 +1,4 @@
-"""Mission files: formats, file names, writing and reading."""
+"""Mission files: their formats, their names, and functions that write and read them."""
 
 from __future__ import annotations
 
@@ -39,8 +39,9 @@ class MissionFormat:
     Parameters
     ----------
     suffix : str
+        Suffix of the names of files in the format, such as ``.plan``.
     write : callable
-        Function from a `Mission` to the text of a file.
+        Function that returns the text of the file of a `Mission`.
     scan : callable
         Function that reads the text of a file into a `shoal.search.missions.diagnostics.Sheet`.
     metres : bool
@@ -65,31 +66,32 @@ FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=T
 def write_missions(
     missions: Sequence[Mission], folder: str | os.PathLike[str], *, formats: Sequence[str] | None = None
 ) -> list[Path]:
-    """Write one file per mission and format: ``robot-01.plan``, ``robot-01-2.plan`` for the robot's second sortie, and so on.
+    """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
-    The file ``missions.json`` lists all written files. Mission files that ``missions.json`` listed before this call are removed, so
-    that the folder contains a single search. Other files are kept.
+    The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
+    folder lists, so that the folder contains a single search. It keeps all other files.
 
     Parameters
     ----------
     missions : sequence of Mission
     folder : path
-        The output folder. A missing folder is created.
+        The output folder. If this folder does not exist, the function creates it.
     formats : sequence of str, optional
-        Some of "plan", "wpl", "geojson", "kml", "gpx" and "csv", or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`. By
-        default, missions are written in all these formats. Missions in metres are written only as "csv", because the other formats
-        need positions on Earth.
+        Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`.
+        By default, the function writes missions in all formats except third-party formats. It writes missions in metres only as
+        "csv", because all other formats need positions on Earth.
 
     Returns
     -------
     list of Path
+        The written files.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. No file is written in this case.
+        If an argument is invalid. If the function raises this error, it has written no file.
     OutputError
-        If a file cannot be written. No partial file remains.
+        If a file cannot be written. If the function raises this error, no partly written file remains.
     """
     in_metres = any(not mission.geographic for mission in missions)
     if formats is None:
@@ -125,18 +127,17 @@ def write_missions(
 
 
 def _beside(missions: Sequence[Mission]) -> dict[str, str]:
-    """Return the files of the fence and the rally points, which all missions share, by name."""
+    """Return the texts of the two files that all missions share, by file name: the fence and the rally points."""
     first = missions[0]
     found = {} if first.fence is None else {FENCE: fence_text(first.fence)}
     return found | ({RALLY: rally_text(first.rally, min(one.altitude for one in missions))} if first.rally else {})
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add data from other files of a folder to the sheets of its missions. All sheets get start times.
+    """Add data from other files of a folder to the sheets of its missions.
 
-    Sheets of WPL files get fence and rally points.
-
-    Mistakes in the files of the fence and the rally points become diagnostics.
+    All sheets get start times from the manifest ``missions.json``. Sheets of WPL files get the fence and the rally points. Mistakes
+    in the files of the fence and of the rally points become diagnostics.
     """
     starts = _manifest(folder).get("starts_s")
     for sheet in sheets:
@@ -159,7 +160,7 @@ def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None
 
 
 def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
-    """Return the content of a folder's manifest, or nothing if the manifest does not exist or is not from Shoal."""
+    """Return the content of a folder's manifest ``missions.json``. Without a valid manifest, return an empty mapping."""
     try:
         told = parse_json(read_text(Path(folder) / MANIFEST, what="list of missions", most=LARGEST_FILE), where=MANIFEST)
     except InvalidInputError:
@@ -168,7 +169,7 @@ def _manifest(folder: str | os.PathLike[str]) -> dict[str, Any]:
 
 
 def _listed(folder: str | os.PathLike[str]) -> set[str]:
-    """Return the mission files listed in a folder's manifest, or an empty list if the manifest is not from Shoal."""
+    """Return the names of the mission files that a folder's manifest lists. Without a valid manifest, return an empty set."""
     listed = _manifest(folder).get("files")
     names = {name for name in listed if isinstance(name, str)} if isinstance(listed, list) else set()
     suffixes = _formats_by_suffix()
@@ -178,7 +179,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the mission files in a folder, sorted by format and name, without ``uncovered.geojson``."""
+    """Return the mission files in a folder, sorted by format and name. The file ``uncovered.geojson`` does not count."""
     order = list(_formats_by_suffix())
     try:
         found = [path for path in Path(folder).iterdir() if path.suffix.lower() in order and path.is_file()]
@@ -202,7 +203,7 @@ def format_of(path: Path) -> str:
 
 
 def _formats_by_suffix() -> dict[str, str]:
-    """Return the formats in their order, by suffix. Of two formats with the same suffix, the first counts."""
+    """Return the format of each file suffix. If two formats have equal suffixes, the first of these formats counts."""
     found: dict[str, str] = {}
     for name in FORMATS:
         found.setdefault(FORMATS.get(name).suffix, name)
@@ -210,7 +211,7 @@ def _formats_by_suffix() -> dict[str, str]:
 
 
 def open_sheet(path: str | os.PathLike[str]) -> Sheet:
-    """Return the sheet of a mission file, with diagnostics about its syntax and its coordinates.
+    """Read a mission file, and return its sheet, with diagnostics about its syntax and its coordinates.
 
     Raises
     ------
@@ -243,25 +244,25 @@ def open_sheet(path: str | os.PathLike[str]) -> Sheet:
 def read_mission(path: str | os.PathLike[str]) -> Mission:
     """Read a mission from a file in any format.
 
-    ``.plan`` and WPL files do not contain the numbers of the robot and the sortie. The file name gives both numbers. A mission
-    whose file name gives no numbers counts as the first sortie of robot 1. WPL files contain neither the autopilot nor the kind of
-    vehicle. For a WPL file, the autopilot is assumed to be PX4, and the vehicle counts as flying if any waypoint is above ground.
+    A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the function takes both numbers from the
+    file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
+    autopilot or the kind of vehicle. For a WPL file, the function assumes PX4, and a flying vehicle if a waypoint is above ground.
 
     Parameters
     ----------
     path : path
-        The file. The suffix of the file determines the format.
+        The mission file. Its suffix determines its format.
 
     Raises
     ------
     InvalidInputError
-        If the file cannot be read. The message gives the location in the file.
+        If the file cannot be read. The error message gives the place of the mistake in the file.
     """
     return mission_of(open_sheet(path), path)
 
 
 def mission_of(sheet: Sheet, path: str | os.PathLike[str]) -> Mission:
-    """Return the mission that the sheet of a mission file describes.
+    """Convert the sheet of a mission file to a mission.
 
     Raises
     ------

@@ -35,33 +35,33 @@ def lint(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
 ) -> list[Diagnostic]:
-    """Return the mistakes in a mission file, or in the mission files of a folder, including conflicts between missions.
+    """Return the mistakes in a mission file, or in all mission files of a folder, including conflicts between missions.
 
     Parameters
     ----------
     source : path
-        A file or a folder.
+        A mission file, or a folder of mission files.
     region : SearchRegion, optional
-        The region of the missions.
+        The region that the missions search.
     cap : int, optional
-        Maximum number of items, including home. The default is the autopilot's limit.
+        Maximum number of mission items, including home. By default, it is the maximum number that the autopilot stores.
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
     vehicle : Vehicle, optional
-        Vehicle of the missions. The turns of fixed wings must not be narrower than the turning radius of this vehicle.
+        Vehicle of the missions. Turns of a fixed wing must not be narrower than the turning radius of ``vehicle``.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the region beyond the margin. By default, a warning reports this
-        distance.
+        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave this area
+        by any distance, and a warning reports the distance.
 
     Returns
     -------
     list of Diagnostic
-        The mistakes that the linter has found. `shoal.search.missions.RULES` lists all rules.
+        The mistakes that the linter has found. The mapping `shoal.search.missions.RULES` lists all kinds of mistakes.
 
     Raises
     ------
     InvalidInputError
-        If no mission file exists. Also if only the region or only the mission is in degrees.
+        If no mission file exists, or if only the region or only the mission is in degrees.
     """
     sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
@@ -76,7 +76,7 @@ def examine(
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
 ) -> list[Sheet]:
-    """Return the content of each mission file as a sheet with all diagnostics; see `lint`."""
+    """Return the content of each mission file as a sheet that contains all diagnostics of `lint`."""
     if autopilot is not None:
         check_choice(autopilot, what="autopilot", choices=CAPS)
     if cap is not None:
@@ -129,7 +129,7 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
 
 
 def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
-    """Add a diagnostic for the leg of a fixed wing that is the steepest, if the vehicle cannot climb or sink so fast."""
+    """Add a diagnostic for the steepest leg of a fixed wing if the vehicle cannot climb or sink so fast."""
     way = way_of(sheet) if sheet.kind == "fixed-wing" and len(sheet.altitudes) == len(sheet.points) else None
     if way is None or sheet.altitude_frame == "ground":
         return
@@ -148,7 +148,7 @@ def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
 
 
 def _check_homes(sheets: list[Sheet]) -> None:
-    """Add diagnostics for files whose order of coordinates differs from that of most other files."""
+    """Add diagnostics for files in which longitude and latitude seem to be swapped, compared with most other files."""
     readable = [sheet for sheet in sheets if sheet.readable and sheet.geographic]
     if len(readable) < 3:
         return
@@ -159,7 +159,7 @@ def _check_homes(sheets: list[Sheet]) -> None:
 
 
 def _check_autopilots(sheets: list[Sheet]) -> None:
-    """If missions are for two autopilots, add diagnostics for the less frequent autopilot."""
+    """If the missions are for two autopilots, add diagnostics to the missions for the less frequent autopilot."""
     by_autopilot: dict[str, list[Sheet]] = defaultdict(list)
     for sheet in sheets:
         if sheet.autopilot is not None:
@@ -171,7 +171,7 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
-    """Add diagnostics for robots whose sorties have gaps, for each format."""
+    """Add diagnostics for each robot whose sortie numbers have gaps, in each format."""
     numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:
@@ -184,7 +184,7 @@ def _check_sorties(sheets: list[Sheet]) -> None:
 
 
 def _check_formats(sheets: list[Sheet]) -> None:
-    """Add diagnostics for files that contradict the first file of the same sortie."""
+    """Add diagnostics for files that contradict another file of the same sortie."""
     first: dict[tuple[int, int], Sheet] = {}
     for sheet in sheets:
         if not sheet.readable or sheet.robot is None or sheet.sortie is None:
@@ -196,7 +196,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
 
 
 def _difference(one: Sheet, other: Sheet) -> str:
-    """Return the difference between two sheets of one sortie in words, or an empty text if they agree."""
+    """Return the difference between two sheets of one sortie in words, or an empty text if the sheets agree."""
     same = _SAME_PLACE if one.geographic else _SAME_METRES
     if one.geographic != other.geographic:
         return "metres beside degrees"

@@ -29,63 +29,62 @@ EXTRA = {"gimbal_pitch": 1, "trigger_distance": 2}  # items that a camera needs
 
 @dataclass(frozen=True, eq=False)
 class Mission:
-    """One sortie of one robot: from home along the waypoints and home again.
+    """One sortie of one robot: from home along the waypoints and back home.
 
     Parameters
     ----------
     waypoints : ndarray of float64, shape (k, 2), k >= 1
-        (longitude, latitude) in degrees (WGS84), or (x, y) in metres if ``geographic`` is false.
+        Waypoints as (longitude, latitude) in degrees (WGS84), or as (x, y) in metres if ``geographic`` is false.
     home : tuple of float
-        Start and landing point of the vehicle in the units of ``waypoints``.
+        Start and landing point of the vehicle, in the unit of the waypoints.
     robot : int
-        Number of the robot, from 1.
+        Number of the robot. The first robot has the number 1.
     sortie : int
-        Number of the sortie of this robot, from 1.
+        Number of the robot's sortie. The first sortie of each robot has the number 1.
     kind : "multirotor", "fixed-wing" or "rover"
     autopilot : "px4" or "ardupilot"
     altitude : float
-        Altitude in metres above the reference ``altitude_frame``, or 0 for a rover.
+        Altitude in metres above the reference surface ``altitude_frame``, or 0 for a rover.
     speed : float
-        Speed in m/s: airspeed for a fixed wing, ground speed for other vehicles.
+        Speed of the vehicle in m/s: airspeed for a fixed wing, ground speed for a multirotor or a rover.
     geographic : bool
-        Whether coordinates are in degrees.
+        Whether coordinates are in degrees. If false, coordinates are in metres.
     altitude_frame : "home", "sea" or "ground"
-        Reference of the altitude.
+        Reference surface of altitudes.
     heights : ndarray of float64, shape (k,), optional
-        Heights of the waypoints above home in metres. The default is the altitude of the mission. If altitudes are above ground,
-        the heights are required for the path.
+        Heights of the waypoints above home in metres. By default, all waypoints have the altitude of the mission. A mission with
+        altitudes above ground needs heights above home for its path.
     altitudes : ndarray of float64, shape (k,), optional
-        Altitudes of the waypoints in metres above ground, if they differ.
+        Altitudes of the waypoints in metres above ground, if these altitudes differ.
     elevation : float, optional
         Height of home above sea level in metres, if known.
     trigger_distance : float, optional
-        Distance between images in metres.
+        Distance between two images in metres.
     gimbal_pitch : float, optional
-        Pitch of the gimbal in degrees; -90 points down.
+        Pitch of the gimbal in degrees. At -90 degrees, the camera points down.
     yaw : float, optional
-        Heading in degrees clockwise from north. By default, the vehicle faces its direction of motion.
+        Heading of the vehicle in degrees clockwise from north. By default, the vehicle faces its direction of motion.
     acceptance_radius : float, optional
-        Acceptance radius in metres. The default is the autopilot's setting.
+        Acceptance radius of waypoints in metres. By default, the setting of the autopilot applies.
     landing : tuple of float, optional
-        Position where the mission ends, in the units of ``waypoints``. A fixed wing glides to this position. By default, the
-        autopilot returns home by itself.
+        Position at which the mission ends, in the unit of the waypoints. A fixed wing glides to this position. By default, the
+        autopilot returns the vehicle to its home.
     loiter : float, optional
         Radius in metres of circles at the end of the mission. With a radius, the vehicle circles or hovers at the end instead of
         landing.
     delay : float
-        Waiting time before the start in seconds.
+        Waiting time of the vehicle before its start, in seconds.
     start : float, optional
         Time in seconds from the start of the first missions to the start of the sortie. By default, a sortie begins when all
         earlier sorties have ended.
     take_off : float, optional
-        Altitude in metres, with the reference of ``altitude``, to which the vehicle climbs vertically before it flies to the first
-        waypoint. The default is the altitude of the first waypoint. A fixed wing climbs on the way to the first waypoint.
+        Altitude in metres above the reference surface ``altitude_frame``, to which a multirotor climbs vertically after take-off.
+        By default, it is the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
     takeover : float, optional
-        Altitude in metres, with the reference of ``altitude``, at which the vehicle searches cells that it takes over from another
-        vehicle.
+        Altitude in metres above the reference surface ``altitude_frame``, at which the vehicle searches cells of a failed robot.
     fence : Fence, optional
     rally : tuple of tuple of float
-        Rally points for emergency landings, in the units of ``waypoints``.
+        Rally points for emergency landings, in the unit of the waypoints.
 
     Raises
     ------
@@ -157,7 +156,7 @@ class Mission:
 
     @property
     def name(self) -> str:
-        """File name without suffix: ``robot-01``, or ``robot-01-2`` for a robot's second sortie, and so on."""
+        """Name of the mission's file without suffix, such as ``robot-01``, or ``robot-01-2`` for a robot's second sortie."""
         return f"robot-{self.robot:02d}" + (f"-{self.sortie}" if self.sortie > 1 else "")
 
     @property
@@ -168,31 +167,31 @@ class Mission:
 
     @property
     def end(self) -> tuple[float, float]:
-        """End point of the mission in the units of its waypoints."""
+        """End point of the mission, in the unit of its waypoints."""
         return self.home if self.landing is None else self.landing
 
     @property
     def glides(self) -> bool:
-        """Whether the last leg of the mission leads down to the ground."""
+        """Whether the vehicle is a fixed wing that descends to its landing point along the last leg."""
         return self.kind == "fixed-wing" and self.landing is not None and self.loiter is None
 
     @property
     def vertical_climb(self) -> float | None:
-        """Height in metres above home of the vertical climb after take-off, or None for the height of the first waypoint."""
+        """Height in metres above home to which the vehicle climbs vertically, or None for the height of the first waypoint."""
         if self.kind == "fixed-wing":
             return 0.0
         return None if self.take_off is None else self.take_off - self._base
 
     @property
     def _base(self) -> float:
-        """Altitude of home in metres, as ``altitude`` counts."""
+        """Altitude of home in metres above the reference surface ``altitude_frame``."""
         return self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0
 
     @property
     def length(self) -> float:
-        """Horizontal length in metres from home through all waypoints to the end.
+        """Horizontal length in metres of the path from home through all waypoints to the end.
 
-        Geographic coordinates are measured on the ellipsoid.
+        For coordinates in degrees, the length is that on the WGS84 ellipsoid.
         """
         way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:
@@ -208,7 +207,7 @@ class Mission:
         Raises
         ------
         InvalidInputError
-            If the heights are unknown: the mission came from a file with altitudes above ground only.
+            If heights above home are unknown, because the mission comes from a file with altitudes above ground.
         """
         if self.heights is not None:
             return self.heights
@@ -218,7 +217,7 @@ class Mission:
 
     @property
     def levels(self) -> NDArray[np.float64]:
-        """Altitudes of the waypoints in metres above the reference that ``altitude_frame`` names; float64, shape (k,)."""
+        """Altitudes of the waypoints in metres above the reference surface ``altitude_frame``; float64, shape (k,)."""
         if self.altitudes is not None:
             return self.altitudes
         if self.heights is None or self.altitude_frame == "ground":
@@ -226,16 +225,16 @@ class Mission:
         return self.heights + self._base
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
-        """Return the circle in which the vehicle loiters at the end, in metres of a frame; shape (k, 2).
+        """Return the circle in which the vehicle loiters at the end, in metres of a local frame; float64, shape (k, 2).
 
-        It is empty without loitering.
+        For a mission without loitering, the result has no points.
         """
         return circle_around(self.end, self.loiter, frame)
 
     def way_in(self, frame: LocalFrame | None) -> NDArray[np.float64]:
-        """Return the vehicle's path from the ground to the ground, in metres of a local frame; float64, shape (n, 3).
+        """Return the vehicle's path from take-off to landing, in metres of a local frame; float64, shape (n, 3).
 
-        Heights are above home. For a mission in metres, ``frame`` is None.
+        The third column holds heights above home. For a mission in metres, ``frame`` is None.
         """
         points = np.vstack([self.home, self.end, self.waypoints])
         points = points if frame is None else frame.to_metres(points)
@@ -244,7 +243,10 @@ class Mission:
 
 
 def circle_around(place: tuple[float, float], radius: float | None, frame: LocalFrame | None) -> Points:
-    """Return a circle around a place as a closed ring in metres; float64, shape (k, 2). Without a radius, the ring is empty."""
+    """Return a circle around a position as a closed ring in metres; float64, shape (k, 2).
+
+    Without a radius, the ring has no points.
+    """
     angles = np.linspace(0.0, 2 * np.pi, _RING if radius else 0)
     middle = np.array([place]) if frame is None else frame.to_metres(np.array([place]))
     return np.asarray(middle + (radius or 0.0) * np.column_stack([np.cos(angles), np.sin(angles)]))

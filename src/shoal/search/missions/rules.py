@@ -1,4 +1,4 @@
-"""Rules for missions in all file formats."""
+"""Checks of missions that apply to all file formats."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _SAME = 1e-8  # degrees
 
 
 def check_coordinates(sheet: Sheet) -> None:
-    """Add diagnostics for coordinates that do not describe a place on Earth or in the plane."""
+    """Add diagnostics for coordinates that describe no position on Earth or in the plane."""
     if not sheet.readable:
         return
     if len(sheet.points) == 0:
@@ -54,7 +54,7 @@ def check_coordinates(sheet: Sheet) -> None:
 
 
 def _check_numbers(sheet: Sheet) -> None:
-    """Add diagnostics for NaN and infinity."""
+    """Add diagnostics for coordinates, altitudes and speeds that are NaN or infinite."""
     for place, point in zip(sheet.places, sheet.points.tolist(), strict=True):
         if not all(map(math.isfinite, point)):
             sheet.add("not-a-number", place, f"expected finite coordinates, got {text_of(point)}")
@@ -68,7 +68,7 @@ def _check_numbers(sheet: Sheet) -> None:
 
 
 def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
-    """Add a diagnostic for a point far from a known place, if the point with swapped coordinates would be near that place."""
+    """Add a diagnostic if a point is far from a known position, but would be near it with longitude and latitude swapped."""
     distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
     if distance > _ELSEWHERE and other < _ELSEWHERE:
         sheet.add(
@@ -159,7 +159,7 @@ def _check_acceptance(sheet: Sheet) -> None:
 
 
 def way_of(sheet: Sheet) -> Points | None:
-    """Return home, the waypoints and the end in metres, or None if these points are too far apart for a local frame."""
+    """Return home, the waypoints and the end point in metres, or None if these points are too far apart for a local frame."""
     assert sheet.home is not None
     way = np.vstack([sheet.home, sheet.points, sheet.landing or sheet.home])
     try:
@@ -169,7 +169,7 @@ def way_of(sheet: Sheet) -> Points | None:
 
 
 def _check_fence(sheet: Sheet, way: Points, fence: Fence) -> None:
-    """Add diagnostics for paths that leave the fence, including the paths from home and to the landing point."""
+    """Add diagnostics for legs that leave the fence, including the legs from home and to the landing point."""
     import shapely
 
     assert sheet.home is not None
@@ -197,7 +197,7 @@ def _distances(sheet: Sheet, place: tuple[float, float]) -> NDArray[np.float64]:
 
 
 def _metres_between(one: Any, other: Any) -> float:
-    """Return the distance in metres between two points in degrees, on a sphere; infinity if a point is invalid."""
+    """Return the distance in metres between two points in degrees, on a sphere. For an invalid point, return infinity."""
     if max(abs(one[1]), abs(other[1])) > 90:
         return math.inf
     low, high = math.radians(one[1]), math.radians(other[1])
@@ -207,14 +207,14 @@ def _metres_between(one: Any, other: Any) -> float:
 
 
 def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
-    """Return home, waypoints and end point in the metres of a region.
+    """Return home, the waypoints and the end point of a mission in metres of a region's local frame.
 
-    Points too far away for the region's local frame become infinite.
+    Coordinates of points that are too far away for the local frame become infinite.
 
     Raises
     ------
     InvalidInputError
-        If only one of mission and region is in degrees.
+        If only the mission or only the region is in degrees.
     """
     way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
     if sheet.geographic != (region.frame is not None):
@@ -233,7 +233,7 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
 
 
 def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
-    """Return which points lie in the part of a region where robots may be, with a tolerance for rounding; bool, shape (n,)."""
+    """Return, for each point, whether robots may be there, with a tolerance for rounded coordinates; bool, shape (n,)."""
     import shapely
 
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -243,11 +243,12 @@ def inside_of(region: SearchRegion, way: Points) -> NDArray[np.bool_]:
 
 
 def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
-    """Return which waypoints belong to the search. ``inside`` tells which of home, the waypoints and the end lie in the region.
+    """Return the slice of the waypoints that belong to the search, without the paths from home and to the end.
 
-    If home lies outside the region, all waypoints before the first waypoint inside belong to the path from home. If the end lies
-    outside, all waypoints after the last waypoint inside belong to the path to the end. Fixed wings may leave the region after
-    take-off and before landing, even if home lies inside.
+    The array ``inside`` tells whether home, each waypoint and the end lie in the region. If home lies outside the region, all
+    waypoints before the first waypoint in the region belong to the path from home. If the end lies outside the region, all
+    waypoints after the last waypoint in the region belong to the path to the end. Fixed wings may leave the region after take-off
+    and before landing, even if home lies in the region.
 
     Examples
     --------
@@ -264,9 +265,8 @@ def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
     """Add diagnostics for waypoints and legs outside a region.
 
-    Paths from a home outside the region and to an end outside the region are allowed.
-
-    Turns of fixed wings may leave the region by at most ``airspace`` metres, or by any distance if ``airspace`` is None.
+    Home and the end of a mission may lie outside the region, and so may the paths from home and to the end. Turns of fixed wings
+    may leave the region by at most ``airspace`` metres, or by any distance if ``airspace`` is None.
     """
     way = metres_of(sheet, region)
     if region.frame is not None:
@@ -308,11 +308,10 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
-    """Add diagnostics for legs that leave the allowed area.
+    """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
 
-    Paths from home and back count for rovers, and for all vehicles in no-go zones.
-
-    Return the legs of the search that a fixed wing flies outside the region. They get no diagnostics.
+    For rovers, the function also checks whether the paths from home and back home leave the allowed area. The result tells which
+    legs a fixed wing flies outside the region during the search. The function adds no diagnostics for legs in the result.
     """
     import shapely
 

@@ -1,6 +1,6 @@
-"""The division of a route into missions. Each mission fits the autopilot's memory and the vehicle's battery.
+"""The division of a route into missions that fit the memory of the autopilot and the battery of the vehicle.
 
-Unnecessary waypoints are removed.
+The division removes unnecessary waypoints.
 """
 
 from __future__ import annotations
@@ -54,24 +54,25 @@ def missions_of(
     landing: ArrayLike | None = None,
     ending: str | None = None,
 ) -> tuple[Mission, ...]:
-    """Return the missions of a robot's route, one for each sortie.
+    """Divide a robot's route into missions, one for each sortie.
 
-    Each sortie begins at home and continues where the previous one ended. Each sortie ends at home before the battery falls below
-    the reserve. The calculation includes climb, paths, turns, wind and descent. A sortie may end at any point of a leg.
+    Each sortie begins at home, and continues the route where the previous sortie left it. Each sortie ends at home before the
+    battery falls below the reserve. The duration of a sortie includes climb, turns, wind and descent. A sortie may leave the route
+    at any point of a leg.
 
     Parameters
     ----------
     route : array_like of float, shape (k, 2) or (k, 3)
-        Route in metres. Without a third column for altitudes, the route has the vehicle's altitude. An empty route gives no
+        Route in metres. The third column holds altitudes. Without it, the route has the vehicle's altitude. An empty route gives no
         missions.
     frame : LocalFrame or None
-        Local frame of the metres. Without a frame, missions are in metres.
+        Local frame of the route. Without a frame, missions are in metres.
     robot : int
-        Number of the robot, from 1.
+        Number of the robot. The first robot has the number 1.
     home : array_like of float, shape (2,), optional
-        Home in metres. The default is the first point of the route.
+        Home of the robot in metres. By default, home is the first point of the route.
     vehicle : Vehicle or str
-        A vehicle or its description for `vehicle_of`.
+        A vehicle, or a text that `vehicle_of` understands.
     autopilot : "px4" or "ardupilot"
     rate : float
         Speed of the robot divided by the vehicle's cruise speed.
@@ -79,24 +80,24 @@ def missions_of(
         Parameters of `Flight`. Over terrain, additional waypoints keep the error of the height above ground below
         ``terrain_error``.
     cap : int, optional
-        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
-        for PX4 and 700 for ArduPilot.
+        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. By default, it is
+        2000 for PX4 and 700 for ArduPilot.
     tolerance : float
-        Maximum distance in metres of an omitted point from a straight leg. With 0, only points exactly on the leg are omitted.
+        Maximum distance in metres between an omitted point and a straight leg. With 0, only points exactly on a leg are omitted.
     ways : callable, optional
-        Function ``ways(start, end)`` for the path between home and a point of the route, such as `shoal.search.RegionPaths.leg`.
-        The function returns an array of shape (n, 2) with both ends. The bends of this path become waypoints. The default is a
-        straight path.
+        Function ``ways(start, end)`` that computes the path between home and a point of the route, such as
+        `shoal.search.RegionPaths.leg`. This function returns an array of shape (n, 2) with both ends of the path. The bends of the
+        path become waypoints. By default, the path is straight.
     landing : array_like of float, shape (2,), optional
-        Landing point of the last sortie in metres. The default is home.
+        Landing point of the last sortie in metres. By default, the last sortie ends at home.
     ending : "return", "land" or "loiter", optional
-        Ending of each sortie. By default, the ending is a landing if there is a landing point, otherwise a return. Instead of a
-        landing, a rover stops and holds.
+        Ending of each sortie. By default, a sortie ends with a landing if ``landing`` is given, and with a return otherwise.
+        Instead of landing, a rover stops and holds.
 
     Raises
     ------
     InvalidInputError
-        If an option is out of range, or the battery is too small for a point of the route.
+        If an argument is out of range, or if the battery is too small for a point of the route.
 
     Examples
     --------
@@ -144,7 +145,11 @@ def missions_of(
 
 
 def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) -> dict[str, Any]:
-    """Return the first waypoint's altitude if there are several, and the altitudes of all waypoints above ground if they differ."""
+    """Return the altitudes that a mission stores besides its heights above home.
+
+    If the route has several altitudes, the result contains the first waypoint's altitude. If altitudes above ground differ, the
+    result contains the altitudes of all waypoints above ground.
+    """
     ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
     told: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
     if flight.altitude_frame == "ground" and flight.terrain is not None:
@@ -155,7 +160,7 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) ->
 
 
 def _told(vehicle: Vehicle) -> dict[str, Any]:
-    """Return the vehicle's settings that a mission stores besides its speed."""
+    """Return the settings of a vehicle that a mission stores, except for the speed."""
     flies = vehicle.kind != "rover"
     pitch = vehicle.gimbal_pitch if vehicle.image_size is None or vehicle.gimbal_pitch is not None else -90.0
     return {
@@ -167,9 +172,9 @@ def _told(vehicle: Vehicle) -> dict[str, Any]:
 
 
 class _Splitter:
-    """Divides a path into sorties that are as long as battery and memory allow.
+    """An object that divides a path into sorties, each as long as the battery and the autopilot's memory allow.
 
-    Each sortie is computed exactly as it will be written, to check that battery and memory suffice.
+    To check battery and memory, it computes each sortie exactly as the mission file will contain it.
     """
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
@@ -179,7 +184,7 @@ class _Splitter:
         self.at = np.concatenate([[0.0], np.cumsum(leg_lengths(way))])
 
     def parts(self) -> list[NDArray[np.float64]]:
-        """Return the waypoints of each sortie, in the form of `Flight.waypoints`."""
+        """Return the waypoints of each sortie, with the columns of `Flight.waypoints`."""
         begin, end = 0.0, float(self.at[-1])
         found: list[NDArray[np.float64]] = []
         while True:
@@ -190,7 +195,7 @@ class _Splitter:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return the distance along the path at which a sortie that starts at ``begin`` must end."""
+        """Return the largest distance along the path at which a sortie that begins at the distance ``begin`` can end."""
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
@@ -217,17 +222,17 @@ class _Splitter:
         return len(waypoints) <= self.room and self._flight(until).flown(waypoints).duration <= self.limit
 
     def _sortie(self, begin: float, until: float) -> NDArray[np.float64]:
-        """Return the waypoints from home along a section of the path and home."""
+        """Return the waypoints of a sortie: from home to a section of the path, along this section, and back home."""
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
         return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
 
     def _flight(self, until: float) -> Flight:
-        """Return the flight of a sortie. Only the last sortie ends at the robot's landing point. All other sorties end at home."""
+        """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all other sorties end at home."""
         return self.flight if until >= float(self.at[-1]) else self.returning
 
     def _point(self, at: float) -> Points:
-        """Return the point at a distance along the path."""
+        """Return the point at the distance ``at`` along the path."""
         return np.array([np.interp(at, self.at, column) for column in self.way.T])
 
     def _way_to(self, end: Points, at: float) -> Points:
@@ -246,7 +251,7 @@ class _Splitter:
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
 
     def _refuse(self, begin: float) -> None:
-        """Raise an error that explains why a sortie makes no progress beyond a point."""
+        """Raise an error that explains why a sortie that begins at the distance ``begin`` makes no progress."""
         shortest = self._sortie(begin, begin)
         if self.flight.flown(shortest).duration <= self.limit and len(shortest) + 1 > self.room:
             raise InvalidInputError(
@@ -264,24 +269,24 @@ class _Splitter:
 
 
 def merged(points: Points, tolerance: float) -> Points:
-    """Return a path without the points that lie on straight legs between other points. The algorithm passes once over the points.
+    """Remove the points of a path that lie on straight legs between other points, in one pass over the points.
 
-    The algorithm starts a cone at each waypoint that is kept. The cone contains all directions in which a straight line passes
-    every later point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all points
-    before it. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, An efficient
-    algorithm for the piecewise linear approximation of planar curves, 1978. Reversals are kept.
+    The algorithm starts a cone at each kept point. The cone contains all directions in which a straight line passes every later
+    point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all previous points of
+    the cone. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, An efficient
+    algorithm for the piecewise linear approximation of planar curves, 1978. The function keeps points at which the path turns back.
 
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Path in metres. Points at which the altitude changes are kept.
+        Path in metres. The function keeps points at which the altitude changes.
     tolerance : float
-        Maximum distance in metres of an omitted point from the leg.
+        Maximum distance in metres between a removed point and the leg that replaces it.
 
     Returns
     -------
     ndarray of float64, shape (m, 2) or (m, 3)
-        A subset of the points that includes both ends.
+        The kept points of the path, including both ends.
 
     Examples
     --------
@@ -307,7 +312,7 @@ def merged(points: Points, tolerance: float) -> Points:
 
 
 class _Cone:
-    """The directions from an apex in which a leg passes all points that were added so far."""
+    """The directions from an apex in which a straight leg passes all added points within the tolerance."""
 
     def __init__(self, apex: Points, tolerance: float) -> None:
         self.x, self.y = apex.tolist()
@@ -317,7 +322,7 @@ class _Cone:
         self.low, self.high = -math.pi, math.pi
 
     def takes(self, x: float, y: float) -> bool:
-        """Add a point if the leg may end at this point. Return whether it was added."""
+        """Add a point to the cone if a leg from the apex may end at this point. Return whether the point was added."""
         east, north = x - self.x, y - self.y
         distance = math.hypot(east, north)
         if distance < self.far:

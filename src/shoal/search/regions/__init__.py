@@ -1,1 +1,1 @@
-"""Regions to search: polygons with holes in metres, built-in regions, files, outline checks, map projection, coverage."""
+"""Regions to search: polygons with holes in metres, built-in regions, region files, map projection, and measured coverage."""

@@ -1,4 +1,4 @@
-"""Creation of a region in metres from a name, from the outlines in a file, or from polygons in Python."""
+"""Creation of a region in metres from a name, from a file, or from polygons in Python."""
 
 from __future__ import annotations
 
@@ -48,28 +48,27 @@ def open_region(
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
-        A name with sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` or ``box:WIDTHxDEPTHxHEIGHT`` (a volume), each with
-        its lower left corner at the origin; or ``circle:RADIUS`` or ``ring:OUTERxINNER`` (two radii), each around the origin. Or
-        the path of a file: ``.geojson .json .kml .kmz .gpkg .shp .zip`` (degrees, or a projection that the file names) or ``.csv``
-        (metres or degrees); see `shoal.search.regions.formats`. Or the corners of a polygon, shape (n, 2), or a Shapely polygon, or
-        a sequence of polygons.
+        A name, the path of a file, the corners of a polygon with shape (n, 2), a Shapely polygon, or a sequence of polygons. Names
+        contain sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume) have their
+        lower left corner at the origin; ``circle:RADIUS`` and ``ring:OUTERxINNER`` (two radii) are centred on the origin. Files
+        ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a projection that the file names. Files ``.csv`` are in
+        metres or degrees; see `shoal.search.regions.formats`.
     holes : optional
-        Holes of the polygons: the corners of one hole, or a sequence of holes. Each hole must lie in one of the polygons.
+        Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each hole must lie in a polygon.
     geographic : bool
-        Whether the coordinates of polygons in Python are longitude and latitude in degrees. If false, they are in metres.
+        Whether coordinates of polygons given in Python are longitude and latitude in degrees. If false, they are in metres.
     name : str, optional
-        Name of the region. The default is the name of the source, or "polygon".
+        Name of the region. By default, it is the name of the source, or "polygon" for polygons given in Python.
     no_go : optional
-        No-go zones in the units of the source (longitude and latitude, or metres): a file in one of the formats above, points of
-        shape (n, 2), a Shapely polygon, or a sequence of these. A region file may also contain no-go zones.
+        No-go zones in the unit of the region (longitude and latitude, or metres): a region file, points of shape (n, 2), a Shapely
+        polygon, or a sequence of no-go zones. The file of the region itself may also contain no-go zones.
     layer : str, optional
-        Name of the layer that is read from a GeoPackage. The name is required if the file has several layers.
+        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires this name.
     across_zones : bool
-        Whether to accept a region that lies in two UTM zones. Shoal's local frame supports these regions, but other programs may
-        not.
+        Whether to accept a region that lies in two UTM zones. Shoal supports regions in two UTM zones, but other programs may not.
     inner : "no-go" or "search", optional
-        Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go zone. By default, a file with an
-        unmarked inner polygon is refused.
+        Meaning of a polygon that lies mostly inside another polygon and is not marked as a no-go zone. By default, the function
+        refuses a file with an unmarked inner polygon.
 
     Returns
     -------
@@ -79,7 +78,7 @@ def open_region(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the source is unknown or invalid. The message names the place of the mistake.
+        If the source is unknown or invalid. The error message names the place of the mistake.
 
     Examples
     --------
@@ -113,7 +112,7 @@ def open_region(
 
 
 def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutlines:
-    """Return polygons with their holes, from corners or Shapely objects."""
+    """Return polygons with holes from their corners, or from Shapely polygons."""
     import shapely
 
     several = list_of(source)
@@ -134,18 +133,18 @@ def _drawn(source: Any, holes: Sequence[Any], *, geographic: bool) -> RegionOutl
 def build_region(
     found: RegionOutlines, extra: Sequence[Any], *, name: str, across_zones: bool, inner: str | None = None
 ) -> SearchRegion:
-    """Return the region that outlines describe, without its no-go zones.
+    """Return the region that outlines describe. The area of the region does not contain its no-go zones.
 
     Parameters
     ----------
     found : RegionOutlines
-        The outlines, some of which may be marked as no-go zones.
+        The outlines of the region. Some outlines may be marked as no-go zones.
     extra : sequence
-        Further no-go zones in the units of the outlines: files, Shapely polygons, or points of shape (n, 2).
+        Further no-go zones in the unit of the outlines: files, Shapely polygons, or points of shape (n, 2).
     name : str
         Name of the region.
     across_zones, inner
-        As in `open_region`.
+        The arguments ``across_zones`` and ``inner`` of `open_region`.
 
     Raises
     ------
@@ -178,7 +177,7 @@ def build_region(
 
 
 def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:
-    """Return an outline as a valid polygon in metres."""
+    """Convert an outline to a valid Shapely polygon in metres."""
     import shapely
 
     if frame is None:
@@ -194,7 +193,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return which polygons lie mostly inside another polygon. Of two equal polygons, neither counts as inside."""
+    """Return the indices of the polygons that lie mostly inside another polygon. Equal polygons do not count."""
     import shapely
 
     inside: set[int] = set()
@@ -248,7 +247,7 @@ def _check_reach(ring: Ring, frame: LocalFrame) -> None:
 
 
 def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
-    """Return a no-go zone that is given separately, as outlines in the units of the region."""
+    """Return the outlines of a no-go zone that the user gives in addition to the region, in the unit of the region."""
     if isinstance(zone, str | os.PathLike):
         read = read_outlines(zone, zones=True)
         if read.geographic != found.geographic:
@@ -261,7 +260,7 @@ def _zone(zone: Any, what: str, found: RegionOutlines) -> list[RegionOutline]:
 
 
 def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
-    """Return the polygons of a Shapely object, or the polygon of corners."""
+    """Return the outlines of a Shapely geometry, or the outline of a polygon given by its corners."""
     if hasattr(given, "geom_type"):
         outlines = polygon_outlines(given, what)
         if not outlines:
@@ -277,7 +276,7 @@ def _rings(given: Any, what: str, also: str = "") -> list[RegionOutline]:
 
 
 def list_of(polygons: Any) -> list[Any]:
-    """Return one or several polygons as a list. Each polygon may be a file, a Shapely object or points."""
+    """Return one or several polygons as a list. Each polygon is a file, a Shapely geometry or an array of points."""
     if polygons is None:
         return []
     alone = isinstance(polygons, str | os.PathLike) or not isinstance(polygons, Sequence | np.ndarray)

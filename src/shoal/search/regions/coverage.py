@@ -1,4 +1,4 @@
-"""Measurement of the area that vehicles on given routes see, with Shapely's areas instead of cells and tours."""
+"""Measurement of the area that vehicles on given routes see. The measurement uses Shapely's areas, not cells or tours."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ _SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, beca
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """The part of a region that vehicles see on their routes, and the legs of the routes that leave the region.
+    """The part of a region that vehicles see on their routes, and the legs of routes that leave the region.
 
     Parameters
     ----------
     covered_fraction : float
-        Fraction of the region's area that a vehicle sees, 0 to 1. Gaps narrower than a micrometre count as seen.
+        Fraction of the region's area that vehicles see, from 0 to 1. Gaps narrower than 1 micrometre count as seen.
     uncovered_m2 : float
-        Area in square metres that no vehicle sees.
+        Size of the area that no vehicle sees, in square metres.
     uncovered : shapely Polygon, MultiPolygon or GeometryCollection
-        The shape that no vehicle sees, in the region's metres.
+        The area that no vehicle sees, in the local frame of the region in metres.
     outside_m : float
-        Total length in metres of the parts of legs that leave `SearchRegion.free` by more than the tolerance.
+        Total length of the route sections that lie outside `SearchRegion.free` by more than the tolerance, in metres.
     legs_outside : int
         Number of legs that leave `SearchRegion.free` by more than the tolerance. A route of one point counts as one leg.
     length_m : float
-        Total length of all legs in metres.
+        Total length of all legs of all routes in metres.
     area_m2 : float
         Area of the region in square metres.
     """
@@ -61,13 +61,13 @@ def coverage_check(
     ----------
     region : SearchRegion
     routes : sequence of array_like of float, each of shape (k, 2)
-        One route per vehicle: points in metres with straight legs between them. A route of one point is a stationary vehicle.
+        One route for each vehicle: points in metres, connected by straight legs. A route of one point is a stationary vehicle.
     footprint : float, or array_like of float
         Side of the footprint in metres: one number for all routes, or one number for each route.
     tolerance : float
         Distance in metres by which a leg may leave the region, because files round the coordinates of routes.
     angle : float
-        Angle of the square's sides in degrees, counter-clockwise from the x axis.
+        Angle of the footprint's sides in degrees, counter-clockwise from the x axis.
 
     Raises
     ------
@@ -103,7 +103,7 @@ def coverage_check(
 
 
 def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
-    """Return one coverage for several layers, with the sums of their areas and lengths.
+    """Add the coverages of several layers to one coverage, which holds the sums of their areas and lengths.
 
     Examples
     --------
@@ -125,7 +125,7 @@ def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
 
 
 def _legs(ways: list[Points]) -> tuple[Points, Points]:
-    """Return both ends of the legs of all routes. Consecutive collinear legs are merged."""
+    """Return the start and the end of each leg of all routes. The function merges consecutive collinear legs."""
     starts, ends = [np.zeros((0, 2))], [np.zeros((0, 2))]
     for way in ways:
         if len(way) == 0:
@@ -139,7 +139,7 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Return a route without points on a straight leg. Up to the rounding of coordinates, rows at an angle count as straight."""
+    """Remove points on straight legs from a route. Small deviations count as straight, because files round coordinates."""
     import shapely
 
     if len(way) < 2 or np.all(way == way[0]):
@@ -148,7 +148,7 @@ def _bends(way: Points) -> Points:
 
 
 def _once(starts: Points, ends: Points) -> tuple[Points, Points]:
-    """Return the legs without repetitions. Opposite directions of a leg count as repetitions."""
+    """Return the legs without repetitions. A leg in the opposite direction counts as a repetition."""
     back = (starts[:, 0] > ends[:, 0]) | ((starts[:, 0] == ends[:, 0]) & (starts[:, 1] > ends[:, 1]))
     legs = np.where(back[:, None], np.hstack([ends, starts]), np.hstack([starts, ends]))
     once = np.unique(legs, axis=0)
@@ -161,7 +161,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
     Parameters
     ----------
     starts, ends : ndarray of float64, shape (n, 2)
-        Both ends of the legs in metres.
+        Start and end of each leg in metres.
     half : float
         Half of the footprint's side in metres.
     angle : float
@@ -178,7 +178,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
 
 
 def _without(area: Any, shapes: Any, footprint: float) -> Any:
-    """Return an area minus many shapes. The area is divided into blocks with few shapes each, because one large union is slow."""
+    """Subtract many shapes from an area. The function divides the area into small blocks, because one large union is slow."""
     import shapely
 
     if len(shapes) == 0:
@@ -205,7 +205,7 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
 
 
 def _without_slivers(shape: Any) -> Any:
-    """Return a shape without parts narrower than `TOUCH`, which rounding leaves between footprints."""
+    """Remove parts narrower than `TOUCH` from a shape. Rounding errors leave narrow parts between footprints."""
     import shapely
 
     parts = shapely.get_parts(shape)
@@ -225,7 +225,7 @@ def _halves(block: Any) -> list[Any]:
 
 
 def check_footprints(footprint: ArrayLike, robots: int, *, what: str = "robot") -> NDArray[np.float64]:
-    """Return the footprint of each robot in metres, from one number or one number for each robot; float64, shape (robots,).
+    """Check one footprint for all robots, or one for each robot, in metres. Return each robot's footprint, shape (robots,).
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Limits on the size of region files and of their content."""
+"""Limits on the sizes of region files, and on the numbers of polygons and corners in them."""
 
 from __future__ import annotations
 
@@ -38,12 +38,13 @@ _FAULTS = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, Runtim
 
 @contextmanager
 def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
-    """Open a zip archive for reading. ``what`` is the name of the archive in error messages.
+    """Open a zip archive for reading. Error messages call the archive ``what``.
 
     Raises
     ------
     InvalidInputError
-        If the archive is missing, too large or damaged. The error can occur when a file in the archive is read.
+        If the archive is missing, too large or damaged. A damaged archive may raise the error only when the caller reads a file
+        from it.
     """
     check_file(path, what="region file", most=LARGEST_FILE)
     try:
@@ -56,7 +57,7 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
-    """Refuse a file with more than ``most`` things. In error messages, ``where`` is the file, and ``what`` is the kind of things.
+    """Refuse a file with more than ``most`` items. Error messages call the file ``where``, and the items ``what``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Margins: the distance that robots keep from the border and from no-go zones, and the area that robots with a margin see."""
+"""Margins: the distance that robots keep from a region's border and no-go zones, and the area that robots then can see."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ _SEEN = 1e-9  # relative to a region: unseen area that is rounding error
 
 
 def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
-    """Return a region whose robots keep a margin: a distance from the border of the region and from its no-go zones.
+    """Return a region in which robots keep a margin: a distance from the border of the region and from its no-go zones.
 
     Parameters
     ----------
     region : SearchRegion
     margin : float
-        Margin in metres, at least 0.
+        Margin in metres, 0 or more.
 
     Raises
     ------
@@ -50,13 +50,13 @@ def grown(shape: Any, margin: float) -> Any:
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape with few corners that contains ``grown(shape, margin)`` and is only slightly larger."""
+    """Return a shape with few corners that contains ``grown(shape, margin)`` and is only slightly larger than it."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 
 
 def visible_region(region: SearchRegion, footprint: float, angle: float = 0.0) -> SearchRegion:
-    """Return a region without the area that no robot can see while it keeps the margin.
+    """Return a region without the area that robots cannot see while they keep the margin.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Outlines of regions as files contain them, and checks whose messages name the place of a mistake in the file."""
+"""Outlines of regions as files contain them, and checks of outlines. Error messages name the place of a mistake in the file."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ FARTHEST = 1e9  # metres: beyond, a float64 cannot distinguish points a micromet
 
 @dataclass(frozen=True, eq=False)
 class Ring:
-    """A closed line: the outer border of a polygon, or the border of one of its holes.
+    """A closed line: the outer border of a polygon, or the border of a hole in it.
 
     Parameters
     ----------
     points : ndarray of float64, shape (n, 2)
-        Points in the file's units: (x, y) in metres or (longitude, latitude) in degrees.
+        Points of the ring as in the file: (x, y) in metres or (longitude, latitude) in degrees.
     where : str
-        The file and the place of the ring in the file, for error messages.
+        Name of the file, and place of the ring in the file, for error messages.
     lines : ndarray of int64, shape (n,), optional
-        The line number of each vertex in the file.
+        Line number of each vertex in the file.
     no_go : bool
         Whether the file marks the ring as a no-go zone.
     """
@@ -42,11 +42,11 @@ class Ring:
     no_go: bool = False
 
     def vertex(self, index: int) -> str:
-        """Return the place in the file of vertex number ``index`` (from 0), as a text for messages."""
+        """Return a text for error messages with the place of a vertex in the file. The first vertex has the index 0."""
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
 
     def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:
-        """Refuse the first vertex for which ``right`` (bool, shape (n,)) is false. The message contains ``expected`` and ``note``.
+        """Raise an error for the first vertex whose entry in ``right`` is false, with the texts ``expected`` and ``note``.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class RegionOutline:
-    """One polygon of a region before its checks: an outer ring, the holes in it, and whether it is a no-go zone."""
+    """A polygon of a region before it is checked: its outer ring, its holes, and whether it is a no-go zone."""
 
     shell: Ring
     holes: tuple[Ring, ...] = ()
@@ -67,12 +67,12 @@ class RegionOutline:
 
     @property
     def rings(self) -> tuple[Ring, ...]:
-        """The outer ring, followed by the holes."""
+        """The outer ring of the polygon, followed by its holes."""
         return self.shell, *self.holes
 
 
 def text_of(point: ArrayLike) -> str:
-    """Return the coordinates of a point as a text for messages.
+    """Return the coordinates of a point as a text for error messages.
 
     Examples
     --------
@@ -83,7 +83,7 @@ def text_of(point: ArrayLike) -> str:
 
 
 def check_plane_points(points: Any, *, what: str) -> Points:
-    """Return points as a finite float64 array of shape (n, 2). An empty list gives an array without points.
+    """Check that points are finite, and return them as a float64 array of shape (n, 2). The list of points may be empty.
 
     Raises
     ------
@@ -93,7 +93,9 @@ def check_plane_points(points: Any, *, what: str) -> Points:
 
 
 def check_ring(ring: Ring, *, closed: bool = True) -> Points:
-    """Return the vertices of a ring without equal neighbours, and with the first vertex again at the end; float64, shape (n, 2).
+    """Check a ring, and return its vertices; float64, shape (n, 2).
+
+    The result has no equal neighbouring vertices, and repeats the first vertex at the end.
 
     Parameters
     ----------
@@ -104,7 +106,7 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, if the ring is not closed but must be, if it has fewer than 3 different vertices, if all its
+        If a coordinate is not finite, if the ring is open but must be closed, if it has fewer than 3 different vertices, if all its
         vertices lie on one line, or if it crosses itself.
     """
     points = ring.points
@@ -144,7 +146,9 @@ def _check_shape(corners: Points, ring: Ring) -> None:
 
 
 def place_of(said: str) -> str:
-    """Return " at (x, y)" from Shapely's explanation of an invalid polygon, or "" if the explanation names no point.
+    """Extract the point from Shapely's explanation of an invalid polygon, as the text " at (x, y)".
+
+    If the explanation names no point, the result is an empty text.
 
     Examples
     --------
@@ -156,13 +160,13 @@ def place_of(said: str) -> str:
 
 
 def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
-    """Return an outline as a valid Shapely polygon.
+    """Check an outline, and return it as a valid Shapely polygon.
 
     Raises
     ------
     InvalidInputError
-        If `check_ring` refuses a ring, if a hole lies outside the outer ring, or if a hole crosses another ring or shares a segment
-        with it.
+        If `check_ring` refuses a ring, if a hole lies outside the outer ring, or if a hole crosses another ring or shares a side
+        with another ring.
     """
     from shapely import Polygon
     from shapely.validation import explain_validity
@@ -187,7 +191,7 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse coordinates in metres that are so large that a float64 cannot store their fractions.
+    """Refuse a ring with coordinates in metres that are too large, because a float64 cannot store small fractions of them.
 
     Raises
     ------
@@ -198,7 +202,7 @@ def check_metres(ring: Ring) -> None:
 
 
 def check_degrees(ring: Ring) -> None:
-    """Refuse invalid longitudes and latitudes, and rings at a pole or across the 180° meridian.
+    """Refuse a ring with invalid longitudes or latitudes, at a pole, or across the 180° meridian.
 
     Raises
     ------
@@ -227,11 +231,11 @@ class RegionOutlines:
     ----------
     outlines : tuple of RegionOutline
     where : str
-        The path of the file, or the name of the built-in region.
+        Path of the file, or name of the built-in region.
     geographic : bool
         Whether coordinates are longitude and latitude in degrees (WGS84). If false, coordinates are in metres.
     closed : bool
-        Whether the format requires rings to repeat their first vertex at the end.
+        Whether the format of the file requires that rings repeat their first vertex at the end.
     height : float
         Height of the volume above the polygons in metres, or 0 for a plane region.
     """
@@ -244,7 +248,7 @@ class RegionOutlines:
 
 
 def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:
-    """Return the polygons in a Shapely geometry as outlines. ``where`` is the name of the geometry in error messages."""
+    """Return the polygons in a Shapely geometry as outlines. Error messages call the geometry ``where``."""
     import shapely
 
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]

@@ -1,4 +1,4 @@
-"""Readers of points that users give as text, file or array: launch points, landing points, targets and obstacles."""
+"""Readers of points that users give as a text, a file or an array: launch points, landing points, targets and obstacles."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ _COORDINATES = re.compile(rf"{_NUMBER},{_NUMBER}(?:;{_NUMBER},{_NUMBER})*")
 
 
 def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what: str) -> Points:
-    """Return a point for each robot, in metres; float64, shape (robots, 2).
+    """Return one point for each robot in metres, such as a launch point; float64, shape (robots, 2).
 
     Parameters
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
-        One point in metres for all robots, or one for each robot. Or a text: points ``x,y`` separated by semicolons (in degrees for
-        a region on Earth, else in metres), or the path of a CSV or GeoJSON file of points. Along a line in a GeoJSON file, the
-        robots get points at equal distances.
+        One point in metres for all robots, one point in metres for each robot, or a text. The text holds points ``x,y`` separated
+        by semicolons, or the path of a CSV or GeoJSON file of points. In the text, points are in degrees for a region on Earth, and
+        in metres for any other region. If a GeoJSON file contains a line, the function spaces the robots evenly along this line.
     region : SearchRegion
     robots : int
         Number of robots.
     what : str
-        Name of the points in messages.
+        Name of the points in error messages.
 
     Raises
     ------
@@ -69,16 +69,16 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     ----------
     path : path
     region : SearchRegion
-        The region whose local frame the points get.
+        The region. The result is in the local frame of this region.
     what : str
-        Name of the points in messages.
+        Name of the points in error messages.
     count : int, optional
-        The number of points that the file must contain. By default, any number is accepted.
+        Number of points that the file must contain. By default, the file may contain any number of points.
 
     Raises
     ------
     InvalidInputError
-        If the file is invalid, or if its longitudes and latitudes seem to be swapped. The message names the file.
+        If the file is invalid, or if its longitudes and latitudes seem to be swapped. The error message names the file.
     """
     points, line = _read(path, region, what)
     if line:
@@ -89,7 +89,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
 
 
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
-    """Return the points in a file, and whether they form a line."""
+    """Return the points in a file in metres, and whether they are the vertices of a line."""
     if path.suffix.lower() in (".geojson", ".json"):
         found, line = read_positions(path, what=f"file of {what}")
         return _in_metres(found, region, path, degrees=True), line
@@ -99,7 +99,7 @@ def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
 
 
 def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: bool | None) -> Points:
-    """Return points in metres. If ``degrees`` is None, the points are in the unit of the region."""
+    """Convert points to metres in the local frame of a region. If ``degrees`` is None, points are in the unit of the region."""
     if region.frame is None and degrees:
         raise InvalidInputError(
             f"{where}: expected metres, because the region {region.name!r} has no position on Earth, got degrees"
@@ -117,7 +117,7 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
 
 
 def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
-    """Refuse points outside a region if the points with swapped longitude and latitude would lie inside."""
+    """Refuse points outside a region if they would lie inside the region with longitude and latitude swapped."""
     assert region.frame is not None
     try:
         swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())

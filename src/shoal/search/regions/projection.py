@@ -1,4 +1,4 @@
-"""Conversion between longitude and latitude and a plane frame in metres around a point on Earth."""
+"""Conversion between geographic coordinates (longitude and latitude) and a plane local frame in metres."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 class LocalFrame:
     """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    The projection preserves angles. A length in the frame is longer than the length on Earth, by the fraction (east / R)² / 2,
-    where ``east`` is the distance to the east or west of the origin and R is the radius of the Earth. According to PROJ, this
-    fraction is at most 4.9e-6 within 20 km of the origin (5 mm per kilometre), 3.1e-5 within 50 km, and 1.2e-4 within 100 km, at
-    latitudes from 0 to 80 degrees.
+    The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. They are longer by the
+    fraction (east / R)² / 2, where ``east`` is the distance to the east or west of the origin, and R is the radius of the Earth.
+    According to PROJ, lengths at latitudes from 0 to 80 degrees are longer by at most 4.9e-6 (5 mm per kilometre) within 20 km of
+    the origin. The fraction is at most 3.1e-5 within 50 km of the origin, and at most 1.2e-4 within 100 km.
 
     Parameters
     ----------
     longitude, latitude : float
-        The origin in degrees, WGS84.
+        Longitude and latitude of the origin in degrees (WGS84).
 
     Raises
     ------
@@ -53,14 +53,14 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return a frame around points (longitude, latitude) in degrees, with the middle of their bounding box as its origin."""
+        """Return a local frame for points (longitude, latitude) in degrees. Its origin is the middle of their bounding box."""
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))
 
     @property
     def proj(self) -> str:
-        """The projection in PROJ's notation."""
+        """Description of the projection in PROJ's notation."""
         return f"+proj=tmerc +lat_0={self.latitude!r} +lon_0={self.longitude!r} +k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m"
 
     def to_metres(self, lonlat: ArrayLike) -> Points:
@@ -93,7 +93,7 @@ class LocalFrame:
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
 
     def _check_near(self, points: Points, given: Points, unit: str) -> None:
-        """Refuse points in metres that are too far from the origin. ``given`` are the same points as the user wrote them."""
+        """Refuse points in metres that are too far from the origin. The error message shows the points ``given`` by the user."""
         near = np.hypot(*points.T) <= 2 * REACH
         if not near.all():
             raise InvalidInputError(
@@ -110,7 +110,7 @@ def _transformer(proj: str) -> Any:
 
 
 def utm_zone(longitude: float) -> int:
-    """Return the number (1 to 60) of the UTM zone of a longitude.
+    """Return the number of the UTM zone, from 1 to 60, of a longitude in degrees.
 
     Examples
     --------

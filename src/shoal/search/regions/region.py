@@ -1,4 +1,4 @@
-"""SearchRegion: the area that robots search and the area where they may be, as polygons with holes in metres."""
+"""SearchRegion: the area that robots search, and the area where robots may be, as polygons with holes in metres."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ class SearchRegion:
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The area that robots must see, as a valid geometry in metres with x east and y north. It does not contain the no-go zones
-        and the area that no robot can see while it keeps the margin (`shoal.search.regions.margin`).
+        The area that robots must see, as a valid geometry in metres with x east and y north. The area contains neither no-go zones
+        nor places that robots cannot see while they keep the margin (`shoal.search.regions.margin`).
     frame : LocalFrame or None
-        Local frame on Earth, or None for metres without a position on Earth.
+        Local frame on Earth, or None for coordinates in metres without a position on Earth.
     no_go : shapely Polygon or MultiPolygon
-        The no-go zones. The geometry is empty if there are none.
+        The no-go zones. Without no-go zones, this geometry is empty.
     name : str
-        Name of the region in messages and reports.
+        Name of the region in error messages and reports.
     no_go_zones : int
-        Number of no-go zones that the user gave. Zones that overlap each other or lie outside the region count, too.
+        Number of no-go zones that the user gave, including zones that overlap each other or lie outside the region.
     margin : float
-        Smallest distance of robots from the border in metres.
+        Smallest allowed distance between robots and the border of the region, in metres.
     free : shapely Polygon or MultiPolygon, optional
-        The area where robots may be. The default is ``area``.
+        The area where robots may be. By default, robots may be everywhere in ``area``.
     outline : shapely Polygon or MultiPolygon, optional
-        The whole region without no-go zones, including parts that no robot can see. The default is ``area``.
+        The whole region without no-go zones, including places that robots cannot see. By default, it is equal to ``area``.
     height : float
-        Height in metres of the volume above the region; or 0 for a plane region.
+        Height in metres of the volume above the region, or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
-        A shape inside ``free`` that has fewer corners than ``free``. Where possible, paths bend at the corners of this shape.
+        A shape inside ``free`` that has fewer corners than ``free``. Where possible, paths bend at the corners of ``bends``.
     """
 
     area: Any
@@ -66,17 +66,17 @@ class SearchRegion:
 
     @property
     def area_m2(self) -> float:
-        """Size in square metres of the area that robots must see."""
+        """Size of the area that robots must see, in square metres."""
         return float(self.area.area)
 
     @property
     def unseen_m2(self) -> float:
-        """Size in square metres of the area that no robot can see while it keeps the margin."""
+        """Size of the area that robots cannot see while they keep the margin, in square metres."""
         return max(0.0, float(self.outline.area - self.area.area))
 
     @cached_property
     def parts(self) -> tuple[Any, ...]:
-        """The connected polygons of ``free``, in which robots may be, from the largest to the smallest."""
+        """The connected polygons of the area where robots may be, from the largest to the smallest."""
         import shapely
 
         pieces = shapely.get_parts(self.free)
@@ -95,7 +95,7 @@ class SearchRegion:
     def border(self) -> Any:
         """The border of `reach` as a prepared Shapely geometry.
 
-        A segment that starts inside and does not meet this border stays inside.
+        A segment that starts inside the region and does not meet this border lies inside the region.
         """
         import shapely
 
@@ -104,19 +104,21 @@ class SearchRegion:
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return for each point whether a robot may be there, inside ``free`` or up to `TOUCH` outside; bool, shape (n,)."""
+        """Return, for each point, whether it lies inside ``free`` or less than `TOUCH` outside; bool, shape (n,)."""
         import shapely
 
         array = check_plane_points(points, what="points")
         return np.asarray(shapely.intersects_xy(self.reach, array[:, 0], array[:, 1]))
 
     def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
-        """Return points in metres as a float64 array of shape (n, 2). ``what`` is the name of the points in error messages.
+        """Check that points in metres lie inside the region, and return them as an array; float64, shape (n, 2).
+
+        Error messages call the points ``what``.
 
         Raises
         ------
         InvalidInputError
-            If a point lies outside the region. The message gives the coordinates of the point and its distance from the region.
+            If a point lies outside the region. The error message gives the point's coordinates and its distance from the region.
         """
         array = check_plane_points(points, what=what)
         outside = ~self.contains(array)
@@ -135,7 +137,7 @@ class SearchRegion:
         return array
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
-        """Return the altitudes of a volume's layers in metres, from the lowest. Each layer is at most ``footprint`` metres thick.
+        """Return the altitudes of a volume's layers in metres, in ascending order, for layers at most ``footprint`` metres thick.
 
         Examples
         --------
@@ -152,7 +154,7 @@ class SearchRegion:
 
     @property
     def margin_text(self) -> str:
-        """The words " with a margin of ... m" for messages, or an empty text if the margin is 0."""
+        """The words " with a margin of ... m" for error messages, or an empty text if the margin is 0."""
         return f" with a margin of {self.margin:g} m" if self.margin else ""
 
     def __repr__(self) -> str:
@@ -164,20 +166,20 @@ class SearchRegion:
 def region_of(
     area: Any, *, frame: LocalFrame | None = None, no_go: Any = None, name: str = "region", no_go_zones: int | None = None
 ) -> SearchRegion:
-    """Return a region from a Shapely polygon in metres and its no-go zones.
+    """Create a region from a Shapely polygon in metres and from no-go zones.
 
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The polygon or polygons. Overlapping parts are united.
+        The polygon or polygons of the region. Overlapping polygons are united.
     frame : LocalFrame, optional
         Local frame on Earth. By default, the region has no position on Earth.
     no_go : shapely Polygon or MultiPolygon, optional
-        No-go zones in metres. They may overlap each other and extend beyond ``area``.
+        No-go zones in metres. No-go zones may overlap each other and extend beyond ``area``.
     name : str
-        Name of the region in messages and reports.
+        Name of the region in error messages and reports.
     no_go_zones : int, optional
-        Number of no-go zones. The default is the number of polygons in ``no_go``.
+        Number of no-go zones. By default, it is the number of polygons in ``no_go``.
 
     Raises
     ------
@@ -203,7 +205,7 @@ def region_of(
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
-    """Return one or several Shapely polygons as one valid shape without overlaps."""
+    """Check one or several Shapely polygons, and unite them to one valid shape without overlaps."""
     import shapely
     from shapely.validation import explain_validity
 
@@ -224,7 +226,7 @@ def _only_polygons(shape: Any, *, what: str) -> Any:
 
 
 def polygons_in(shape: Any) -> Any:
-    """Return the polygons in a Shapely geometry, without its lines and points, and without parts as small as rounding errors."""
+    """Return the polygons in a Shapely geometry, without lines, points, and polygons that are as small as rounding errors."""
     import shapely
 
     parts = [part for part in _flattened(shape) if part.geom_type == "Polygon" and part.area > 0]

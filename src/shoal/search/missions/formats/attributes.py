@@ -1,4 +1,4 @@
-"""Mission attributes besides coordinates. GeoJSON, KML, GPX and CSV files store the attributes under the same names."""
+"""Attributes of missions besides coordinates. GeoJSON, KML, GPX and CSV files store each attribute under one common name."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from shoal.search.problem.mission_options import CAPS
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
 MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m")
-"""Optional attributes. Without these attributes, a mission has no delay and ends with a return home."""
+"""Names of the optional attributes of a mission, such as its delay and its landing point."""
 
 ALTITUDES = "altitudes_m"
-"""The attribute with the altitudes of all waypoints, if they differ: numbers separated by spaces."""
+"""Name of the attribute for the altitudes of all waypoints, if they differ, as numbers separated by spaces."""
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission in the order of `NAMES`, then those of `MORE` and `ALTITUDES` that the mission has."""
+    """Return the attributes of a mission by name: all attributes in `NAMES`, then the existing ones in `MORE` and `ALTITUDES`."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [
         mission.delay or None,
@@ -39,12 +39,12 @@ def attributes_of(mission: Mission) -> dict[str, str | int | float]:
 
 
 def attributes_as_text(mission: Mission) -> dict[str, str]:
-    """Return the attributes of a mission as texts, for formats without numbers."""
+    """Return the attributes of a mission as texts, for file formats without numbers."""
     return {name: value if isinstance(value, str) else plain(value) for name, value in attributes_of(mission).items()}
 
 
 def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
-    """Fill a sheet with the attributes in a file, which are numbers or texts, and add diagnostics for invalid attributes."""
+    """Store the attributes of a mission file in its sheet, and add diagnostics for invalid attributes."""
     missing = [name for name in NAMES if name not in found]
     for name in missing:
         sheet.add("missing-key", place, f"expected {name!r}, got none")
@@ -77,7 +77,7 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
 
 
 def spread_altitudes(sheet: Sheet, place: str) -> None:
-    """Assign an altitude to each waypoint of a sheet: the waypoint's own altitude, or the common altitude."""
+    """Give each waypoint of a sheet an altitude: its own altitude, or the common altitude of the mission."""
     count = len(sheet.points)
     if len(sheet.altitudes) > 1 and len(sheet.altitudes) != count:
         sheet.add("wrong-value", place, f"expected {count} numbers as {ALTITUDES!r}, one per waypoint, got {len(sheet.altitudes)}")
@@ -96,7 +96,7 @@ def _whole(value: Any) -> int | None:
 
 
 def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
-    """Return the number called ``name``. An invalid value gives NaN and a diagnostic."""
+    """Return the attribute ``name`` as a number. If its value is invalid, return NaN and add a diagnostic."""
     value = found[name]
     if not isinstance(value, bool):
         try:

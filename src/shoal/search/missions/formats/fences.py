@@ -1,4 +1,4 @@
-"""Fence and rally points: for ArduPilot as separate `QGC WPL 110` files, for QGroundControl as a section of the `.plan` file."""
+"""Fences and rally points, in separate `QGC WPL 110` files for ArduPilot, and in the `.plan` file for QGroundControl."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Places = tuple[tuple[float, float], ...]
 
 
 def fence_text(fence: Fence) -> str:
-    """Return a fence as a table of mission items. Each item describes a corner, and states the number of corners of its polygon."""
+    """Return a fence as a table of mission items. Each item is a corner, with the number of corners of its polygon."""
     rows = [
         (_GLOBAL, _OUTSIDE if number else _INSIDE, float(len(ring)), x, y, 0.0)
         for number, ring in enumerate(fence.rings)
@@ -33,7 +33,7 @@ def fence_text(fence: Fence) -> str:
 
 
 def rally_text(points: Places, altitude: float) -> str:
-    """Return rally points as a table of mission items at a height above home."""
+    """Return rally points as a table of mission items. The altitude of all rally points is in metres above home."""
     return _table([(_RELATIVE, _RALLY_POINT, 0.0, x, y, altitude) for x, y in points])
 
 
@@ -91,7 +91,7 @@ def read_rally(text: str, where: str) -> Places:
 
 
 def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, float]]]:
-    """Return line, command, first parameter, longitude and latitude of each item."""
+    """Return the line, the command, the first parameter and the position of each item in a table of mission items."""
     lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
         raise InvalidInputError(f"{where}: line 1: expected {HEADER!r}, got {lines[0][:40] if lines else 'an empty file'!r}")
@@ -113,7 +113,7 @@ def _rows(text: str, where: str) -> list[tuple[int, int, float, tuple[float, flo
 
 
 def plan_fence(fence: Fence | None) -> dict[str, Any]:
-    """Return a fence as the data of a ``.plan`` file."""
+    """Return the section of a ``.plan`` file that describes a fence."""
     polygons = [
         {"inclusion": not number, "polygon": [[raw(degrees(y)), raw(degrees(x))] for x, y in ring.tolist()], "version": 1}
         for number, ring in enumerate(() if fence is None else fence.rings)
@@ -122,5 +122,5 @@ def plan_fence(fence: Fence | None) -> dict[str, Any]:
 
 
 def plan_rally(points: Places, altitude: float) -> dict[str, Any]:
-    """Return rally points as the data of a ``.plan`` file."""
+    """Return the section of a ``.plan`` file that describes rally points."""
     return {"version": 2, "points": [[raw(degrees(y)), raw(degrees(x)), altitude] for x, y in points]}

@@ -1,4 +1,4 @@
-"""GeoJSON missions (RFC 7946): a line for the waypoints and a point for home, with longitude first."""
+"""Missions as GeoJSON files (RFC 7946): a line for the waypoints and a point for home, with longitude before latitude."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _FARTHEST = 10**300  # a larger whole number may overflow a float
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a GeoJSON file. A single waypoint is written as a Point, because a LineString needs two."""
+    """Return a mission as the text of a GeoJSON file. A single waypoint becomes a Point, because a LineString needs two points."""
     points = [[raw(degrees(value)) for value in point] for point in mission.waypoints.tolist()]
     line: dict[str, Any] = {"type": "LineString", "coordinates": points}
     if len(points) == 1:
@@ -29,7 +29,7 @@ def write(mission: Mission) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a GeoJSON file."""
+    """Read the content of a GeoJSON file into a mission sheet."""
     data = load_json(text, sheet)
     if not sheet.readable:
         return

@@ -1,8 +1,8 @@
-"""GPX 1.1 missions: a route for the waypoints, and a waypoint for home.
+"""Missions as GPX 1.1 files: a route for the waypoints, and a waypoint for home.
 
-Elevations in GPX are heights above sea level. Elevations are written only if home's height above sea level is known, or if
-altitudes are heights above sea level. The reader uses elevations only if the file stores one altitude for all waypoints, and this
-altitude is not above ground.
+Elevations in GPX are heights above sea level. The writer writes elevations only if altitudes are heights above sea level, or if
+home's height above sea level is known. The reader ignores elevations if the file stores altitudes above ground, or an altitude for
+each waypoint.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def write(mission: Mission) -> str:
 
 
 def _ends(mission: Mission) -> list[str]:
-    """Return the text after the position of each waypoint: the element with its height above sea level, if this is known."""
+    """Return the text after the position of each waypoint, with an elevation if the height above sea level is known."""
     if mission.elevation is None and mission.altitude_frame != "sea":
         return ["/>"] * len(mission.waypoints)
     heights = mission.heights_above_home + (mission.elevation or 0.0)
@@ -50,7 +50,7 @@ def _place(longitude: float, latitude: float) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a GPX file."""
+    """Read the content of a GPX file into a mission sheet."""
     root = parse_root(text, "gpx", sheet)
     if root is None:
         return

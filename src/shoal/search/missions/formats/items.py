@@ -1,4 +1,4 @@
-"""MAVLink mission items, which are the content of `.plan` and WPL files."""
+"""MAVLink mission items, which `.plan` and WPL files contain."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ Params = tuple[float | None, ...]
 
 @dataclass(frozen=True)
 class Item:
-    """One mission item. An item has seven parameters. The last three parameters are latitude, longitude and altitude.
+    """A mission item with seven parameters. The last three parameters are latitude, longitude and altitude.
 
-    None means unset.
+    A parameter that is None is unset.
     """
 
     command: int
@@ -41,11 +41,11 @@ class Item:
 
 
 def items_of(mission: Mission) -> list[Item]:
-    """Return the items of a mission, without home.
+    """Return the mission items of a mission, without its home.
 
     The first items are the start delay and the take-off, because autopilots begin with these items. The next item sets the speed
-    for the whole mission. Images are taken from the first to the last waypoint. The take-off of a fixed wing has the position of
-    the first waypoint, because the vehicle climbs toward this waypoint.
+    for the whole mission. The camera takes images from the first to the last waypoint. The take-off of a fixed wing has the
+    position of the first waypoint, because the vehicle climbs toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
@@ -80,7 +80,7 @@ def _placeless(command: int, *params: float) -> Item:
 
 
 def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Fill a mission sheet with the content of items, and add diagnostics."""
+    """Read the content of mission items into a mission sheet, and add diagnostics."""
     waypoints = [item for item in items if item.command == WAYPOINT]
     sheet.n_items = len(items) + 1
     sheet.points = np.array([_number(item.params[5], item.params[4]) for item in waypoints], dtype=np.float64).reshape(-1, 2)
@@ -119,7 +119,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def _check_frame(sheet: Sheet, item: Item) -> None:
-    """Add a diagnostic for altitudes with another reference."""
+    """Add a diagnostic if a mission item has the wrong frame: another reference of altitudes, or a frame that it does not need."""
     if item.command in _PLACED:
         wanted = sheet.altitude_frame or "home"
         if _READ.get(item.frame) != wanted:
@@ -131,7 +131,7 @@ def _check_frame(sheet: Sheet, item: Item) -> None:
 
 
 def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Add a diagnostic for an invalid pitch of the camera, or for a camera that never stops."""
+    """Add a diagnostic for an invalid pitch of the gimbal, or for a camera that never stops taking images."""
     for item in items:
         pitch, mode = _number(item.params[0], item.params[6])
         if item.command == GIMBAL and not (abs(pitch) <= 90 and mode == _BY_ANGLES):
@@ -147,7 +147,7 @@ def _check_camera(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
-    """Return the kind of vehicle that the items of a file imply, for files that do not state the kind."""
+    """Return the kind of vehicle that mission items imply, for a file that does not state the kind of vehicle."""
     if not any(altitude > 0 for altitude in sheet.altitudes) and not any(item.command == TAKE_OFF for item in items):
         return "rover"
     through_air = any(item.command == SPEED and item.params[0] == _AIR for item in items)
@@ -155,7 +155,7 @@ def kind_of(sheet: Sheet, items: Sequence[Item]) -> str:
 
 
 def check_take_off(sheet: Sheet, items: Sequence[Item]) -> None:
-    """Add a diagnostic for a missing take-off before the first waypoint, or for a rover's take-off."""
+    """Add a diagnostic if a flight has no take-off before the first waypoint, or if a rover has a take-off."""
     commands = [item.command for item in items if item.command in (TAKE_OFF, WAYPOINT)]
     if sheet.kind == "rover":
         if TAKE_OFF in commands:

@@ -1,4 +1,4 @@
-"""KML 2.2 missions: a line for the waypoints and a point for home, with longitude first."""
+"""Missions as KML 2.2 files: a line for the waypoints and a point for home, with longitude before latitude."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SUFFIX = ".kml"
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a KML file. A single waypoint is written as a Point, because a LineString needs two."""
+    """Return a mission as the text of a KML file. A single waypoint becomes a Point, because a LineString needs two points."""
     mode, heights = _heights(mission)
     points = [f"{degrees(x)},{degrees(y)},{plain(z)}" for (x, y), z in zip(mission.waypoints.tolist(), heights, strict=True)]
     shape = "LineString" if len(points) > 1 else "Point"
@@ -46,10 +46,10 @@ def write(mission: Mission) -> str:
 
 
 def _heights(mission: Mission) -> tuple[str, list[float]]:
-    """Return the altitude mode in KML, and the altitudes of the waypoints.
+    """Return the altitude mode of KML, and the altitudes of the waypoints in metres.
 
-    KML supports altitudes above ground and above the sea. Heights above home can be converted only if the height of home is known.
-    Otherwise only the attributes contain the heights, and the line lies on the ground.
+    KML supports altitudes above ground and above sea level. Heights above home can be converted only if home's height above sea
+    level is known. If it is unknown, the line lies on the ground, and only the attributes contain the heights.
     """
     count = len(mission.waypoints)
     if mission.kind != "rover":
@@ -61,7 +61,7 @@ def _heights(mission: Mission) -> tuple[str, list[float]]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a KML file."""
+    """Read the content of a KML file into a mission sheet."""
     root = parse_root(text, "kml", sheet)
     if root is None:
         return
@@ -98,7 +98,7 @@ def _route(sheet: Sheet, placemark: Element) -> None:
 
 
 def _positions(sheet: Sheet, placemark: Element) -> list[tuple[float, float]]:
-    """Return the positions of a placemark, (longitude, latitude)."""
+    """Return the positions of a placemark as (longitude, latitude) in degrees."""
     element = placemark.first("coordinates")
     if element is None:
         sheet.add("missing-key", f"line {placemark.line}", "expected coordinates in the Placemark, got none")

@@ -1,4 +1,4 @@
-"""Numbers in mission files, written with fixed decimals and read together with their number of decimals."""
+"""Numbers in mission files. Shoal writes coordinates with fixed decimals, and reads numbers with their count of decimals."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def degrees(value: float) -> str:
 
 
 def plain(value: float) -> str:
-    """Return a number that is not a coordinate as a short exact text.
+    """Return a number as a short, exact text without an exponent.
 
     Examples
     --------
@@ -44,14 +44,14 @@ class Number(float):
     decimals = 0
 
     def __new__(cls, text: str) -> Number:
-        """Return the number in a text."""
+        """Return the number that a text represents."""
         made = super().__new__(cls, text)
         made.decimals = decimals_of(text)
         return made
 
 
 def load_json(text: str, sheet: Sheet) -> Any:
-    """Parse the JSON text of a mission file. Numbers with decimals become `Number`. Mistakes make the sheet unreadable."""
+    """Parse the JSON text of a mission file. Numbers with decimals become `Number`. An invalid text makes the sheet unreadable."""
     try:
         return json.loads(text, parse_float=Number)
     except json.JSONDecodeError as error:
@@ -62,7 +62,7 @@ def load_json(text: str, sheet: Sheet) -> Any:
 
 
 def dump_json(value: Any) -> str:
-    """Return a JSON text in which the strings that `raw` made appear as numbers.
+    """Return a JSON text, in which the strings from the function `raw` appear as numbers.
 
     Examples
     --------
@@ -75,5 +75,5 @@ def dump_json(value: Any) -> str:
 
 
 def raw(number: str) -> str:
-    """Mark a number's text so that `dump_json` writes it unchanged."""
+    """Mark the text of a number, so that `dump_json` writes this text unchanged as a number."""
     return f"\x1f{number}"

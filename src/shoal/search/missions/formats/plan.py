@@ -1,4 +1,4 @@
-"""QGroundControl's `.plan` format: JSON with latitude before longitude."""
+"""Missions as `.plan` files of QGroundControl: JSON with latitude before longitude."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def _item(item: Item, number: int) -> dict[str, Any]:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a `.plan` file."""
+    """Read the content of a `.plan` file into a mission sheet."""
     data = load_json(text, sheet)
     if not sheet.readable:
         return
@@ -173,7 +173,7 @@ def scan(text: str, sheet: Sheet) -> None:
 
 
 def _note(sheet: Sheet, fault: Any) -> None:
-    """Add a diagnostic for one of Pydantic's errors."""
+    """Convert an error of the library Pydantic to a diagnostic, and add it to a sheet."""
     place = ", ".join(f"item {part + 1}" if before == "items" else str(part) for before, part in _path(fault["loc"]))
     kind, got = fault["type"], repr(fault["input"])[:60]
     if kind == "missing":
@@ -187,9 +187,9 @@ def _note(sheet: Sheet, fault: Any) -> None:
 
 
 def _path(location: tuple[int | str, ...]) -> list[tuple[int | str, Any]]:
-    """Return the steps of a location as pairs (previous, current).
+    """Return the steps of a location in a JSON file as pairs (previous step, step).
 
-    Names of lists before their items, and kinds of unions, are left out.
+    The result leaves out the list name "items" and the type name "float".
     """
     steps = [(location[k - 1] if k else "", part) for k, part in enumerate(location)]
     return [(before, part) for before, part in steps if part not in ("items", "float")]

@@ -1,6 +1,6 @@
-"""CSV missions: one line for home, for each waypoint and for the return.
+"""Missions as CSV files, with a line for home, a line for each waypoint, and a line for the return.
 
-Coordinates are in degrees, or in metres for a region without a position on Earth.
+Coordinates in a CSV mission are in degrees, or in metres if the region has no position on Earth.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ def write(mission: Mission) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a CSV file."""
+    """Read the content of a CSV file into a mission sheet."""
     try:
         rows = [(number, row) for number, row in enumerate(csv.reader(text.splitlines(), strict=True), start=1) if row]
     except csv.Error as error:
@@ -80,7 +80,7 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 
 def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
-    """Read the attributes of the first line. All other lines must repeat these attributes, except the altitude."""
+    """Read the attributes of a mission from the first line of a CSV file. All other lines must repeat them, except altitudes."""
     names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
     first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)

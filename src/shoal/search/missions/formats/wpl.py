@@ -1,4 +1,4 @@
-"""The `QGC WPL 110` format: a table of mission items with latitude before longitude."""
+"""Missions as `QGC WPL 110` files: a table of mission items with latitude before longitude."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _FIELDS = ("seq", "current", "frame", "command", "p1", "p2", "p3", "p4", "latitu
 
 
 def write(mission: Mission) -> str:
-    """Return a mission as the text of a WPL file. The format has no unset parameters, so a missing heading becomes 0 (north)."""
+    """Return a mission as the text of a WPL file. WPL has no unset parameters, so a missing heading becomes 0 degrees (north)."""
     longitude, latitude = mission.home
     home = Item(WAYPOINT, 0, (0.0, 0.0, 0.0, 0.0, latitude, longitude, mission.elevation or 0.0))
     rows = [_row(number, item) for number, item in enumerate([home, *items_of(mission)])]
@@ -29,7 +29,7 @@ def _row(number: int, item: Item) -> str:
 
 
 def scan(text: str, sheet: Sheet) -> None:
-    """Fill a mission sheet with the content of a WPL file."""
+    """Read the content of a WPL file into a mission sheet."""
     lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
         sheet.add("wrong-header", "line 1", f"expected {HEADER!r}, got {lines[0][:40] if lines else 'an empty file'!r}")

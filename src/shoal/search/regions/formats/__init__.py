@@ -1,19 +1,19 @@
 """Readers of region files. The suffix of a file determines its format.
 
-- ``.geojson .json``: GeoJSON in degrees with longitude first. An old "crs" member may name another coordinate system.
+- ``.geojson .json``: GeoJSON in degrees with longitude first. An old GeoJSON file may name another coordinate system in "crs".
 - ``.kml .kmz``: KML. The reader takes the polygons of all placemarks. In a KMZ archive, the reader takes the first KML file.
-- ``.gpkg``: GeoPackage. Each layer of a GeoPackage names its coordinate system. The coordinates in a layer without a coordinate
-  system on Earth are metres.
+- ``.gpkg``: GeoPackage. Each layer of a GeoPackage names its coordinate system. In a layer without a coordinate system on Earth,
+  coordinates are in metres.
 - ``.shp .zip``: Shapefile. The ``.prj`` file of a Shapefile names the coordinate system. A zip archive must contain exactly one
   Shapefile.
-- ``.csv``: one vertex per line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). Lines that begin with #
-  are ignored. A new ring begins after a blank line, or when the value in a third column changes. A ring may repeat its first vertex
-  at its end. A ring inside another ring is a hole, and a ring inside a hole is another part of the region.
+- ``.csv``: a CSV file with one vertex in each line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). The
+  reader ignores lines that begin with #. A new ring begins after a blank line, or when the value in a third column changes. A ring
+  may repeat its first vertex at its end. A ring inside another ring is a hole. A ring inside a hole is a part of the region.
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
-no-go zone if its name or its kind marks it ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or layer can also
-mark the polygon. Points and lines are ignored if the file contains a polygon. Overlapping polygons are united.
-`shoal.search.regions.limits` lists the maximum sizes.
+no-go zone if its name or its kind marks it as one ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or layer can
+also mark the polygon. If a file contains a polygon, the reader ignores points and lines. Overlapping polygons are united. The
+module `shoal.search.regions.limits` lists the maximum sizes of files.
 """
 
 from __future__ import annotations
@@ -45,21 +45,21 @@ _READERS: dict[str, Callable[[Path], RegionOutlines]] = {
 
 
 def read_outlines(path: str | os.PathLike[str], *, layer: str | None = None, zones: bool = False) -> RegionOutlines:
-    """Return the polygons in a file.
+    """Return the polygons in a region file.
 
     Parameters
     ----------
     path : path
     layer : str, optional
-        Name of the layer that is read from a GeoPackage.
+        Name of the layer to read from a GeoPackage.
     zones : bool
-        Whether all polygons in the file are no-go zones. All layers of a GeoPackage are then read.
+        Whether all polygons in the file are no-go zones. If true, the function reads all layers of a GeoPackage.
 
     Raises
     ------
     InvalidInputError
-        If the file is missing, damaged, too large or of another format, or if it contains no polygon. The message names the place
-        of the mistake.
+        If the file is missing, damaged, too large or of another format, or if it contains no polygon. The error message names the
+        place of the mistake.
     """
     source = Path(path)
     suffix = source.suffix.lower()

@@ -14,7 +14,7 @@ from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, R
 def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> RegionOutlines:
     """Convert outlines from a coordinate reference system to WGS84 longitude and latitude in degrees.
 
-    In the given outlines, the coordinate to the east comes first, as in GeoJSON, GeoPackage and Shapefile.
+    In the given outlines, the east coordinate comes before the north coordinate, as in GeoJSON, GeoPackage and Shapefile.
 
     Parameters
     ----------
@@ -22,13 +22,13 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
     where : str
         Name of the file in error messages.
     crs : str
-        The coordinate reference system: a name, an EPSG code or WKT. Outlines in a system without a position on Earth are not
-        converted and count as metres.
+        The coordinate reference system: a name, an EPSG code or WKT. If this system has no position on Earth, the function returns
+        the outlines unchanged, in metres.
 
     Raises
     ------
     InvalidInputError
-        If the coordinate reference system is unknown, or a coordinate lies outside the range of the system.
+        If the coordinate reference system is unknown, or if a coordinate is out of the system's range.
     """
     from pyproj import CRS, Transformer
     from pyproj.exceptions import ProjError

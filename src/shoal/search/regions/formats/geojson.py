@@ -1,4 +1,4 @@
-"""Reader of regions and points in GeoJSON files (RFC 7946). Every error message names the place of the mistake in the file."""
+"""Reader of regions and points in GeoJSON files (RFC 7946). Every error message names the place of a mistake in the file."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def read_geojson(path: Path) -> RegionOutlines:
 
 
 def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
-    """Return the points in a GeoJSON file, and whether they are the vertices of a line.
+    """Return the points in a GeoJSON file, and whether these points are the vertices of a line.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
 
 
 def _geometries(data: Any, where: str, no_go: bool = False) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Yield each geometry of a GeoJSON object: its place in the file, the geometry, and whether it is marked as a no-go zone."""
+    """Yield each geometry of a GeoJSON object, with its place in the file and a flag that marks it as a no-go zone."""
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")
@@ -134,7 +134,7 @@ def _points(ring: Any, where: str) -> Points:
 
 
 def _crs_name(data: Any, where: str) -> str | None:
-    """Return the name in the "crs" member, which GeoJSON had before RFC 7946."""
+    """Return the coordinate reference system that the old member "crs" names. RFC 7946 removed this member from GeoJSON."""
     if not isinstance(data, dict) or data.get("crs") is None:
         return None
     crs = data["crs"]

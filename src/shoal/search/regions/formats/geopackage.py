@@ -1,4 +1,4 @@
-"""Reader of regions in GeoPackage files (OGC 12-128). A GeoPackage is an SQLite file. Code in a GeoPackage is never run."""
+"""Reader of regions in GeoPackage files (OGC 12-128), which are SQLite files. The reader never runs code in a GeoPackage."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
     ----------
     path : path
     layer : str, optional
-        Name of the layer. It is required if several layers could contain the region.
+        Name of the layer. The name is required if several layers could contain the region.
     every : bool
-        Whether to read all layers. A file of no-go zones is read in this way.
+        Whether to read all layers, as for a file of no-go zones.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def _chosen(path: Path, layer: str | None, names: list[str]) -> list[str]:
 def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], name: str, asked: str | None) -> RegionOutlines:
     """Return the polygons of one layer.
 
-    The polygons are no-go zones if the name of the layer marks them and the layer was not requested.
+    If the name of a layer marks no-go zones, all its polygons are no-go zones, unless the user requested this layer as the region.
     """
     table, column, organization, code, definition = known[name]
     _check_table(database, path, str(table))
@@ -93,7 +93,7 @@ def _outlines(database: sqlite3.Connection, path: Path, known: dict[str, Any], n
 
 
 def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
-    """Refuse views and virtual tables, because they can run code."""
+    """Refuse SQLite views and virtual tables, because they can run code."""
     found = database.execute("SELECT type, sql FROM sqlite_master WHERE lower(name) = lower(?)", (name,)).fetchone()
     kind = "nothing" if found is None else str(found[0])
     if kind == "table" and "VIRTUAL" in str(found[1]).upper().split()[:2]:
@@ -103,7 +103,7 @@ def _check_table(database: sqlite3.Connection, path: Path, name: str) -> None:
 
 
 def _shape(blob: Any, where: str) -> Any:
-    """Return a geometry, or None for an empty value."""
+    """Return the Shapely geometry in a binary value of a GeoPackage, or None for an empty value."""
     import shapely
 
     data = b"" if blob is None else bytes(blob) if isinstance(blob, bytes) else b"?"
@@ -120,7 +120,7 @@ def _shape(blob: Any, where: str) -> Any:
 
 
 def _check_depth(data: bytes) -> None:
-    """Raise ValueError for deeply nested geometries, because they would overflow the stack of GEOS and end the process."""
+    """Raise ValueError for deeply nested geometries, which would overflow the stack of the library GEOS and end the process."""
     at, open_ones = 0, [1]
     while open_ones:
         if not open_ones[-1]:
@@ -153,9 +153,8 @@ def _quoted(name: Any) -> str:
 def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     """Open an SQLite file only for reading, with protection against hostile content.
 
-    Any error becomes an error whose message is one sentence.
-
-    Changes that another program has not yet merged into the file lie in a second file beside it, and are read with it.
+    The function converts any SQLite error to an `InvalidInputError` of one sentence. If another program has stored changes in a
+    second file beside the SQLite file, SQLite reads the second file, too.
     """
     left = _STEPS // _AT_ONCE
     changes = [name for end in ("-wal", "-journal") if (name := path.with_name(path.name + end)).is_file() and name.stat().st_size]

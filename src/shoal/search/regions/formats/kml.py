@@ -23,7 +23,7 @@ def read_kml(path: Path) -> RegionOutlines:
     Raises
     ------
     InvalidInputError
-        If the file is invalid. The message names the line of the mistake.
+        If the file is invalid. The error message names the line of the mistake.
     """
     return _outlines(read_text(path, what="region file", most=LARGEST_FILE), str(path))
 
@@ -65,7 +65,7 @@ def _outlines(text: str, where: str) -> RegionOutlines:
 
 
 def _zones(root: Element) -> set[int]:
-    """Return the identities of polygons that are no-go zones according to their placemark or the name of a folder around them."""
+    """Return the identities of the polygons that their placemark, or a folder around them, marks as no-go zones."""
     marked = [one for one in root.walk() if one.tag in _CONTAINERS and names_no_go(_child(one, "name"))]
     marked += [one for one in root.all("Placemark") if _is_no_go(one)]
     return {id(polygon) for one in marked for polygon in one.all("Polygon")}
@@ -109,7 +109,7 @@ def _ring(element: Element, where: str, path: str) -> Ring:
 
 
 def _vertex(word: str, where: str) -> tuple[float, float]:
-    """Read "longitude,latitude" or "longitude,latitude,altitude"."""
+    """Parse a vertex "longitude,latitude" or "longitude,latitude,altitude", and return longitude and latitude in degrees."""
     parts = word.split(",")
     try:
         if len(parts) not in (2, 3):

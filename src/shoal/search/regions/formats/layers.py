@@ -18,11 +18,11 @@ def layer_polygons(
     Parameters
     ----------
     shapes : iterable of (geometry, mapping)
-        For each feature, its Shapely geometry or None, and its properties by name.
+        The features as pairs: a Shapely geometry or None, and a mapping of properties by name.
     where : str
         Name of the file or of the layer in error messages.
     no_go : bool
-        Whether all polygons are no-go zones, whatever their properties are.
+        Whether all polygons are no-go zones, regardless of their properties.
 
     Raises
     ------

@@ -30,14 +30,14 @@ def can_mark(key: str) -> bool:
 def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
     """Return whether a feature of a file is marked as a no-go zone.
 
-    If a property such as ``no_go`` is false, the names of the feature do not count.
+    If a property such as ``no_go`` is false, the function ignores the names of the feature.
 
     Parameters
     ----------
     told : mapping
         The properties of the feature by name.
     names
-        Further names of the feature, such as its identifier. Values that are not texts are ignored.
+        Further names of the feature, such as its identifier. The function ignores names that are not texts.
 
     Examples
     --------

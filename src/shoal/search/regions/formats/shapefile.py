@@ -25,7 +25,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 def read_zipped_shapefile(path: Path) -> RegionOutlines:
     """Return the polygons in the Shapefile of a zip archive, which must contain exactly one Shapefile.
 
-    The files of the Shapefile are unpacked under new names. Therefore no path in the archive can lead to another folder.
+    The function unpacks the files of the Shapefile under new names. Therefore no path in the archive can lead to another folder.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def read_zipped_shapefile(path: Path) -> RegionOutlines:
 
 
 def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
-    """Return the polygons in a Shapefile. In error messages, ``where`` replaces the path of the file.
+    """Return the polygons in a Shapefile. In error messages, the text ``where`` replaces the path of the Shapefile.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def read_shapefile(path: Path, where: str = "") -> RegionOutlines:
 
 
 def _read(path: Path, where: str) -> tuple[tuple[RegionOutline, ...], str | None]:
-    """Return the polygons and the coordinate reference system."""
+    """Return the polygons in a Shapefile, and the name of its coordinate reference system."""
     import pyogrio
     import shapely
 

@@ -1,4 +1,4 @@
-"""Reader of CSV files with points, or with the vertices of polygons, in metres or degrees."""
+"""Reader of CSV files that contain points or the vertices of polygons, in metres or in degrees."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _WIDEST_IN_DEGREES = 2.0  # a wider region is refused in any unit
 
 
 class Vertex(NamedTuple):
-    """A point in a CSV file: its coordinates (x or longitude first), the text in the column for labels, and its line number."""
+    """A point in a CSV file: x and y, or longitude and latitude; its label, which names its polygon; and its line number."""
 
     x: float
     y: float
@@ -37,10 +37,10 @@ class Vertex(NamedTuple):
 
 
 def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -> tuple[list[Vertex | None], bool | None]:
-    """Return the points in a CSV file, and the unit of their coordinates.
+    """Return the points in a CSV file, and whether their coordinates are in degrees.
 
-    Each blank line gives None instead of a point. The second result is true for degrees, false for metres, and None if no heading
-    names the unit.
+    Each blank line gives None instead of a point. If no heading of the file names the unit of the coordinates, the second result
+    is None.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
     Raises
     ------
     InvalidInputError
-        If a line is invalid. The message names the line.
+        If a line of the file is invalid. The error message names the line.
     """
     rows: list[Vertex | None] = []
     order, label, degrees = [0, 1], 2, None
@@ -85,7 +85,7 @@ def read_vertices(path: Path, *, what: str, columns: str = "two numbers, x,y") -
 def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
     """Return the columns that a heading names for x, y and the label, and whether x and y are in degrees.
 
-    Return None for other lines.
+    If the line is not a heading, the result is None.
     """
     known = [(_HEADINGS[word.lower()], column) for column, word in enumerate(words) if word.lower() in _HEADINGS]
     if sorted(axis for (axis, _), _ in known) != [0, 1]:
@@ -96,12 +96,12 @@ def _named(words: list[str]) -> tuple[list[int], int, bool | None] | None:
 
 
 def read_table(path: Path) -> RegionOutlines:
-    """Return the polygons in a CSV file, in metres, or in degrees if its heading names longitude and latitude.
+    """Return the polygons in a CSV file, in degrees if the heading names longitude and latitude, and in metres otherwise.
 
     Raises
     ------
     InvalidInputError
-        If a line is invalid, or if the coordinates look like degrees although no heading names their unit.
+        If a line of the file is invalid, or if the coordinates look like degrees but no heading names their unit.
     """
     rows, degrees = read_vertices(path, what="region file", columns="x,y or x,y,ring in metres")
     rings = _rings(rows, path)
@@ -120,14 +120,14 @@ def read_table(path: Path) -> RegionOutlines:
 
 
 def _like_degrees(points: Any) -> bool:
-    """Return whether vertices look like degrees: values in the range of degrees, a small extent, and many decimals."""
+    """Return whether coordinates look like degrees: they are in the range of degrees, near each other, with many decimals."""
     within = any((np.abs(points) <= most).all() for most in ([180, 90], [90, 180]))
     many_decimals = np.abs(points * 1000 - np.round(points * 1000)) > 1e-6 if within else np.zeros(1)
     return bool(within and (np.ptp(points, axis=0) < _WIDEST_IN_DEGREES).all() and many_decimals.any())
 
 
 def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
-    """Return the rings of a file: vertices with their lines."""
+    """Group the points of a CSV file into rings, which keep the line number of each vertex."""
     groups: list[list[Vertex]] = [[]]
     label: str | None = None
     for row in rows:
@@ -148,7 +148,7 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield pairs of polygons that share area, with two flags: the second covers the first, the first covers the second."""
+    """Yield pairs of polygons that overlap, and whether the second covers the first, and whether the first covers the second."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)
@@ -164,7 +164,7 @@ def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, b
 
 
 def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
-    """Distinguish outlines and holes: a ring inside an odd number of other rings is a hole of the smallest of them."""
+    """Separate outlines and holes. A ring inside an odd number of rings is a hole in the smallest ring around it."""
     import shapely
 
     for ring in rings if metres else ():

@@ -1,4 +1,4 @@
-"""A safe reader of XML texts. The reader refuses document types and entities, and stores the line of each element."""
+"""A safe reader of XML texts, which refuses document types and entities, and stores the line number of each element."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shoal.search.regions.limits import DEEPEST, MOST_ELEMENTS
 
 
 class XmlError(Exception):
-    """A mistake in an XML text, with the line of the mistake."""
+    """A mistake in an XML text, and the line number of the mistake."""
 
     def __init__(self, message: str, line: int, *, readable: bool = False) -> None:
         super().__init__(message)
@@ -20,7 +20,7 @@ class XmlError(Exception):
 
 @dataclass
 class Element:
-    """An element of an XML text: its name without the namespace, its line, its attributes, the parts of its text, its children."""
+    """An XML element: its name without the namespace, its line number, its attributes, the parts of its text, and its children."""
 
     tag: str
     line: int
@@ -46,18 +46,18 @@ class Element:
         return [element for element in self.walk() if element.tag == tag]
 
     def first(self, tag: str) -> Element | None:
-        """Return the first element with the name ``tag`` inside this element, or None if there is none."""
+        """Return the first element with the name ``tag`` inside this element, or None if no element has this name."""
         return next((element for element in self.walk() if element.tag == tag), None)
 
 
 def parse_xml(text: str, *, root: str) -> Element:
-    """Return the root element of an XML text. ``root`` is the required name of the root element.
+    """Parse an XML text, and return its root element, which must have the name ``root``.
 
     Raises
     ------
     XmlError
-        If the text is not XML, is too large or too deeply nested, or has another root element. In the last case, the error's
-        attribute ``readable`` is true.
+        If the text is not XML, is too large or too deeply nested, or has another root element. If only the root element is wrong,
+        the attribute ``readable`` of the error is true.
     """
     parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares, because it is already decoded
     parser.buffer_text = True
