@@ -15,9 +15,9 @@ from shoal.search.simulation.scenario import Scenario, scenario_of
 from shoal.search.simulation.trace import planned_trace, simulated_trace
 
 SIMULATED = 1_000_000
-"""Searches up to this size are simulated by default.
+"""Size of the largest search that Shoal simulates by default.
 
-The size is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number of robots.
+The size of a search is the number of cells times the number of robots, or half the cube of the number of robots if that is larger.
 """
 
 

@@ -14,10 +14,10 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import UNSAID, Floats, Terrain
 
 LARGEST_GRID = 40_000_000
-"""Maximum number of heights in a file. Larger files are refused before decoding."""
+"""Maximum number of heights in a terrain file. Shoal refuses files with more heights before it decodes them."""
 
 LARGEST_TERRAIN = 500_000_000
-"""Maximum size of a height file in bytes."""
+"""Maximum size of a terrain file in bytes."""
 
 _SCALE, _TIEPOINT, _TRANSFORM, _KEYS, _NO_DATA = 33550, 33922, 34264, 34735, 42113  # TIFF tags
 _MODEL, _RASTER, _GEOGRAPHIC, _PROJECTED, _VERTICAL_UNIT = 1024, 1025, 2048, 3072, 4099  # GeoTIFF keys

@@ -31,7 +31,7 @@ PRESETS: dict[str, dict[str, float]] = {
         "cruise_speed": 1.0, "acceleration": 0.5, "altitude": 0.0, "endurance": 120.0, "reserve": 0.2, "acceptance_radius": 0.5,
     },
 }  # fmt: skip
-"""Values that each preset sets. All other fields are 0 or unlimited."""
+"""Values that each preset of a vehicle sets. Fields that a preset does not set are 0 or unlimited."""
 
 GRAVITY = 9.80665
 STEEPEST_BANK = 60.0  # degrees: maximum bank angle of fixed wings in a turn

@@ -13,9 +13,9 @@ from shoal.search.regions.region import SearchRegion
 
 ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
-"""Maximum number of corners that an autopilot stores, over all rings.
+"""Maximum number of corners of a fence, over all its rings, that each autopilot stores.
 
-For ArduPilot, the value was tested on a Cube autopilot. For PX4, it is the maximum number of mission items.
+The number of corners for ArduPilot was tested on a Cube autopilot. PX4 stores as many corners as mission items.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -57,8 +57,8 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they interpret
     several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
-    If the fence has too many corners, the function simplifies the outline so that it only grows. It also simplifies an exclusion
-    zone, but only if no path then enters the larger zone. If the fence still has too many corners, Shoal prints a notice.
+    If the fence has too many corners, the function simplifies the outline so that it only grows. The function also simplifies an
+    exclusion zone if no path enters the simplified zone. If the simplified fence still has too many corners, Shoal prints a notice.
 
     Parameters
     ----------

@@ -86,8 +86,8 @@ def missions_of(
         Maximum distance in metres between an omitted point and a straight leg. With 0, only points exactly on a leg are omitted.
     ways : callable, optional
         Function ``ways(start, end)`` that computes the path between home and a point of the route, such as
-        `shoal.search.RegionPaths.leg`. This function returns an array of shape (n, 2) with both ends of the path. The bends of the
-        path become waypoints. By default, the path is straight.
+        `shoal.search.RegionPaths.leg`. The path is an array of shape (n, 2) with both ends of the path. The bends of the path
+        become waypoints. By default, the path between home and the route is straight.
     landing : array_like of float, shape (2,), optional
         Landing point of the last sortie in metres. By default, the last sortie ends at home.
     ending : "return", "land" or "loiter", optional

@@ -35,16 +35,16 @@ from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""The tour that ``auto`` means if tours are not compared. It has the shortest path in every region."""
+"""The tour that ``auto`` means if tours are not compared, because its path is the shortest in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
-"""The tours that ``auto`` compares if turns take time or the angle is chosen."""
+"""The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the rows."""
 
 FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
 
 MOST_ROBOTS = 1000
-"""Maximum number of robots. An allocation needs memory for each pair of robots."""
+"""Maximum number of robots in a search. The limit exists because an allocation needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
 

@@ -23,7 +23,7 @@ class Crash:
 
 @dataclass(frozen=True, slots=True)
 class Pause:
-    """Fault: between two times, the robot does not move, receive or send. Then it continues where it stopped."""
+    """Fault: between two times, the robot does not move, receive or send. After a pause, the robot continues where it stopped."""
 
     robot: int
     time: float

@@ -3,14 +3,14 @@
 The state machine uses only data that the robot has sensed or received. One and the same state machine runs in the simulation
 (`shoal.search.simulation`) and in the processes of live robots (`shoal.search.simulation.live`).
 
-A robot first listens. Then it divides the tour among all robots that it knows, and searches its own part. After its own part, the
+A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. After its own part, the
 robot searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next live robot is
 idle, that robot searches the cells of the silent robots from the other side.
 
-A robot without work waits while other robots work. It stops waiting at the last moment at which it can still search all unsearched
-cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot first
-divides the tour. Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all other
-robots are lost. Paper H, p. 4 to 7, demands a complete search as long as one robot is alive.
+A robot without work waits while other robots work. A waiting robot resumes at the last moment at which it can still search all
+unsearched cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot
+first divides the tour. Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all
+other robots are lost. Paper H, p. 4 to 7, demands a complete search as long as one robot is alive.
 
 A robot that finds a blocked cell reports this cell, and all robots then avoid it. Robots leave out cells that none of them can
 reach.
@@ -54,7 +54,7 @@ _HELLOS = 8  # number of beacons while robots listen
 
 
 Decision = tuple[Robot, Action | None, float]
-"""The state, the next action or None, and the time until which to wait if there is no action."""
+"""The state of a robot, its next action or None, and the time until which the robot waits if it has no action."""
 
 
 def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:

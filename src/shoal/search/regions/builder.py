@@ -29,7 +29,7 @@ from shoal.search.regions.projection import REACH, LocalFrame, utm_zone
 from shoal.search.regions.region import SearchRegion, polygons_in, region_of
 
 INNER = ("no-go", "search")
-"""The possible meanings of an unmarked polygon inside another polygon."""
+"""Possible meanings of a polygon inside another polygon if the file does not mark the inner polygon."""
 
 
 def open_region(

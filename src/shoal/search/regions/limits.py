@@ -12,10 +12,10 @@ from shoal.core.checks import check_file
 from shoal.core.errors import InvalidInputError
 
 LARGEST_FILE = 20_000_000
-"""Maximum size of a region file in bytes, and of each file that is unpacked from an archive."""
+"""Maximum size in bytes of a region file, and of each file unpacked from a zip archive."""
 
 LARGEST_DATABASE = 2_000_000_000
-"""Maximum size of a GeoPackage in bytes. It may be larger than other files because only some of its layers are read."""
+"""Maximum size of a GeoPackage in bytes. A GeoPackage may be larger than other files, because Shoal reads only some layers."""
 
 MOST_CORNERS = 200_000
 """Maximum number of corners of all polygons in a file."""
@@ -24,7 +24,7 @@ MOST_POLYGONS = 10_000
 """Maximum number of polygons in a file, or of rings in a CSV file."""
 
 MOST_PAIRS = 200_000
-"""Maximum number of pairs of rings in a CSV file whose bounding boxes overlap."""
+"""Maximum number of pairs of rings with overlapping bounding boxes in a CSV file."""
 
 MOST_ELEMENTS = 300_000
 """Maximum number of elements in a KML file."""

@@ -12,7 +12,7 @@ from shoal.core.checks import check_integer
 from shoal.core.errors import InvalidInputError
 
 MAX_ORDER = {2: 31, 3: 20}
-"""The largest order of a curve for each number of dimensions. Indices of larger curves do not fit into int64."""
+"""Largest order of a curve for 2 and for 3 dimensions. The indices of a larger curve do not fit into int64."""
 
 
 def hilbert_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from shoal.core.errors import InvalidInputError
 
 MAX_CELLS = 2**28
-"""Maximum size of a grid in cells (16384 x 16384)."""
+"""Maximum number of cells of a grid (16384 x 16384)."""
 
 
 def check_mask(mask_or_shape: Any) -> NDArray[np.bool_]:

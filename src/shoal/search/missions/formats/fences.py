@@ -12,7 +12,7 @@ from shoal.search.missions.fence import Fence
 from shoal.search.missions.formats.numbers import degrees, plain, raw
 
 FENCE, RALLY = "fence.txt", "rally.txt"
-"""The files beside ``.waypoints`` that all vehicles share."""
+"""Names of the files for the fence and the rally points, which all ``.waypoints`` files of a folder share."""
 
 HEADER = "QGC WPL 110"
 _INSIDE, _OUTSIDE, _RALLY_POINT = 5001, 5002, 5100  # MAV_CMD

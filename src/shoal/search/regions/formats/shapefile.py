@@ -19,7 +19,7 @@ _BESIDE = {".shx": "index", ".prj": "coordinate reference system"}
 
 
 PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
-"""Suffixes of the files that belong to a Shapefile and are unpacked from an archive."""
+"""Suffixes of the files of a Shapefile that Shoal unpacks from a zip archive."""
 
 
 def read_zipped_shapefile(path: Path) -> RegionOutlines:

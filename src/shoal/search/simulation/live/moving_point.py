@@ -13,7 +13,7 @@ _NEAR = 1e-3  # cells
 
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
-    """A vehicle on one leg. It first moves in a straight line, and then stands still while it turns and searches.
+    """A vehicle on one leg, which first moves in a straight line, and then stands still while it turns and searches.
 
     Parameters
     ----------
