@@ -17,7 +17,8 @@ from shoal.search.simulation.trace import planned_trace, simulated_trace
 SIMULATED = 1_000_000
 """Size of the largest search that Shoal simulates by default.
 
-The size of a search is the number of cells times the number of robots, or half the cube of the number of robots if that is larger.
+The size of a search is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number of
+robots.
 """
 
 
@@ -30,7 +31,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     seed : int
         Seed of the random starts, targets, obstacles and crashes, and of the simulation.
     plan : SearchPlan, optional
-        A plan for exactly this problem and this seed. By default, the function plans the search first.
+        A plan that was made for exactly ``problem`` and ``seed``. By default, the function plans the search first.
 
     Raises
     ------

@@ -30,7 +30,7 @@ class Allocation:
     arcs : tuple of tuple of Arc
         Arcs of the tour for each robot, in the order in which the robot searches them. A robot in reserve has no arcs.
     times : ndarray of float64, shape (m,)
-        Completion time of each robot, including its path to its first cell. In the time 1, a robot of speed 1 searches one cell.
+        Completion time of each robot, including its path to its first cell. A robot of speed 1 searches one cell per unit of time.
     lower_bound : float
         Lower bound on the makespan of any allocation: the number of necessary cell visits divided by the search rate of all robots.
         The search rate of a robot is its speed times its footprint width in cells.
@@ -89,7 +89,7 @@ def allocate(
 
     Notes
     -----
-    The allocator "stay" follows paper H, p. 5. The other allocators answer an open question of paper H: how much time does
+    The allocator "stay" follows paper H, p. 5. All allocators except "stay" answer an open question of paper H: how much time does
     "slightly more initial configuration movement" save?
 
     Examples

@@ -71,7 +71,7 @@ def individual_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 
 @ALLOCATORS.register("two-way")
 def two_way(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Let each robot search cells behind its start and cells ahead of its start. The cheaper of these two sides comes first."""
+    """Let each robot search cells behind its start and cells ahead of its start, in whichever order is cheaper."""
     n = len(tour_cost)
     borders = _bisected(True, tour_cost, team)
     found = []

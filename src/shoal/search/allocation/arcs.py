@@ -70,7 +70,7 @@ def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) ->
     """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
     If the cell ``start`` is given, the function also computes the path from ``start`` to ``first``, which may lead around walls.
-    The result is the larger one of the two lengths.
+    The result is the straight distance or the length of the path, whichever is larger.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

@@ -18,7 +18,7 @@ class ExpectedTime(NamedTuple):
     Parameters
     ----------
     mean : float
-        Expected search time, divided by the search time of a single robot. Paper H calls this ratio T_E/T_UB.
+        Expected search time, divided by the search time of a single robot (in paper H: T_E/T_UB).
     error : float
         Standard error of the mean, in the same unit as the mean.
     """
@@ -83,8 +83,8 @@ def _longest(cells: int, robots: int, dead: int, trials: int, rng: np.random.Gen
 def stay_share(robots: int, *, dead: int = 0) -> float:
     """Return the limit that the mean of `expected_time` approaches for many cells.
 
-    For k working robots, the limit is H_k/k with the harmonic number H_k = 1 + 1/2 + ... + 1/k. If k random points divide a circle
-    of length 1 into k arcs, the longest arc has the mean length H_k/k.
+    For k working robots, the mean approaches H_k/k with the harmonic number H_k = 1 + 1/2 + ... + 1/k. If k random points divide a
+    circle of length 1 into k arcs, the longest arc has the mean length H_k/k.
 
     Raises
     ------

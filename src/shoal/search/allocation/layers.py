@@ -47,12 +47,12 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres. A path length in cells is a multiple of this side."""
+        """Side of the smallest cells in metres. This side is the unit of path lengths in cells."""
         return min(layer.size for layer in self.layers)
 
     @property
     def footprint(self) -> float:
-        """Side in metres of the footprint in the lowest layer."""
+        """Side of a robot's footprint in the lowest layer, in metres."""
         return self.layers[0].footprint
 
     @property
@@ -249,7 +249,7 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances between the cells of each layer. If all horizontal paths are straight, this sequence is empty.
+        Distances between the cells of each layer. The sequence ``layers`` is empty if all horizontal paths are straight.
     """
 
     stepwise = False
@@ -272,7 +272,7 @@ class LayeredDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        This class knows no closed cells, so ``closed`` must be 0.
+        The argument ``closed`` must be 0, because `LayeredDistances` knows no closed cells.
         """
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)

@@ -1,4 +1,4 @@
-"""Orientation: the choice of a tour, and of the angle and shift of the rows of cells, for the shortest round."""
+"""Orientation: the choice of a tour, and of the angle and shift of its rows, so that one round takes the least time."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from shoal.search.tours import Tour, make_tour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow the rows of cells. Such tours get viewpoints of border cells on a path with few bends."""
+"""Tours that follow the rows of cells, and for which the viewpoints of border cells lie on a path with few bends."""
 
 TURN = 1.0
-"""Cost of a turn, in cells, in the comparison of orientations for vehicles that turn in no time."""
+"""Cost of a turn in cells that Shoal assumes, when it compares orientations, for vehicles that turn in no time."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -45,8 +45,9 @@ class Candidate:
     tour : str
         Name of the tour.
     cells : float
-        Search time, where a time of 1 is what a robot of speed 1 needs for one cell. With an allocation, it is the time until all
-        robots finish. Without an allocation, it is the time in which one robot follows the whole tour, including turns.
+        Search time. A robot of speed 1 searches one cell per unit of time. With an allocation, the search time is the time until
+        all robots finish. Without an allocation, the search time is the time in which one robot follows the whole tour, including
+        turns.
     allocation : str, optional
         Name of the allocator.
     """
@@ -120,7 +121,8 @@ def grid_tour(
     turn_cost : float
         Cost of a turn in cells. A cost of 0 is replaced by `TURN`.
     stepwise : bool
-        Whether robots move only from a cell to a neighbouring cell. Stepwise robots look at each cell from inside this cell.
+        Whether robots move only from a cell to a neighbouring cell. Robots that move from cell to cell look at each cell from
+        inside it.
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
 
@@ -148,7 +150,7 @@ def in_layers(
     Parameters
     ----------
     first : GridTour
-        The cells and the tour of the first pass in the lowest layer. All layers take over their region and their angle.
+        The cells and the tour of the first pass in the lowest layer. All layers take over the region and the angle of ``first``.
     altitudes : sequence of float
         Altitudes of the search in metres, in increasing order.
     passes : int

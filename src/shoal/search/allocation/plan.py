@@ -228,8 +228,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     Parameters
     ----------
     problem : SearchProblem
-        The problem. If the robots' footprints differ, `cell_side` chooses the cell size, and `widths_of` gives the footprint widths
-        in cells.
+        The search problem. If the robots' footprints differ, `cell_side` chooses the cell size, and `widths_of` gives the footprint
+        widths in cells.
     seed : int
         Seed for random start positions.
 

@@ -37,9 +37,9 @@ class TourCost:
         Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
         Length of the path from each cell to the next cell of the tour, in cell sides. The last entry is the length of the path back
-        to the first cell. By default, these paths are straight.
+        to the first cell. By default, all paths along the tour are straight.
     distances : Distances, optional
-        Distances between any two cells. By default, the distance is the length of the straight line.
+        Distances between any two cells. By default, distances are the lengths of straight lines.
     footprint : Footprint, optional
         The cells that a robot with a wide footprint sees from each cell. By default, only positions without a cell block the view.
     turns : array_like of float64, shape (N,), optional
@@ -159,7 +159,8 @@ class TourCost:
         here, cell : int
             Tour indices of the first and the last cell of the path.
         fresh : bool
-            Whether the robot comes to the cell ``here`` without searching it. For such a robot, the function deducts nothing.
+            Whether the robot comes to the cell ``here`` without searching it. If true, the function does not deduct the cost of one
+            cell.
         closed : int
             Bitset of cells that are known to be blocked. If all paths lead through blocked cells, the cost is infinite.
         """
@@ -218,14 +219,14 @@ class TourCost:
         return self.between(here, cell) if self.distances is None else self.distances.length(here, cell, closed)
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, as increasing tour indices. Its footprint is ``width`` cells wide."""
+        """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as increasing tour indices."""
         return self.footprint.seen(cell, width)
 
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        If allocators use straight distances, the result has shape (0, 0). They do so if ``distances`` is None, ``reckoned`` is
-        false, or m times N is too large.
+        If allocators use straight distances, the result has shape (0, 0). Allocators use straight distances if ``distances`` is
+        None, ``reckoned`` is false, or m times N is too large.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))

@@ -1,9 +1,9 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
 The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The next stop is
-always the cell from which the robot sees the most new cells, divided by the cost of the path to the stop. The robot prefers stops
-along the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour, the path
-therefore runs in circles inside the robot's part.
+always the cell with the largest ratio between the number of newly visible cells and the cost of the path to the cell. The robot
+prefers stops along the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour,
+the path therefore runs in circles inside the robot's part.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _best_around(
 ) -> int | None:
     """Return the best stop within ``reach`` rows and columns of the cell ``middle``.
 
-    The result is None if the robot sees no wanted cell from any of these stops.
+    The result is None if the robot sees no wanted cell from any stop near ``middle``.
     """
     *layer, row, col = tour_cost.tour.cells[middle].tolist()
     rim = width // 2 + 1
@@ -127,7 +127,7 @@ def select_viewpoints(
     cells : ndarray of int64, shape (k,)
         Tour indices of one or more cells, in the order in which a robot with a footprint of one cell searches them.
     here : int, optional
-        Tour index of the robot's previous cell. By default, it is the first cell of ``cells``.
+        Tour index of the robot's previous cell. By default, the previous cell is the first cell of ``cells``.
     """
     wanted = np.zeros(len(tour_cost), dtype=np.bool_)
     wanted[cells] = True
@@ -151,7 +151,7 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 def gain_of(tour_cost: TourCost, width: int) -> float:
     """Return how many times faster a robot searches with a footprint of ``width`` cells than with one cell, at least 1.
 
-    The function simulates the search of three sections of the tour. All robots compute equal factors.
+    The function simulates the search of three sections of the tour. All robots compute equal gains for equal widths.
 
     Examples
     --------

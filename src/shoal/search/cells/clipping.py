@@ -151,9 +151,9 @@ class Clipped:
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     """Cut a polygon along the lines of a lattice. The polygon is given in the lattice's frame.
 
-    The function divides blocks of cells recursively into quarters, and cuts the polygon into the same quarters. It does not divide
-    a block that lies entirely inside the polygon. The computing time therefore grows with the length of the polygon's border, not
-    with the polygon's area.
+    The function divides blocks of cells recursively into quarters, and cuts the polygon into the same quarters. The function does
+    not divide a block that lies entirely inside the polygon. The computing time therefore grows with the length of the polygon's
+    border, not with the polygon's area.
     """
     import shapely
 
@@ -207,7 +207,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Return only the polygons of shapes. Lines and points remain where a region touches a block without overlapping it."""
+    """Remove the lines and points that remain in shapes where a region touches a block without overlapping it."""
     import shapely
 
     kinds = shapely.get_type_id(shapes)

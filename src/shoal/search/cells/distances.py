@@ -89,8 +89,8 @@ class CellDistances:
         Climbs between layers, as three arrays: tour index of the first cell, tour index of the second cell, and length in cell
         sides.
     steps : array_like of float64, shape (N,), optional
-        Length in cell sides of the path from each cell of the tour to the next cell. Robots use such paths only between cells that
-        steps and climbs do not connect.
+        Length in cell sides of the path from each cell of the tour to the next cell. Robots use these paths along the tour only
+        between cells that steps and climbs do not connect.
 
     Examples
     --------
@@ -225,8 +225,8 @@ class RegionDistances:
     """Distances between the viewpoints of cells, along paths inside a region.
 
     If the straight line between two viewpoints leaves the region, the distance is the length of a shortened path from cell to cell.
-    A robot follows the path of `RegionPaths.leg`, which is never longer than this distance. In a ring-shaped region, the robot's
-    path is up to 5 % shorter than this distance.
+    A robot follows the path of `RegionPaths.leg`, which is never longer than the distance of `RegionDistances`. In a ring-shaped
+    region, the robot's path is up to 5 % shorter than the distance of `RegionDistances`.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ class RegionDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        This class knows no closed cells, so ``closed`` must be 0.
+        The argument ``closed`` must be 0, because `RegionDistances` knows no closed cells.
         """
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)

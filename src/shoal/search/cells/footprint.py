@@ -1,9 +1,8 @@
 """Visibility: which cells a robot sees from its cell, if its footprint is wider than one cell.
 
 A footprint is a square whose side is an odd number of cells. The robot stands in the central cell of its footprint. A cell's own
-piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if two conditions hold: the own
-piece of that cell lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls
-therefore block the view.
+piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if the own piece of that cell
+lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls therefore block the view.
 """
 
 from __future__ import annotations
@@ -185,7 +184,7 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     """Return the cell size, in metres, for which all robots together see the most area per second.
 
     The cell size is at most the side of the smallest footprint. Of several equally good sizes, the function chooses the largest. If
-    a footprint is wider than one cell, the function counts only three quarters of its width. This weight approximates `gain_of`.
+    a footprint is wider than one cell, the function counts only three quarters of its width. The factor 3/4 approximates `gain_of`.
 
     Parameters
     ----------

@@ -25,17 +25,17 @@ class CellGrid:
     """The cells of a region. The function `cells_of` creates a `CellGrid`.
 
     The border of the region may divide a cell into several pieces. The largest piece of a cell is called the cell's own piece.
-    Every other piece is assigned to the cell whose own piece is the fewest portals away. Therefore no robot has to drive around a
-    wall to see a piece behind the wall.
+    Every piece that is not an own piece is assigned to the cell whose own piece is the fewest portals away, so that no robot has to
+    drive around a wall to see a piece behind the wall.
 
     Parameters
     ----------
     region : SearchRegion
-        The region. Its attribute ``area`` is the area that robots can see.
+        The region, whose attribute ``area`` is the area that robots can see.
     footprint : float
-        Side in metres of the square that a vehicle sees. The square is centred on the vehicle and parallel to the rows of cells.
+        Side in metres of the square that a vehicle sees, which is centred on the vehicle and parallel to the rows of cells.
     mask : ndarray of bool, shape (H, W)
-        Whether each cell contains a part of the region. Row 0 is on top.
+        Whether each cell contains a part of the region, with row 0 on top.
     lattice : Lattice
         Position, size and angle of the cells.
     clipped : Clipped
@@ -222,8 +222,8 @@ def cells_of(
         Shift of the lattice in cell sides, from 0 to 1: along its rows, and upwards across its rows. A lattice without a shift is
         centred on the bounding box of the region.
     on_rows : bool
-        Whether viewpoints of border cells lie on the centre lines of rows where possible. Such viewpoints save bends on tours that
-        follow the rows.
+        Whether viewpoints of border cells lie on the centre lines of rows where possible. Viewpoints on centre lines save bends on
+        tours that follow the rows.
 
     Returns
     -------

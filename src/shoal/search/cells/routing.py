@@ -28,8 +28,8 @@ class Route:
     Parameters
     ----------
     points : ndarray of float64, shape (k, 2) or (k, 3)
-        Points in metres east and north, with the altitude if several layers are searched. The path is straight between two
-        consecutive points.
+        Points of the path in metres east and north, with altitudes if the search has several layers. The path is straight between
+        two consecutive points.
     stops : ndarray of int64, shape (n,)
         Index in ``points`` of each stop.
     transit : ndarray of bool, shape (k - 1,)
@@ -69,7 +69,8 @@ class RegionPaths:
     ----------
     grid : CellGrid
     transit : bool
-        Whether a path may lead straight from one part of the region to another part. Only flying vehicles can do so.
+        Whether a path may lead straight from one part of the region to another part. Only flying vehicles can leave the region
+        between its parts.
 
     Examples
     --------
@@ -180,7 +181,7 @@ class RegionPaths:
     def _near(self, start: Points, end: Points) -> Points | None:
         """Return the shortest path around the corners near the straight line from ``start`` to ``end``.
 
-        If too many corners are near this line, the result is the best path found so far, or None.
+        If too many corners are near the straight line, the result is the best path found so far, or None.
         """
         best: Points | None = None
         straight, most = float(np.hypot(*(end - start))), _MARGINS[-1] * self.grid.size

@@ -90,7 +90,7 @@ class WaysOut:
     ----------
     transits : Transits
     launches : mapping of int to ndarray of float64, shape (2,)
-        Launch point, in metres, of each robot that starts outside the region. The keys are robot numbers, which begin with 1.
+        Launch point, in metres, of each robot that starts outside the region, by the number of the robot (from 1).
     stops : ndarray of float64, shape (N, 2) or (N, 3)
         Viewpoint of each cell by tour index, in metres. The third coordinate is the altitude, scaled so that a climb is as long as
         a horizontal path of the same duration. All launch points count as being at the altitude of the lowest viewpoint.

@@ -82,9 +82,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    If a piece contains the centre of its cell, its viewpoint is this centre. Otherwise, the function looks for points of the piece
-    that see the whole piece, and chooses the point nearest to the centre of the cell. If no point sees the whole piece, the piece
-    gets several viewpoints.
+    If a piece contains the centre of its cell, its viewpoint is this centre. For a piece without the centre of its cell, the
+    function looks for points of the piece that see the whole piece, and chooses the point nearest to the centre. If no point sees
+    the whole piece, the piece gets several viewpoints.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def viewpoints_of(
     known : sequence of (ndarray of float64, shape (k, 2)) or None
         Viewpoints found by `viewpoints_on_rows`, for pieces that do not contain the centre of their cell.
     free : Shapely geometry, optional
-        The area where robots may be. With ``free``, all viewpoints lie in this area, inside or beside their piece.
+        The area where robots may be. If ``free`` is given, all viewpoints lie in it, inside or beside their piece.
 
     Returns
     -------

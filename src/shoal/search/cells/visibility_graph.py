@@ -41,9 +41,9 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 class VisibilityGraph:
     """The corners of a region at which shortest paths can bend, and the pairs of corners that see each other.
 
-    At such a corner, the inner angle of the region is above 180 degrees. A path that bends only at corners of `SearchRegion.bends`
-    is preferred to a shorter path around other corners. When a path search first reaches a corner, it computes and caches the
-    corners that are visible from this corner.
+    Shortest paths bend only at corners where the inner angle of the region is above 180 degrees. A path that bends only at corners
+    of `SearchRegion.bends` is preferred to a shorter path around other corners. When a path search first reaches a corner, it
+    computes and caches the corners that are visible from this corner.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class VisibilityGraph:
         Parameters
         ----------
         start, end : ndarray of float64, shape (2,)
-            Start and end of the path in metres. They must lie inside the region.
+            Start and end of the path in metres, which must lie inside the region.
         candidates : ndarray of int64, shape (c,)
             Indices of the corners at which the path may bend.
         """
@@ -137,7 +137,7 @@ class VisibilityGraph:
     def _neighbours(self, corner: int, wide: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return the corners to which a shortest path could continue from a corner, and their distances in metres.
 
-        The result contains all such corners up to the distance ``wide``, and possibly farther corners.
+        The result contains all possible corners up to the distance ``wide``, and may contain farther corners.
         """
         known, others, away = self._seen_from.get(corner, (-1.0, None, None))
         if others is None or away is None or known < wide:
@@ -155,7 +155,7 @@ class VisibilityGraph:
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
         """Return, for each corner and a line through it, whether both sides of the corner lie on one side of the line.
 
-        A shortest path that passes a corner always follows such a line.
+        A shortest path can pass a corner only if both sides of the corner lie on one side of the path.
         """
         sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
         rounding = _ALONG * np.hypot(*directions.T)
@@ -172,7 +172,8 @@ def _chain(came: NDArray[np.int64], node: int) -> list[int]:
 def _inward_corners(area: Any) -> Points:
     """Return the corners of a polygon at which shortest paths can bend; float64, shape (3, n, 2).
 
-    The first array contains these corners. The other two arrays contain the previous and the next corner on the border.
+    The result holds three arrays: the corners, the previous corner on the border for each of them, and the next corner on the
+    border for each of them.
     """
     import shapely
 

@@ -62,7 +62,7 @@ class Flight:
     landing : ndarray of float64, shape (2,), optional
         Landing point in metres. By default, the vehicle lands at its home.
     area : Shapely geometry, optional
-        Area for turns. A turn that connects two points inside this area must not leave the area.
+        Area that a turn must not leave if it connects two points inside the area.
     ending : "return", "land" or "loiter"
         Ending of the flight. With "land", a fixed wing descends steadily on a straight approach.
 
@@ -131,7 +131,8 @@ class Flight:
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Path in metres, without home. The third column holds altitudes. Without it, the path has the vehicle's altitude.
+            Path in metres, without home, with altitudes in the third column. A path without a third column has the vehicle's
+            altitude.
 
         Raises
         ------
@@ -196,7 +197,7 @@ class Flight:
         return lasting * (self.vehicle.climb_speed or inf), lasting * (self.vehicle.sink_speed or inf)
 
     def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
-        """Return a path in circles from the point ``place`` to the height ``top``. The circles begin in the direction of a leg."""
+        """Return a path in circles from the point ``place`` to the height ``top``, beginning in the direction of the leg ``leg``."""
         toward = leg[1] - leg[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
         sense = self._sense(start)
@@ -236,9 +237,9 @@ class Flight:
             yield course, float(self.vehicle.ground_speed([course])[0]) * self.rate
 
     def _departure(self, then: Points, up: float) -> Points:
-        """Return the end of the straight climb after take-off. The path then continues to the point ``then``.
+        """Return the end of the straight climb after take-off. After the climb, the path continues to the point ``then``.
 
-        The vehicle climbs the rest in circles if circles make the path shorter, or if a straight climb has no room.
+        If circles make the path shorter, or if a straight climb has no room, the vehicle climbs the rest in circles.
         """
         import shapely
 
@@ -275,7 +276,7 @@ class Flight:
         )
 
     def _free(self, low: Points, high: Points, course: Points) -> bool:
-        """Return whether a leg avoids blocked areas and ends where the vehicle has room to turn, at its upper end."""
+        """Return whether a leg avoids blocked areas, and whether the vehicle has room to turn at the upper end of the leg."""
         return self._passes(low, high) and bool(self._sense(np.append(high, atan2(course[1], course[0]))))
 
     def _passes(self, one: Points, other: Points) -> bool:
@@ -287,7 +288,8 @@ class Flight:
     def _clear(self, low: Points, high: Points, up: float) -> bool:
         """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
 
-        The height of the ground must be known along the leg. Where a turn at the upper end leads, the ground must be low.
+        The height of the ground must be known along the leg. The ground must also be low where a turn at the upper end of the leg
+        leads.
         """
         if self.terrain is None:
             return True
@@ -301,7 +303,7 @@ class Flight:
         return bool((base + (1 - shares[:, 0]) * up > ground).all() and (base + up / 2 >= around).all())
 
     def _at(self, way: Points, up: float) -> Floats:
-        """Return the waypoints of a path with one altitude. With the altitude frame "ground", they follow the terrain."""
+        """Return the waypoints of a path with one altitude. With the altitude frame "ground", the waypoints follow the terrain."""
         terrain = self.terrain
         if terrain is None or not self.flies:
             return self._level(way, np.full(len(way), up))

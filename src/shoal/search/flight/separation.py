@@ -215,7 +215,10 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return a distance and times for each pair of legs: 0 if the legs cross within the constraints, else infinity."""
+    """Return a distance and two times for each pair of legs.
+
+    The distance is 0 if the legs cross within the constraints, and infinite for all other pairs of legs.
+    """
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times

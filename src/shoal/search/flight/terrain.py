@@ -157,7 +157,7 @@ def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error
     frame : LocalFrame or None
     error : float
         Allowed error of the height above ground, in metres. Between two samples, the ground deviates from a straight line by at
-        most an eighth of this error, unless the terrain is too rough.
+        most an eighth of ``error``, unless the terrain is too rough.
 
     Raises
     ------

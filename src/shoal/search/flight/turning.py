@@ -104,13 +104,13 @@ def turned_way(
 ) -> list[Floats]:
     """Return a path that follows the legs of a given path, and turns outside these legs with at least a minimum radius.
 
-    The path passes all vertices of the given path. It follows legs longer than ``link`` straight from end to end, and may replace
-    any shorter leg by a curve. If the first or the last point is given twice, the path follows the leg at this point straight. The
-    function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight leg, the
-    function compares `HEADINGS` headings.
+    The path passes all vertices of the given path. The path follows legs longer than ``link`` straight from end to end, and may
+    replace any shorter leg by a curve. If the first or the last point is given twice, the path follows the leg at this point
+    straight. The function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight
+    leg, the function compares `HEADINGS` headings.
 
-    If all curves at an end of a straight leg are blocked, the path does not follow the leg near this end. It only passes points on
-    the leg, in any direction. These points are at most a footprint or an eighth of the radius apart, whichever is longer.
+    If all curves at an end of a straight leg are blocked, the path near this end only passes points on the leg, in any direction.
+    The passed points are at most a footprint or an eighth of the radius apart, whichever is longer.
 
     Parameters
     ----------
@@ -125,7 +125,8 @@ def turned_way(
     area : Shapely geometry, optional
         Area that a curve must not leave if the straight line between the ends of the curve lies inside the area.
     known : KnownCurves, optional
-        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new curves.
+        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new curves to the
+        cache.
     cuts : sequence of int
         Inner vertices at which the path is cut into pieces. A piece begins in the direction in which the previous piece ends.
 

@@ -259,8 +259,8 @@ class Vehicle(Problem):
     def row_spacing(self) -> float | None:
         """Distance between neighbouring rows of cells in metres, or None without a camera or a detector.
 
-        For a camera, the row spacing is the width of an image minus the overlap, but at most the length of an image. Therefore the
-        camera sees the whole region at the end of a row, where the region may extend half a row spacing further.
+        For a camera, the row spacing is the width of an image minus the overlap, but at most the length of an image. A larger row
+        spacing would leave gaps at the ends of rows, where the region may extend half a row spacing further.
         """
         if self.image_size is None:
             return self.detector_width
@@ -287,8 +287,8 @@ def vehicle_of(value: Any) -> Vehicle:
     Parameters
     ----------
     value : str, path, mapping or Vehicle
-        A preset, or a TOML or JSON file. Changed fields may follow, for example ``"rover"``, ``"drone.toml"`` or
-        ``"multirotor,cruise_speed=8,wind_speed=4"``.
+        A preset, or a TOML or JSON file. Changes of fields may follow the preset or the file, for example ``"rover"``,
+        ``"drone.toml"`` or ``"multirotor,cruise_speed=8,wind_speed=4"``.
 
     Raises
     ------

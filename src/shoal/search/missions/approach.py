@@ -88,7 +88,7 @@ class MissionApproach:
     place: Floats
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the approach as a mapping that can be written as JSON. With a frame, it contains the position in degrees, too."""
+        """Return the approach as a mapping for JSON. If a frame is given, the mapping contains the position in degrees, too."""
         told = {
             "robots": list(self.robots), "sorties": list(self.sorties),
             "horizontal_m": self.horizontal, "vertical_m": self.vertical, "time_s": self.time,

@@ -46,7 +46,8 @@ class MissionCheck:
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        The coverage of each altitude band, or a single coverage without bands. Without a footprint, the tuple is empty.
+        The coverage of each altitude band, or a single coverage without bands. Without a footprint, the tuple of coverages is
+        empty.
     n_waypoints : int
         Number of waypoints in all checked files.
     footprint : float, tuple of float or None
@@ -56,8 +57,8 @@ class MissionCheck:
     separation : Separation or None
         The required separation of vehicles in flight.
     approach : MissionApproach or None
-        The nearest approach of two vehicles. Without a required separation, or if all vehicles always keep the vertical separation,
-        it is None.
+        The nearest approach of two vehicles. The approach is None without a required separation, or if all vehicles always keep the
+        vertical separation.
     bands : tuple of float
         Altitudes in metres from each of which vehicles must see the whole region.
     clearance : Clearance or None
@@ -117,7 +118,8 @@ class MissionCheck:
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
         """Write the uncovered areas as GeoJSON, from the largest to the smallest, each as a feature with its ``area_m2``.
 
-        Coordinates in the file are in degrees. For a region in metres, they are in metres, so map programs cannot show the file.
+        Coordinates in the file are in degrees. For a region in metres, coordinates are in metres, so map programs cannot show the
+        file.
 
         Raises
         ------
@@ -155,8 +157,9 @@ def check_missions(
 ) -> MissionCheck:
     """Read mission files, and measure how much of a region the vehicles see.
 
-    The check does not depend on the planner, because it uses only the waypoints in the files and Shapely's areas. It counts the
-    area that vehicles see between the first and the last waypoint of each mission, but not on the paths from home and back home.
+    The check does not depend on the planner, because it uses only the waypoints in the files and Shapely's areas. The check counts
+    the area that vehicles see between the first and the last waypoint of each mission, but not on the paths from home and back
+    home.
 
     Parameters
     ----------
@@ -169,7 +172,7 @@ def check_missions(
     angle : float, optional
         Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
     format : str, optional
-        Format of the files to check. By default, it is the first format of ``FORMATS`` that is in the folder.
+        Format of the files to check. By default, the function checks the first format of ``FORMATS`` that is in the folder.
     cap, autopilot, airspace : optional
         The arguments ``cap``, ``autopilot`` and ``airspace`` of `lint`, which also receives ``vehicle``.
     separation : Separation, optional
@@ -179,8 +182,8 @@ def check_missions(
         fly and climb at the speed in the file.
     bands : sequence of float, optional
         Altitudes in metres, ascending, from each of which vehicles must see the whole region. A flight counts for the highest band
-        that is not above it. The footprint is that of the lowest band, and grows with altitude like the view of the vehicle's
-        camera. By default, the bands of a volume are the altitudes of its layers.
+        that is not above the flight. The argument ``footprint`` applies to the lowest band. In higher bands, the footprint grows
+        like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
     terrain : Terrain, optional
         Terrain from which the function computes heights above ground along all paths.
 

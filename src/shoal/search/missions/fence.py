@@ -15,7 +15,7 @@ ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
 """Maximum number of corners of a fence, over all its rings, that each autopilot stores.
 
-The number of corners for ArduPilot was tested on a Cube autopilot. PX4 stores as many corners as mission items.
+The number for ArduPilot was tested on a Cube autopilot. The number for PX4 is the maximum number of MAVLink items of a fence.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -85,7 +85,7 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
     """Simplify polygons so that they have at most ``most`` corners in total, if possible, and contain the given polygons.
 
-    The function grows a ring by a distance, and then simplifies it by this distance. The result contains the given ring.
+    The function grows a ring by a distance, and then simplifies it by this distance, so that the result contains the given ring.
     """
     import shapely
 

@@ -69,17 +69,17 @@ def write_missions(
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
     The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
-    folder lists, so that the folder contains a single search. It keeps all other files.
+    folder lists, so that the folder contains a single search. The function keeps all other files in the folder.
 
     Parameters
     ----------
     missions : sequence of Mission
     folder : path
-        The output folder. If this folder does not exist, the function creates it.
+        The output folder. If the output folder does not exist, the function creates it.
     formats : sequence of str, optional
         Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`.
-        By default, the function writes missions in all formats except third-party formats. It writes missions in metres only as
-        "csv", because all other formats need positions on Earth.
+        By default, the function writes missions in all formats except third-party formats. For missions in metres, the function
+        writes only "csv" files, because all other formats need positions on Earth.
 
     Returns
     -------
@@ -251,7 +251,7 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
     Parameters
     ----------
     path : path
-        The mission file. Its suffix determines its format.
+        The mission file, whose suffix determines its format.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""The mission linter: reads mission files and reports mistakes."""
+"""The mission linter, which reads mission files and reports mistakes."""
 
 from __future__ import annotations
 
@@ -44,14 +44,14 @@ def lint(
     region : SearchRegion, optional
         The region that the missions search.
     cap : int, optional
-        Maximum number of mission items, including home. By default, it is the maximum number that the autopilot stores.
+        Maximum number of mission items, including home. By default, the limit of the autopilot applies.
     autopilot : "px4" or "ardupilot", optional
         Expected autopilot of the missions.
     vehicle : Vehicle, optional
         Vehicle of the missions. Turns of a fixed wing must not be narrower than the turning radius of ``vehicle``.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave this area
-        by any distance, and a warning reports the distance.
+        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave the area
+        inside the margin by any distance, and a warning reports the distance.
 
     Returns
     -------

@@ -67,8 +67,8 @@ class Mission:
     acceptance_radius : float, optional
         Acceptance radius of waypoints in metres. By default, the setting of the autopilot applies.
     landing : tuple of float, optional
-        Position at which the mission ends, in the unit of the waypoints. A fixed wing glides to this position. By default, the
-        autopilot returns the vehicle to its home.
+        Position at which the mission ends, in the unit of the waypoints. A fixed wing glides to its landing position. By default,
+        the autopilot returns the vehicle to its home.
     loiter : float, optional
         Radius in metres of circles at the end of the mission. With a radius, the vehicle circles or hovers at the end instead of
         landing.
@@ -79,7 +79,7 @@ class Mission:
         earlier sorties have ended.
     take_off : float, optional
         Altitude in metres above the reference surface ``altitude_frame``, to which a multirotor climbs vertically after take-off.
-        By default, it is the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
+        By default, a multirotor climbs to the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
     takeover : float, optional
         Altitude in metres above the reference surface ``altitude_frame``, at which the vehicle searches cells of a failed robot.
     fence : Fence, optional

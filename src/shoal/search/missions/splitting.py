@@ -63,8 +63,8 @@ def missions_of(
     Parameters
     ----------
     route : array_like of float, shape (k, 2) or (k, 3)
-        Route in metres. The third column holds altitudes. Without it, the route has the vehicle's altitude. An empty route gives no
-        missions.
+        Route in metres, with altitudes in the third column. A route without a third column has the vehicle's altitude. An empty
+        route gives no missions.
     frame : LocalFrame or None
         Local frame of the route. Without a frame, missions are in metres.
     robot : int
@@ -80,10 +80,11 @@ def missions_of(
         Parameters of `Flight`. Over terrain, additional waypoints keep the error of the height above ground below
         ``terrain_error``.
     cap : int, optional
-        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. By default, it is
-        2000 for PX4 and 700 for ArduPilot.
+        Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
+        items for PX4 and 700 items for ArduPilot.
     tolerance : float
-        Maximum distance in metres between an omitted point and a straight leg. With 0, only points exactly on a leg are omitted.
+        Maximum distance in metres between an omitted point and a straight leg. With the tolerance 0, the function omits only points
+        exactly on a leg.
     ways : callable, optional
         Function ``ways(start, end)`` that computes the path between home and a point of the route, such as
         `shoal.search.RegionPaths.leg`. The path is an array of shape (n, 2) with both ends of the path. The bends of the path
@@ -174,7 +175,7 @@ def _told(vehicle: Vehicle) -> dict[str, Any]:
 class _Splitter:
     """An object that divides a path into sorties, each as long as the battery and the autopilot's memory allow.
 
-    To check battery and memory, it computes each sortie exactly as the mission file will contain it.
+    To check battery and memory, the splitter computes each sortie exactly as the mission file will contain it.
     """
 
     def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:

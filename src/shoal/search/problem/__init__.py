@@ -274,7 +274,7 @@ class SearchProblem(Problem):
 
     @cached_property
     def chosen_vehicle(self) -> Vehicle:
-        """The vehicle of the robots at the lowest altitude of the search. By default, it is the ideal vehicle."""
+        """The vehicle of the robots at the lowest altitude of the search. By default, robots have the ideal vehicle."""
         asked = self._asked_vehicle
         if self.bands is None and not self._volume:
             return asked

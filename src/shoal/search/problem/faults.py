@@ -43,7 +43,7 @@ class Slow:
 class Battery:
     """Fault: the robot stops for ever after it has moved for the time ``energy`` since its last recharge.
 
-    The robot itself does not know this limit, and plans with the endurance of its vehicle.
+    The robot itself does not know the limit ``energy``, and plans with the endurance of its vehicle.
     """
 
     robot: int

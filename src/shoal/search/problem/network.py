@@ -146,7 +146,7 @@ def damage(data: bytes, rng: Generator) -> bytes:
 def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     """Return the network that a text describes. The text lists network models with their parameters, separated by commas.
 
-    - ``loss:P``: each copy of a message is lost with probability P. Paper H calls the probability 1 - P of success P_c.
+    - ``loss:P``: each copy of a message is lost with probability P. In paper H, P_c is the probability 1 - P that a copy arrives.
     - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott, in which a bad link loses every message. With each message, a good
       link becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
     - ``range:CELLS``: messages are lost if sender and receiver are more than CELLS cells apart.

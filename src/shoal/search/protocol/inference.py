@@ -51,7 +51,10 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the duration of silence after which a robot is presumed dead. It grows with the fraction of lost messages."""
+    """Return the duration of silence after which a robot is presumed dead.
+
+    The duration grows with the fraction of lost messages.
+    """
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
 
@@ -95,7 +98,7 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 def is_late(robot: Robot, number: int, time: float) -> bool:
     """Return whether a robot lags so far behind its declared speed that it does not work normally.
 
-    A robot tolerates more of its own lag than of another robot's lag. Therefore the other robots notice the lag first.
+    A robot tolerates more of its own lag than of another robot's lag, so that the other robots notice the lag first.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)
@@ -110,7 +113,7 @@ def _tolerated(robot: Robot, time: float) -> float:
 def _waits_for_others(robot: Robot, time: float) -> bool:
     """Return whether the robot still waits for other robots to search cells that only they can search.
 
-    If ``multiplicity`` is above 1, robots could wait for each other forever. Therefore the robot waits for a limited time only.
+    If ``multiplicity`` is above 1, robots could wait for each other forever, so the robot waits only for a limited time.
     """
     return robot.brief.multiplicity == 1 or time < 3 * robot.deadline
 

@@ -28,10 +28,10 @@ LAG_UNIT = 1 / 16
 class Heartbeat:
     """The report of a robot about itself.
 
-    The attribute ``robot`` is its number, ``count`` the number of beacons that it has sent, ``start`` its start cell, and ``rate``
-    its declared speed. The attribute ``width`` is the width of its footprint in cells. The attribute ``place`` is its target cell,
-    or its current cell if it has no target. The attribute ``lag`` is the real duration of its paths minus their duration at its
-    declared speed.
+    The attribute ``robot`` is the robot's number, and ``count`` is the number of beacons that the robot has sent. The attribute
+    ``start`` is the robot's start cell, and ``rate`` is its declared speed. The attribute ``width`` is the width of the robot's
+    footprint in cells. The attribute ``place`` is the robot's target cell, or its current cell if it has no target. The attribute
+    ``lag`` is the real duration of the robot's paths minus their duration at its declared speed.
     """
 
     robot: int

@@ -60,7 +60,8 @@ Decision = tuple[Robot, Action | None, float]
 def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
     """Return the state of a robot after an event, and the actions of the robot.
 
-    The function ``decide(robot, time)`` chooses the destination of an idle robot. By default, `next_action` chooses it.
+    The function ``decide(robot, time)`` chooses the destination of an idle robot. By default, `next_action` chooses the
+    destination.
 
     Examples
     --------
@@ -208,7 +209,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs of the robot's own work. If several robots search each cell, arcs of the robots ahead belong to it."""
+    """Return the arcs of the robot's own work, and arcs of robots ahead if several robots must search each cell."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -243,8 +244,8 @@ def next_action(robot: Robot, time: float) -> Decision:
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
     """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
-    If too little time would remain after this stop, the result is the cell itself. The function computes the remaining work for a
-    footprint of one cell, so that the robot never plans more than it can do.
+    If too little time would remain after a stop elsewhere, the result is the cell itself. The function computes the remaining work
+    for a footprint of one cell, so that the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)

@@ -28,7 +28,7 @@ class Brief:
     multiplicity : int
         Number of different robots that must search each cell.
     hello : float
-        Time during which robots listen before they start. In all fields, a time of 1 is what a robot of speed 1 needs for one cell.
+        Time during which robots listen before they start. A robot of speed 1 searches one cell per unit of time.
     beat : float
         Time between two beacons of a robot.
     energy : float
@@ -59,8 +59,8 @@ class Brief:
     def from_launch(self, number: int, start: int, cell: int) -> float:
         """Return by how much a cell is farther from a robot's launch point than from its start cell, in cell sides.
 
-        The result can be negative. If robots move only from a cell to a neighbouring cell, they enter the region at their start
-        cells. The result is then the distance from the launch point to the start cell.
+        The result can be negative. For robots that move only from cell to cell, the result is the distance from the launch point to
+        the start cell, where they enter the region.
         """
         if self.ways_out is None or number not in self.ways_out:
             return 0.0

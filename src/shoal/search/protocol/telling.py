@@ -39,7 +39,8 @@ def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tup
 def _window(robot: Robot, n: int) -> int:
     """Return the section of the tour whose facts the next beacon repeats, as a bitset.
 
-    This window begins where the window of the last beacon ended. Its length depends on how many facts fit into one beacon.
+    The section begins where the section of the last beacon ended. The length of the section depends on how many facts fit into one
+    beacon.
     """
     everything = robot.brief.everything
     total = _intervals(robot, everything)

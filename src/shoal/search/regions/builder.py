@@ -48,17 +48,17 @@ def open_region(
     Parameters
     ----------
     source : str, path, array_like or Shapely polygon
-        A name, the path of a file, the corners of a polygon with shape (n, 2), a Shapely polygon, or a sequence of polygons. Names
-        contain sizes in metres: ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume) have their
-        lower left corner at the origin; ``circle:RADIUS`` and ``ring:OUTERxINNER`` (two radii) are centred on the origin. Files
-        ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a projection that the file names. Files ``.csv`` are in
-        metres or degrees; see `shoal.search.regions.formats`.
+        A name, the path of a file, the corners of a polygon with shape (n, 2), a Shapely polygon, or a sequence of polygons. The
+        regions ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume), with sizes in metres, have
+        their lower left corner at the origin. The regions ``circle:RADIUS`` and ``ring:OUTERxINNER``, with radii in metres, are
+        centred on the origin. Files ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a projection that the file
+        names. Files ``.csv`` are in metres or degrees; see `shoal.search.regions.formats`.
     holes : optional
         Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each hole must lie in a polygon.
     geographic : bool
-        Whether coordinates of polygons given in Python are longitude and latitude in degrees. If false, they are in metres.
+        Whether coordinates of polygons given in Python are longitude and latitude in degrees. If false, coordinates are in metres.
     name : str, optional
-        Name of the region. By default, it is the name of the source, or "polygon" for polygons given in Python.
+        Name of the region. By default, the region has the name of its source, or "polygon" for polygons given in Python.
     no_go : optional
         No-go zones in the unit of the region (longitude and latitude, or metres): a region file, points of shape (n, 2), a Shapely
         polygon, or a sequence of no-go zones. The file of the region itself may also contain no-go zones.
@@ -73,7 +73,7 @@ def open_region(
     Returns
     -------
     SearchRegion
-        The region. Its sides are straight in the local frame in metres, and therefore slightly bent in degrees.
+        The region, whose sides are straight in the local frame in metres, and therefore slightly bent in degrees.
 
     Raises
     ------

@@ -26,8 +26,8 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
         One point in metres for all robots, one point in metres for each robot, or a text. The text holds points ``x,y`` separated
-        by semicolons, or the path of a CSV or GeoJSON file of points. In the text, points are in degrees for a region on Earth, and
-        in metres for any other region. If a GeoJSON file contains a line, the function spaces the robots evenly along this line.
+        by semicolons, or the path of a CSV or GeoJSON file of points. Points in a text are in degrees for a region on Earth, and in
+        metres for any other region. If a GeoJSON file contains a line, the function spaces the robots evenly along this line.
     region : SearchRegion
     robots : int
         Number of robots.
@@ -69,7 +69,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
     ----------
     path : path
     region : SearchRegion
-        The region. The result is in the local frame of this region.
+        The region whose local frame the result uses.
     what : str
         Name of the points in error messages.
     count : int, optional

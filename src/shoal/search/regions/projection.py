@@ -20,10 +20,10 @@ REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 class LocalFrame:
     """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. They are longer by the
-    fraction (east / R)² / 2, where ``east`` is the distance to the east or west of the origin, and R is the radius of the Earth.
-    According to PROJ, lengths at latitudes from 0 to 80 degrees are longer by at most 4.9e-6 (5 mm per kilometre) within 20 km of
-    the origin. The fraction is at most 3.1e-5 within 50 km of the origin, and at most 1.2e-4 within 100 km.
+    The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. Lengths in the frame are
+    longer by the fraction (east / R)² / 2, where ``east`` is the distance to the east or west of the origin, and R is the radius of
+    the Earth. According to PROJ, lengths at latitudes from 0 to 80 degrees are longer by at most 4.9e-6 (5 mm per kilometre) within
+    20 km of the origin. Lengths are longer by at most 3.1e-5 within 50 km of the origin, and by at most 1.2e-4 within 100 km.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class LocalFrame:
 
     @classmethod
     def around(cls, lonlat: ArrayLike) -> LocalFrame:
-        """Return a local frame for points (longitude, latitude) in degrees. Its origin is the middle of their bounding box."""
+        """Return a local frame whose origin is the middle of the bounding box of points (longitude, latitude) in degrees."""
         array = check_plane_points(lonlat, what="local frame")
         middle = (array.min(axis=0) + array.max(axis=0)) / 2
         return cls(round(float(middle[0]), 6), round(float(middle[1]), 6))

@@ -31,7 +31,7 @@ class SearchRegion:
     frame : LocalFrame or None
         Local frame on Earth, or None for coordinates in metres without a position on Earth.
     no_go : shapely Polygon or MultiPolygon
-        The no-go zones. Without no-go zones, this geometry is empty.
+        The no-go zones. In a region without no-go zones, the attribute ``no_go`` is an empty geometry.
     name : str
         Name of the region in error messages and reports.
     no_go_zones : int
@@ -41,7 +41,7 @@ class SearchRegion:
     free : shapely Polygon or MultiPolygon, optional
         The area where robots may be. By default, robots may be everywhere in ``area``.
     outline : shapely Polygon or MultiPolygon, optional
-        The whole region without no-go zones, including places that robots cannot see. By default, it is equal to ``area``.
+        The whole region without no-go zones, including places that robots cannot see. By default, the outline is equal to ``area``.
     height : float
         Height in metres of the volume above the region, or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional
@@ -179,7 +179,7 @@ def region_of(
     name : str
         Name of the region in error messages and reports.
     no_go_zones : int, optional
-        Number of no-go zones. By default, it is the number of polygons in ``no_go``.
+        Number of no-go zones. By default, the function counts the polygons in ``no_go``.
 
     Raises
     ------

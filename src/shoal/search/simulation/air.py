@@ -52,7 +52,7 @@ class Air:
         return list(found)
 
     def carried(self, message: Message, link: Link, *, reaches: bool) -> Iterator[tuple[float, Message]]:
-        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If ``reaches`` is false, none arrives."""
+        """Yield pairs of a delay and a copy of a message that arrives at one receiver. If ``reaches`` is false, no copy arrives."""
         self.sent += 1
         copies = self._scenario.network.send(link, self._rng, self._bad) if reaches else []
         self.lost += all(copy.damaged or copy.other for copy in copies)
@@ -68,7 +68,7 @@ class Air:
             yield copy.delay, come
 
     def _forged(self, link: Link) -> bytes:
-        """Return a forged message by an attacker without the key. It reports that all robots have searched all cells."""
+        """Return a forged message by an attacker without the key. The message reports that all robots have searched all cells."""
         everything, robots = self._scenario.brief.everything, range(1, len(self._scenario.starts) + 1)
         heartbeat = Heartbeat(link.sender, 1 << 30, 0, 1.0, "complete")
         lie = Beacon(link.sender, (heartbeat,), tuple((number, everything) for number in robots))

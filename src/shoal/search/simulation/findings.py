@@ -22,7 +22,7 @@ class Finding:
     found_by, missed_by : tuple of int
         Numbers of the robots that found something in the cell, and of the robots that searched the cell and found nothing.
     confidence : float
-        Probability that the cell contains a target. This probability follows from the sensors' detection rate and false-alarm rate,
+        Probability that the cell contains a target. The confidence follows from the sensors' detection rate and false-alarm rate,
         and from a prior probability of 0.01.
     """
 

@@ -68,9 +68,9 @@ class SearchTrace:
     robots : tuple of RobotLog
     covered_at : float
         Time at which the required number of robots had searched every reachable cell, or infinity if too few robots searched a
-        cell. In the time 1, a robot of speed 1 searches one cell.
+        cell. A robot of speed 1 searches one cell per unit of time.
     declared : dict of int to float
-        Time at which each robot declared completion. The keys are robot numbers, which begin with 1.
+        Time at which each robot declared completion, by the number of the robot (from 1).
     sent, lost : int
         Number of sent messages and number of lost messages. A message to several receivers counts once for each receiver.
     takeovers : int
@@ -225,8 +225,8 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
     """Return the time at which the required number of robots had searched each reachable cell; float64, shape (n,).
 
-    The required number of robots is the multiplicity, or the number of robots that can reach the cell if fewer robots can. At least
-    one of the required robots must not be a liar. A cell that too few robots searched gets an infinite time.
+    The required number of robots is the multiplicity, or less if fewer robots can reach the cell. At least one of the required
+    robots must not be a liar. A cell that too few robots searched gets an infinite time.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}

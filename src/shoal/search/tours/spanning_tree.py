@@ -23,9 +23,9 @@ class SpanningTreeTour:
     The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in pairs of cells beside one of
     its edges, and full blocks that are not aligned with the other blocks. The additions of the first stage cost nothing. In the
     second stage, the tour connects the cycles of cells that are still separate, where a single cell counts as a cycle. To connect
-    two cycles, the tour replaces one edge of each cycle by two steps from cycle to cycle. One of the two steps leads to a
-    neighbouring cell. The other step may be longer: a diagonal to a single cell, or the way back from a dead end that is one cell
-    wide.
+    two cycles, the tour replaces one edge of each cycle by two steps from cycle to cycle. Of the two steps between two cycles, one
+    leads to a neighbouring cell. The other one of the two steps may be longer: a diagonal to a single cell, or the way back from a
+    dead end that is one cell wide.
     """
 
     name = "spanning-tree"

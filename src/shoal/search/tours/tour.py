@@ -37,7 +37,7 @@ class TourMetrics:
         face in 3 dimensions.
     neighbour_stretch : float
         Mean distance along the tour between two cells that share a side. On a closed tour, the distance is that of the shorter
-        direction. The metric is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity
+        direction. The neighbour stretch is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity
         preservation by space filling curves", IPDPS 2012.
     dilation : float
         Largest ratio between the squared distance of two cells and their distance along the tour. The closing edge counts as one
@@ -64,7 +64,7 @@ class TourMetrics:
 
 @dataclass(frozen=True, eq=False)
 class Tour:
-    """The cells of a grid in the order of a visit. A closed tour continues from its last cell to its first cell.
+    """Cells of a grid in the order in which a robot visits them. A closed tour continues from its last cell to its first.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ def _whole(value: Any) -> int | None:
 
 
 def number_in(sheet: Sheet, place: str, name: str, found: Mapping[str, Any]) -> float:
-    """Return the attribute ``name`` as a number. If its value is invalid, return NaN and add a diagnostic."""
+    """Return the attribute ``name`` as a number. If the attribute is invalid, return NaN and add a diagnostic."""
     value = found[name]
     if not isinstance(value, bool):
         try:

@@ -49,7 +49,8 @@ def _heights(mission: Mission) -> tuple[str, list[float]]:
     """Return the altitude mode of KML, and the altitudes of the waypoints in metres.
 
     KML supports altitudes above ground and above sea level. Heights above home can be converted only if home's height above sea
-    level is known. If it is unknown, the line lies on the ground, and only the attributes contain the heights.
+    level is known. If home's height above sea level is unknown, the line lies on the ground, and only the attributes contain the
+    heights.
     """
     count = len(mission.waypoints)
     if mission.kind != "rover":

@@ -80,7 +80,10 @@ def _items(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
 
 
 def _attributes(sheet: Sheet, rows: list[tuple[int, dict[str, str]]]) -> None:
-    """Read the attributes of a mission from the first line of a CSV file. All other lines must repeat them, except altitudes."""
+    """Read the attributes of a mission from the first line of a CSV file.
+
+    All lines of the file must have equal attributes, except for altitudes.
+    """
     names = [name for name in (*NAMES, *MORE) if name in rows[0][1]]
     first = {name: rows[0][1][name] for name in names}
     take_attributes(sheet, f"line {rows[0][0]}", first)

@@ -22,7 +22,7 @@ def to_degrees(outlines: tuple[RegionOutline, ...], where: str, crs: str) -> Reg
     where : str
         Name of the file in error messages.
     crs : str
-        The coordinate reference system: a name, an EPSG code or WKT. If this system has no position on Earth, the function returns
+        The coordinate reference system: a name, an EPSG code or WKT. If the system has no position on Earth, the function returns
         the outlines unchanged, in metres.
 
     Raises

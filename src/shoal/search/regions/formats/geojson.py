@@ -134,7 +134,7 @@ def _points(ring: Any, where: str) -> Points:
 
 
 def _crs_name(data: Any, where: str) -> str | None:
-    """Return the coordinate reference system that the old member "crs" names. RFC 7946 removed this member from GeoJSON."""
+    """Return the coordinate reference system that the old member "crs" names. RFC 7946 has removed "crs" from GeoJSON."""
     if not isinstance(data, dict) or data.get("crs") is None:
         return None
     crs = data["crs"]

@@ -42,7 +42,7 @@ _LONGEST = 0.5  # seconds: maximum duration of a sleep
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """The end of a path that an unknown obstacle blocks. The vehicle stops in the cell ``at``, the last cell before it."""
+    """The end of a path that an unknown obstacle blocks. The vehicle stops in ``at``, the last cell before the obstacle."""
 
     obstacle: int
     at: int

@@ -18,7 +18,7 @@ class MovingPoint:
     Parameters
     ----------
     time : float
-        Time of the vehicle's present state. In the time 1, a robot of speed 1 searches one cell.
+        Time of the vehicle's present state. A robot of speed 1 searches one cell per unit of time.
     origin, goal : tuple of float
         Start and end point of the leg in cell sides, as in `TourCost.points`.
     way : float
@@ -63,7 +63,8 @@ class MovingPoint:
     def moved(self, time: float, *, rate: float) -> MovingPoint:
         """Return the vehicle at a later time, for the desired speed ``rate``. The motion is exact for time steps of any length.
 
-        The vehicle never passes the position ``limit``. At this position, `speed` keeps its value until `stopped` sets it to 0.
+        The vehicle never passes the position ``limit``. At the position ``limit``, `speed` keeps its value until `stopped` sets it
+        to 0.
         """
         if self.arrived:
             return replace(self, time=time)
@@ -83,6 +84,6 @@ class MovingPoint:
     def sent(self, goal: tuple[float, ...], *, way: float, length: float) -> MovingPoint:
         """Return the vehicle on a new leg that begins at its position. At first, ``limit`` is one cell before the leg's end.
 
-        If the leg is shorter than one cell, ``limit`` is 0. The vehicle then does not move until the agent raises the limit.
+        If the leg is shorter than one cell, ``limit`` is 0, and the vehicle does not move until the agent raises the limit.
         """
         return replace(self, origin=self.place, goal=goal, way=way, length=length, done=0.0, limit=max(length - 1.0, 0.0))

@@ -120,7 +120,7 @@ class Radio:
         return self._ear.fileno()
 
     def tell(self, ports: Sequence[int]) -> None:
-        """Store the ports of all robots. The radio uses these ports only with unicast."""
+        """Store the ports of all robots, which the radio uses only with unicast."""
         if self._channel == "unicast":
             self._others = [(LOOPBACK, port) for port in ports if port != self.port]
 
@@ -180,5 +180,5 @@ class Radio:
 
 
 def _clock() -> int:
-    """Return the system's time in milliseconds since 1970. This clock goes on while a robot is switched off."""
+    """Return the system's time in milliseconds since 1970. The system's clock goes on while a robot is switched off."""
     return time.time_ns() // 1_000_000

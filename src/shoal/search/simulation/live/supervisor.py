@@ -56,12 +56,12 @@ def run_live(
     port : int
         Port of the multicast group 239.83.72.76, or 0 for a free port.
     key : bytes
-        Secret of the search. Shoal computes the key that signs messages from this secret, the tour and the start cells. The default
-        is a new random secret.
+        Secret of the search. Shoal computes the key that signs messages from this secret, the tour and the start cells. By default,
+        Shoal creates a new random secret.
     timeout : float, optional
         Time limit in seconds after the start of the search, at which the supervisor kills all running processes.
     on_event : callable, optional
-        Function that the supervisor calls with each `LiveEvent` when the event arrives. An exception in this function ends the
+        Function that the supervisor calls with each `LiveEvent` when the event arrives. An exception in ``on_event`` ends the
         search.
 
     Raises
@@ -75,7 +75,7 @@ def run_live(
     Notes
     -----
     When the search ends, no process, socket or file remains, even after an exception or Ctrl-C. If somebody kills the calling
-    process, the robots notice and end. The order of messages depends on the operating system. Therefore two runs always differ.
+    process, the robots notice and end. The order of messages depends on the operating system, so two runs always differ.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
 
 
 class _Watch:
-    """An observer of the robots during the search. It kills processes and records events, and does nothing else."""
+    """An observer of the robots during the search, which does nothing but kill processes and record events."""
 
     def __init__(self, pool: ProcessPool, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
         self._pool, self._task, self._on_event, self._startup = pool, task, on_event, startup

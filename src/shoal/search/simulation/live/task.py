@@ -21,7 +21,7 @@ class LiveTask:
     Parameters
     ----------
     scenario : Scenario
-        The scenario of the search. Its obstacles block the vehicles, but the robots do not know the obstacles.
+        The scenario of the search. Obstacles in the scenario block the vehicles, but the robots do not know the obstacles.
     speed : float
         Speed of a robot of speed 1, in cells per second of real time.
     channel : str
