@@ -17,8 +17,8 @@ from shoal.search.simulation.trace import planned_trace, simulated_trace
 SIMULATED = 1_000_000
 """Size of the largest search that Shoal simulates by default.
 
-The size of a search is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number of
-robots.
+The size of a search is the larger of two numbers: the number of cells times the number of robots, and half the cube of the number
+of robots.
 """
 
 

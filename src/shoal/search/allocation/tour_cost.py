@@ -190,7 +190,7 @@ class TourCost:
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return the cost of the cheapest path between two cells, and the cells between which the path is direct.
+        """Return the cost of the cheapest path between two cells, and the cells on it between which a robot moves directly.
 
         The path follows the tour if the tour is not blocked and not more expensive than the direct path. On a path along the tour,
         only bends count as turns. Therefore cells that other robots have searched never make the remaining path more expensive.

@@ -37,8 +37,8 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
     Notes
     -----
-    The source is L. E. Dubins, On curves of minimal length with a constraint on average curvature, 1957. The formulas are those of
-    A. M. Shkel and V. Lumelsky, Classification of the Dubins set, 2001.
+    The source is Dubins, "On curves of minimal length with a constraint on average curvature", 1957. The formulas are those of
+    Shkel and Lumelsky, "Classification of the Dubins set", 2001.
 
     Examples
     --------

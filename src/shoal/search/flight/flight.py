@@ -197,7 +197,7 @@ class Flight:
         return lasting * (self.vehicle.climb_speed or inf), lasting * (self.vehicle.sink_speed or inf)
 
     def _circles(self, leg: Points, place: Floats, top: float) -> Floats:
-        """Return a path in circles from the point ``place`` to the height ``top``, beginning in the direction of the leg ``leg``."""
+        """Return a path in circles from the point ``place`` to the height ``top``, beginning in the direction of ``leg``."""
         toward = leg[1] - leg[0]
         start = np.append(place[:2], np.arctan2(toward[1], toward[0]))
         sense = self._sense(start)

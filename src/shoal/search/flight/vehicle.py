@@ -274,7 +274,7 @@ class Vehicle(Problem):
 
     @property
     def ground_sample(self) -> float | None:
-        """Ground sample distance: longer side in metres of the area that a pixel shows, or None without data of the camera."""
+        """Ground sample distance: longer side in metres of the area that a pixel shows, or None if camera data are missing."""
         sides = [
             side / count for side, count in zip(self.image_size or (), (self.image_width, self.image_height), strict=False) if count
         ]

@@ -198,7 +198,7 @@ class Clearance:
     error: float
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the clearance as a mapping that can be written as JSON. With a frame, positions are in degrees."""
+        """Return the clearance as a mapping that can be written as JSON. If a frame is given, positions are in degrees."""
         placed = self.places if frame is None else frame.to_degrees(self.places)
         low, high = (
             {"height_m": height, "mission": name, "place": place}

@@ -41,7 +41,7 @@ class MissionFormat:
     suffix : str
         Suffix of the names of files in the format, such as ``.plan``.
     write : callable
-        Function that returns the text of the file of a `Mission`.
+        Function that converts a `Mission` to the text of a file.
     scan : callable
         Function that reads the text of a file into a `shoal.search.missions.diagnostics.Sheet`.
     metres : bool
@@ -89,9 +89,9 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. If the function raises this error, it has written no file.
+        If an argument is invalid. If the function raises one of these two errors, it has written no file.
     OutputError
-        If a file cannot be written. If the function raises this error, no partly written file remains.
+        If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
     in_metres = any(not mission.geographic for mission in missions)
     if formats is None:

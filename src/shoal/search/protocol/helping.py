@@ -86,7 +86,7 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
     """Return whether the robot leaves help to others, because it is late while another robot is idle and not late.
 
-    A robot that leaves help to others only continues its own work.
+    A robot that leaves help to others continues only its own work.
     """
     return is_late(robot, robot.number, time) and any(
         peer.heartbeat.status == "waiting" and not is_late(robot, number, time) and can_come(robot, number, own, time)

@@ -39,7 +39,7 @@ class Brief:
     ways_out : WaysOut, optional
         Distances from launch points outside the region to cells.
     delays : tuple of float
-        Departure delay of each robot, in the order of the robots' numbers. If no robot has a delay, the tuple is empty.
+        Departure delay of each robot, in the order of the robots' numbers, or an empty tuple if no robot has a delay.
     """
 
     tour_cost: TourCost

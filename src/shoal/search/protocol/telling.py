@@ -1,7 +1,7 @@
 """Content of a beacon: all new facts, and a part of the older facts that a robot knows.
 
-Several beacons repeat each new fact. Consecutive beacons contain different parts of the older facts. All facts stay true, so no
-message depends on an earlier message. A robot that misses a fact receives it later from any robot that knows the fact.
+Several beacons repeat each new fact. Consecutive beacons of a robot contain different parts of its older facts. All facts stay
+true, so no message depends on an earlier message. A robot that misses a fact receives it later from any robot that knows it.
 """
 
 from __future__ import annotations

@@ -16,9 +16,9 @@ class BoustrophedonTour(TourByOrder):
     """A tour that crosses each run without interruption, with about two turns for each run.
 
     A run is a sequence of consecutive cells in one row. At first, the runs have the order of the boustrophedon decomposition of
-    Choset, "Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Then two kinds of
-    exchanges shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange
-    moves up to three runs to another place on the tour. The closing edge of the tour counts as a connection.
+    Choset, "Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Two kinds of exchanges
+    shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange moves up to
+    three runs to another place on the tour. The closing edge of the tour counts as a connection.
     """
 
     name = "boustrophedon"

@@ -115,7 +115,7 @@ def moore_encode(cells: ArrayLike, *, order: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    The source is E. H. Moore, "On certain crinkly curves", Transactions of the American Mathematical Society 1, 1900.
+    The source is Moore, "On certain crinkly curves", Transactions of the American Mathematical Society 1, 1900.
 
     Examples
     --------

@@ -59,7 +59,7 @@ class Member:
 
 
 class ProcessPool:
-    """The processes of all robots. All processes have ended when the ``with`` statement ends.
+    """The processes of all live robots. When the ``with`` statement of a pool ends, all processes of the pool have ended.
 
     Parameters
     ----------
