@@ -129,7 +129,8 @@ def _way_out(lines: list[Vector], ahead: Vector) -> float:
     "the points of the bounding lines are the vectors l = r (e(ψ + a) - e(ψ)), where e(ψ) = (cos ψ, sin ψ). The corrected line "
     "l2 belongs to the angles -γ(ψ_max) < a < 0",
     "for the initial difference Δ = (0.3, 0), a program computes the distance from 0 to the bounding lines, in 45 directions. "
-    "In each of the 45 directions, a bisection with the exact condition for two moves gives the true distance",
+    "In each of the 45 directions, a bisection with the exact condition for two moves gives the true distance from 0 to the "
+    "bounding line",
 )
 def _outline() -> tuple[str, bool]:
     from shoal.steering import disk, reached_in_two_moves
