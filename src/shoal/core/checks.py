@@ -109,7 +109,7 @@ def check_text(value: Any, *, what: str) -> str:
 
 
 def check_choice(value: Any, *, what: str, choices: Iterable[str]) -> str:
-    """Check that a text is one of ``choices``, and return the text. The error message suggests the nearest choice.
+    """Check that a text is one of ``choices``, and return the text. The error message suggests the nearest valid choice.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return one sentence about Pydantic's first error, with the field's path except the components in ``without``."""
+    """Return one sentence with Pydantic's first error and the path of the field. Omit components in ``without`` from the path."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])

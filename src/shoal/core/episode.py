@@ -46,7 +46,7 @@ class Verification:
     ----------
     ok : bool
     message : str
-        Summary of the checks, or the first difference between the episode and its replay.
+        Summary of the comparison, or the first difference between the episode and its replay.
     """
 
     ok: bool

@@ -52,7 +52,10 @@ def begin() -> None:
 
 @contextmanager
 def command_running() -> Iterator[None]:
-    """Let signals raise KeyboardInterrupt inside the ``with`` block. Outside the block, a signal ends the process at once."""
+    """Let signals raise KeyboardInterrupt inside the ``with`` block.
+
+    Outside the ``with`` block, a signal ends the process at once.
+    """
     _running.append("command")
     try:
         yield
@@ -62,7 +65,7 @@ def command_running() -> Iterator[None]:
 
 @contextmanager
 def patient() -> Iterator[None]:
-    """Prevent the forced end of the process inside the ``with`` block, which may stop other processes or hardware."""
+    """Prevent the forced end of the process inside the ``with`` block, for example while the block stops hardware."""
     _running.append("patient")
     try:
         yield

@@ -117,8 +117,8 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     seed : int
         Seed of the random numbers. Two runs with equal problems and equal seeds give equal episodes.
     **fields
-        Fields of the problem. The options ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are also
-        valid for a swarm.
+        Fields of the problem, as keyword arguments. The options ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of
+        `shoal.swarm.run.run` are also valid for a swarm.
 
     Returns
     -------

@@ -217,9 +217,10 @@ def _is_made_by(thing: Any, kind: Any) -> bool:
 def configured(registry: Registry[Any], text: str) -> Any:
     """Return the object for a name with options, such as ``NAME:option=value`` or ``module:attribute:option=value``.
 
-    Options are separated by commas. A value without ``option=`` sets the first option. Each option sets one parameter of the class
-    or function. Shoal converts the value of an option to the annotated type of the parameter, or to the type of the parameter's
-    default. For a parameter without annotation and default, texts such as ``2.5`` and ``true`` become numbers and booleans.
+    Options are separated by commas. A value without ``option=`` sets the first option. Each option sets one parameter of the
+    registered class or function. Shoal converts the value of an option to the annotated type of the parameter, or to the type of
+    the parameter's default. For a parameter without annotation and default, texts such as ``2.5`` and ``true`` become numbers and
+    booleans.
 
     Raises
     ------

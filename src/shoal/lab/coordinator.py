@@ -55,7 +55,7 @@ def run_sweep(
         Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
         run in the current process.
     dask : str, optional
-        Address of a Dask scheduler. The scheduler's workers then run all trials, in place of processes on the local machine.
+        Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes on the local machine.
     extend : bool
         Whether the sweep may add trials or points to a stored sweep with an equal name.
     on_progress : callable, optional
@@ -75,7 +75,7 @@ def run_sweep(
         trials of a point cannot run, or if the versions of software on a worker differ from the versions of the current process. An
         error inside a trial does not raise an exception: the store records the trial as failed.
     OutputError
-        Raised if Shoal cannot write the store. The store keeps all results that are already committed.
+        Raised if Shoal cannot write the store. After an error, the store keeps all committed results.
     MissingExtraError
 
     Warns
@@ -253,7 +253,7 @@ class _Run:
     def _doubts(self, job: _Job, answer: Answer) -> bool:
         """Return whether another worker should repeat a batch. Another worker repeats a batch if all trials of the batch failed.
 
-        If trials of the batch succeed on the second worker, the first worker gets no more batches.
+        If trials of a failed batch succeed on the second worker, the first worker gets no more batches.
         """
         first, job.doubted = job.doubted, answer
         if first is None:
@@ -281,7 +281,7 @@ class _Run:
             self.on_progress(SweepProgress(self.done, self.sweep.total, self.fresh, self.failures, self.deaths, seconds))
 
     def _batches(self, gaps: Iterable[Gap]) -> Iterator[Batch]:
-        """Divide the missing trials into batches of about the desired duration, by means of the measured durations of trials."""
+        """Divide missing trials into batches of about the desired duration, by means of the measured durations of trials."""
         pieces: list[Piece] = []
         expected, trials = 0.0, 0
         for gap in gaps:

@@ -32,9 +32,9 @@ class Row:
     missing : int
         Number of trials that have not yet run, have failed, or returned None as the measure.
     counted : int
-        Number of trials that have the measure.
+        Number of trials with a value of the measure.
     completed : int or None
-        Number of trials that have the measure and completed their task. ``completed`` is None if trials have no status.
+        Number of trials with a value of the measure that completed their task. ``completed`` is None if trials have no status.
     bound : float or None
         Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. ``bound``
         is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``.
@@ -93,7 +93,9 @@ class Measured:
 
 
 def measured(store: Store, name: str, measure: str) -> list[Measured]:
-    """Return the values of a measure at each point of a sweep, in the order of the points. Import no third-party code.
+    """Return the values of a measure at each point of a sweep, in the order of the points.
+
+    The function imports no third-party code.
 
     Raises
     ------

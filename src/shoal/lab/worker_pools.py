@@ -273,7 +273,7 @@ def make_worker_pool(workers: int | None, dask: str | None) -> WorkerPool:
         Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
         run in the current process.
     dask : str, optional
-        Address of a Dask scheduler. The scheduler's workers then run all trials, in place of processes on the local machine.
+        Address of a Dask scheduler. The scheduler's workers run all trials, in place of processes on the local machine.
 
     Raises
     ------

@@ -112,7 +112,7 @@ class Studio:
         return {"schemas": schemas, "maps": maps}
 
     async def files(self, request: Request) -> Response:
-        """Return the list of files in the folder."""
+        """Return the list of files in the studio's folder."""
         return JSONResponse(await asyncio.to_thread(self.folder.files))
 
     async def file(self, request: Request) -> Response:
@@ -123,7 +123,7 @@ class Studio:
         return FileResponse(path, filename=path.name, headers={"content-security-policy": "sandbox; default-src 'none'"})
 
     async def take(self, request: Request) -> Response:
-        """Store an uploaded file in the folder."""
+        """Store an uploaded file in the studio's folder."""
         name = await self.folder.take(request.path_params["name"], request.stream())
         self.tell({"files": True})
         return JSONResponse({"file": name})

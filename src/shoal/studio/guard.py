@@ -198,7 +198,7 @@ class LimitedConnection(H11Protocol):
     silent: ClassVar[dict[LimitedConnection, None]] = {}  # oldest first
 
     def connection_made(self, transport: Any) -> None:
-        """Accept a new connection. If the server then has too many connections, close one of them."""
+        """Accept a new connection. If the number of connections exceeds the maximum, close one connection."""
         LimitedConnection.open_now += 1
         self.counted = True
         super().connection_made(transport)

@@ -34,7 +34,7 @@ def checked_sweep(text: str, folder: Folder) -> Sweep:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        Raised if the TOML text is invalid. The error message contains the line and the field.
+        Raised if the TOML text is invalid. The error message contains the line number and the wrong field.
     """
     return sweep_in(text, where="sweep", check=partial(_check, folder))
 

@@ -240,7 +240,7 @@ class SwarmEpisode(WithTrace, Episode):
         return MapErrors.of(self.workspace, self.start, self.final()[1])
 
     def verify(self) -> Verification:
-        """Replay the commands and scans, and compare the replay with all stored values.
+        """Replay the commands and scans, and compare the replay with all stored values of the episode.
 
         For an episode without noise, also check that the status agrees with the number of frontier cells left at the end.
 

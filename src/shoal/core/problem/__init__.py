@@ -44,7 +44,10 @@ class Problem:
     """Names of the metrics that a sweep stores for each episode."""
 
     censored: ClassVar[tuple[str, ...]] = ()
-    """Measures that grow until the task is done. In an unfinished episode, the value of a growing measure is a lower bound."""
+    """Names of the measures that grow until the task is done.
+
+    In an unfinished episode, the value of a growing measure is a lower bound.
+    """
 
     def __post_init__(self) -> None:
         for name, declared in self.declarations().items():
@@ -96,7 +99,8 @@ class Problem:
     def refuse_code(cls, data: Any, *, where: str, names: Iterable[str] | None = None) -> None:
         """Raise an error if a field of a file names third-party code, because opening the file would run the code.
 
-        ``data`` contains the fields of the file. ``names`` lists the fields to check; by default, the method checks all fields.
+        ``data`` contains the fields of a problem file. ``names`` lists the fields to check; by default, the method checks all
+        fields.
 
         Raises
         ------

@@ -39,7 +39,8 @@ class Option:
         Function that converts a command line text to the field's value. Fields for texts, numbers and booleans need no function
         ``parse``.
     check : callable, optional
-        Function that checks the field's value and returns the checked value. ``check`` replaces the default check of the type.
+        Function that checks the field's value and returns the checked value. ``check`` replaces the default check for the type of
+        the field.
     dump : callable, optional
         Function that converts the field's value to JSON data.
     names : tuple of str, optional

@@ -25,9 +25,9 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 class FunctionProblem(MeasuredProblem):
     """A problem whose trials call a Python function of the user, named as "module:attribute".
 
-    Each trial calls the function with ``seed`` and ``arguments``. The function returns a dict of measures.
+    Each trial calls the third-party function with ``seed`` and ``arguments``. The third-party function returns a dict of measures.
 
-    The function must have an attribute ``measures``: a tuple of the names of all measures that the function returns.
+    The third-party function must have an attribute ``measures``: a tuple of the names of all measures that it returns.
     """
 
     part = "function"
@@ -39,7 +39,7 @@ class FunctionProblem(MeasuredProblem):
 
     @property
     def measures(self) -> tuple[str, ...]:  # type: ignore[override]  # of other problems a class says it
-        """The names of all measures that the function returns."""
+        """The names of all measures that the third-party function returns."""
         found = getattr(self.called, "measures", ())
         if not found or not all(isinstance(name, str) for name in found):
             raise InvalidInputError(f"function {self.function}: expected an attribute measures that names its results, got none")

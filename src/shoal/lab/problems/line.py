@@ -36,7 +36,10 @@ class LineProblem(MeasuredProblem):
         _ = self.line
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Draw placements, and return mean values. With an equal seed, the command ``shoal line`` draws equal placements."""
+        """Draw random placements, and return the mean of each measure.
+
+        With an equal seed, ``shoal line`` draws equal placements.
+        """
         drawn = sample(self.line, self.placements, seed=seed, workers=1)
         return {name: float(getattr(drawn, name).mean()) for name in self.measures}
 

@@ -26,7 +26,7 @@ def _needed(module: str, what: str) -> Any:
 
 
 def export(store: Store, name: str, path: str | os.PathLike[str]) -> int:
-    """Write the results of a sweep as a table, sorted by point and trial. Return the number of rows.
+    """Write the results of a sweep as a table, sorted by point and trial. Return the number of rows in the table.
 
     The columns of the table are the axes, the trial number, the seed and the measures.
 

@@ -12,7 +12,7 @@ from shoal.lab.sweeps.sweep import trial_seed
 
 
 def faults_of(store: Store) -> list[str]:
-    """Return the faults of a store as a list of sentences. The list is empty for an intact store.
+    """Return the faults of a store as a list of sentences. For an intact store, return an empty list.
 
     The function checks the structure of the SQLite file and the number of values in each row. The function also compares the stored
     keys and seeds with the keys and seeds that the sweep defines.

@@ -32,9 +32,9 @@ def locked(store: Path, name: str) -> Iterator[None]:
     Raises
     ------
     InvalidInputError
-        Raised if another process holds the lock. The error message contains the number of the other process.
+        Raised if another process holds the lock. The error message contains the process number of the lock's holder.
     OutputError
-        Raised if the folder is not writable.
+        Raised if the folder of the store is not writable.
     """
     path, tries = _lock_file(store, name), 0
     while True:

@@ -104,7 +104,7 @@ def _create(path: Path) -> None:
     Raises
     ------
     OutputError
-        Raised if Shoal cannot write the file. No partial file remains.
+        Raised if Shoal cannot write the file. A failed write leaves no partial file.
     """
     with unfinished_store(path, shared=True) as temporary, told(path), closing(_connected(temporary)) as connection:
         _make_durable(connection)

@@ -79,7 +79,7 @@ class Store:
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
         """Yield a function that runs one SQL statement and returns the number of the row written last.
 
-        The ``with`` block is one transaction.
+        All statements in the ``with`` block form one transaction.
         """
         with told(self.path), transaction(self._connection):
             yield lambda statement, values: self._connection.execute(statement, values).lastrowid or 0
@@ -146,7 +146,8 @@ class Store:
         Raises
         ------
         InvalidInputError
-            Raised if the store has a different sweep with an equal name. The error message lists the differences.
+            Raised if the store has a different sweep with an equal name. The error message lists the differences between the two
+            sweeps.
         """
         description = sweep.describe()
         self._forget_untouched(sweep.name, description)
@@ -182,7 +183,7 @@ class Store:
         )
 
     def _forget_untouched(self, name: str, description: Mapping[str, Any]) -> None:
-        """Delete a stored sweep with the given name if it differs from the new sweep and none of its trials ever ran."""
+        """Delete a stored sweep that differs from the new sweep, if no trial of the stored sweep ever ran."""
         if name not in self.names:
             return
         stored = self.stored(name)
@@ -309,7 +310,7 @@ class Store:
         Raises
         ------
         InvalidInputError
-            Raised if a row is damaged.
+            Raised if a row of the table is damaged.
         """
         stored = self.stored(name)
         axes: list[tuple[list[Any], int]] = []

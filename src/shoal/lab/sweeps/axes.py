@@ -17,7 +17,10 @@ MAX_POINTS = 100_000
 
 
 class RangeForm(BaseModel):
-    """An axis as a range: from, to and step, or from, to and count. The end ``to`` belongs to the range."""
+    """An axis as a range, given by the fields from, to and step, or by the fields from, to and count.
+
+    The end ``to`` belongs to the range.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -91,7 +94,7 @@ def _range(form: RangeForm, where: str) -> tuple[Any, ...]:
 def _spaced(form: RangeForm, *, whole: bool, where: str) -> tuple[Any, ...]:
     """Return ``count`` values between the ends of a range, with linear or logarithmic steps.
 
-    If both ends are whole numbers, round each value and omit repetitions.
+    If both ends of the range are whole numbers, round each value and omit repetitions.
     """
     count = form.count or 1
     if form.scale == "log" and not (form.start > 0 and form.stop > 0):

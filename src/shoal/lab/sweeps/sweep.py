@@ -84,8 +84,8 @@ class Sweep:
     name : str
         Name of the sweep, which consists of letters, digits, ``.``, ``_`` and ``-``.
     problem : dict
-        The fields of the problem. The field ``kind`` is "swarm", "line", "schedule", "steering", "search" or "function", and
-        determines all other fields.
+        The fields of the sweep's problem. The field ``kind`` is "swarm", "line", "schedule", "steering", "search" or "function",
+        and determines all other fields.
     axes : dict
         For each axis, which is a field of the problem, a list of values or a range such as ``{"from": 100, "to": 5000, "step":
         100}``. A range may have ``count`` instead of ``step``, and ``"scale": "log"``. If the problem is a function, the axes are
@@ -196,7 +196,7 @@ class Sweep:
         Raises
         ------
         InvalidInputError
-            Raised if the file is invalid. The error message contains the file name, the line and the field.
+            Raised if the file is invalid. The error message contains the file name, the line number and the wrong field.
         """
         return sweep_in(read_text(Path(path), what="sweep file", most=LARGEST_SWEEP), where=str(path))
 
@@ -216,7 +216,7 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
     Raises
     ------
     InvalidInputError
-        Raised if the text is invalid. The error message contains the line and the field.
+        Raised if the text of the sweep file is invalid. The error message contains the line number and the wrong field.
     """
     data = parse_toml(text, where=where)
     try:

@@ -45,7 +45,10 @@ class Drawing:
     frame: LocalFrame | None
 
     def placed(self, problem: SearchProblem) -> SearchProblem:
-        """Return a copy of the problem whose region is the drawn region. A drawing without polygons only adds its no-go zones."""
+        """Return a copy of the problem whose region is the drawn region.
+
+        A drawing without polygons adds its no-go zones to the region of the problem.
+        """
         if not self.parts:
             return problem.replaced(no_go=(*problem.no_go, *self.zones))
         rings = [(part, False, f"drawn part {k}") for k, part in enumerate(self.parts, start=1)]

@@ -45,7 +45,7 @@ class Worker:
         Name MODULE:FUNCTION of the function to run. The new process imports the function, and calls it with the connection and the
         arguments.
     *arguments
-        Arguments of the function after the connection.
+        Arguments of the function, in addition to the connection.
 
     Attributes
     ----------
@@ -80,7 +80,10 @@ class Worker:
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Import and return the function with the name MODULE:FUNCTION. Names must come from Shoal, and never from a browser."""
+    """Import and return the function with the name MODULE:FUNCTION.
+
+    The name must come from Shoal's own code, and never from a browser.
+    """
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)
     return found

@@ -16,7 +16,7 @@ from shoal.lab.storage.schema import told, transaction
 FILE = ".studio.sqlite"
 APPLICATION = 0x53484A42  # "SHJB"
 MOST_TRIES = 2
-"""Maximum number of starts of a job. A job that was stopped with the server at each start is marked as interrupted."""
+"""Maximum number of starts of a job. If the server ends during the last allowed run of a job, the job is marked as interrupted."""
 
 _TABLE = """CREATE TABLE IF NOT EXISTS jobs (
   id INTEGER PRIMARY KEY, kind TEXT NOT NULL, spec TEXT NOT NULL, state TEXT NOT NULL, urgent INTEGER NOT NULL,

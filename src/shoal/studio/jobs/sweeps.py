@@ -25,7 +25,7 @@ FIGURES = ("png", "svg")
 def run(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
     """Run the missing trials of a sweep.
 
-    The job first records the sweep in the store. Then the job writes the sweep file beside the store.
+    The job first records the sweep in the store, and then writes the sweep file beside the store.
     """
     text = check_text(spec.get("toml"), what="toml")
     sweep = checked_sweep(text, folder)

@@ -131,7 +131,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
 
 
 def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
-    """Return each policy's mean number of moves with a confidence interval, and its paired difference from the best policy."""
+    """Return, for each policy, the mean moves with a confidence interval, and the paired difference from the best policy."""
     from shoal.lab.statistics import compare as paired
     from shoal.lab.statistics import estimate
 

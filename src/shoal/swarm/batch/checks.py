@@ -58,7 +58,7 @@ def check_numbers(
 ) -> NDArray[np.integer[Any]]:
     """Return one whole number for each selected world. If ``single`` is true, one number may stand for all worlds.
 
-    ``chosen`` contains the indices of the selected worlds. The check ignores the numbers of all other worlds.
+    ``chosen`` contains the indices of the selected worlds. The check ignores the numbers of worlds that are not selected.
     """
     numbers = np.asarray(given)
     if numbers.dtype.kind not in "iu" or not ((single and numbers.ndim == 0) or numbers.shape == (count,)):

@@ -54,7 +54,7 @@ class Boards(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """Sums over the particles of each world. Each array has one row per world.
+    """Sums over the particles of each world. Each array of sums has one row per world.
 
     In the sums, a cell with more than 255 particles counts as a cell with 255 particles.
     """

@@ -62,8 +62,9 @@ class WorldBatch(Inspection):
     frontier : ndarray of int32, shape (worlds,)
         Number of frontier cells in the belief of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
-        ``complete``: the task is done. ``terminated``: no frontier cell is left; in an episode with noise, some cells may remain
-        unclassified. ``truncated``: the episode reached its maximum number of commands before it terminated.
+        ``complete`` is true for a world whose task is done. ``terminated`` is true for a world without frontier cells; in an
+        episode with noise, some cells may remain unclassified. ``truncated`` is true for a world whose episode reached its maximum
+        number of commands before it terminated.
     seeds, maps : ndarray of int64, shape (worlds,)
         ``seeds`` contains the seed of each world's current episode, and ``maps`` contains the index of each world's current
         problem.
@@ -204,7 +205,7 @@ class WorldBatch(Inspection):
         return np.concatenate(cells), ends, targets
 
     def step(self, commands: ArrayLike | str, *, repeat: ArrayLike = 1, where: ArrayLike | None = None) -> Trace:
-        """Send one command, or a run of equal commands, to each selected world. Then scan each selected world.
+        """Send one command, or a run of equal commands, to each selected world, and scan each selected world afterwards.
 
         An episode that starts without frontier cells ends with its first command.
 

@@ -62,9 +62,9 @@ class Belief:
     def observed(self, command: str, before: Board, after: Board) -> Belief:
         """Return the belief after one push that moved the particles from ``before`` to ``after``.
 
-        The push classifies the unknown cells that particles tried to enter. A cell that a particle tried to enter is free if the
-        cell holds a particle after the push. A cell that a particle tried to enter is an obstacle if the cell holds no particle
-        after the push.
+        A push classifies the unknown cells that particles try to enter. A cell that a particle tried to enter is free if the cell
+        holds a particle after the push. A cell that a particle tried to enter is an obstacle if the cell holds no particle after
+        the push.
         """
         tried = before.shifted(command) - self.known
         if not tried:

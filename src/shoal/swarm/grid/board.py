@@ -89,7 +89,8 @@ class Board:
     layout : GridLayout
         The window of cells that the board can contain.
     words : ndarray of uint64, shape ``layout.words``
-        The packed cells. The board does not copy the array ``words``, so do not change this array afterwards.
+        The cells of the board, packed into words. The board does not copy the array ``words``, so do not change this array
+        afterwards.
 
     Notes
     -----

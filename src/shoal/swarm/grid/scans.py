@@ -37,9 +37,10 @@ class ScanRule:
     Parameters
     ----------
     kind : str
-        The kind of rule. "equal": scan after every ``step`` commands. "doubling": scan after 1, 2, 4, 8, ... commands in one
-        direction. "hyper": scan after 1, 4, 27, 256, ... commands in one direction. "adaptive": scan after the number of commands
-        that classifies the most cells per unit of price, in expectation. The kind "adaptive" omits scans whose outcome is certain.
+        The kind of the scan rule. "equal": scan after every ``step`` commands. "doubling": scan after 1, 2, 4, 8, ... commands in
+        one direction. "hyper": scan after 1, 4, 27, 256, ... commands in one direction. "adaptive": scan after the number of
+        commands that classifies the most cells per unit of price, in expectation. The kind "adaptive" omits scans whose outcome is
+        certain.
     step : int
         Number of commands before each scan, for the kind "equal".
     scan_cost, move_cost : float

@@ -117,8 +117,8 @@ class SubsetCoverage(Coverage):
     Parameters
     ----------
     fraction : float
-        Fraction of the free cells that particles must visit, above 0 and at most 1. The subset contains at least one cell. The
-        papers use the fraction 0.1.
+        Fraction of the free cells that particles must visit, above 0 and at most 1. The random subset contains at least one cell.
+        The papers use the fraction 0.1.
     """
 
     name: ClassVar[str] = "subset-coverage"

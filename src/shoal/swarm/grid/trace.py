@@ -61,7 +61,10 @@ class Trace(NamedTuple):
         return cls(*columns)
 
     def part(self, first: int, stop: int) -> Trace:
-        """Return the part of the trace from command number ``first`` up to, but not including, ``stop``. Do not copy the arrays."""
+        """Return the part of the trace from command number ``first`` up to, but not including, ``stop``.
+
+        The part shares the memory of the trace.
+        """
         columns: list[Any] = [column[first:stop] for column in self]
         return Trace(*columns)
 

@@ -140,7 +140,7 @@ def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
     MissingExtraError
         Raised if the file is a NIfTI file and the library nibabel is not installed.
     OutputError
-        Raised if Shoal cannot write the file. No partial file remains.
+        Raised if Shoal cannot write the file. A failed write leaves no partial file.
     """
     target = Path(path)
     suffix = _suffix(target)

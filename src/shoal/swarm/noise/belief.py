@@ -66,7 +66,7 @@ class NoisyBelief:
     ----------
     shape : tuple of int
     seen : Board
-        The particles that the first scan shows.
+        The cells in which the first scan shows particles.
     noise : Noise
     confidence : float
         A cell counts as classified if the cell is free, or an obstacle, with a probability of at least ``confidence``. The
@@ -79,9 +79,9 @@ class NoisyBelief:
     Notes
     -----
     At each move, the belief spreads the probability of every particle over the cells that the particle may have entered. At each
-    scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come.
-    Apart from such pairs of neighbours, the belief treats cells as independent. A move without a scan spreads the probabilities of
-    the particles, but changes no log-odds. The page docs/concepts/noise.md explains the method.
+    scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come. The
+    belief treats cells as independent, except neighbouring cells between which a particle may have moved. A move without a scan
+    spreads the probabilities of the particles, but changes no log-odds. The page docs/concepts/noise.md explains the estimation.
 
     Examples
     --------

@@ -69,7 +69,7 @@ def path_to_frontier(
     sources : Board
         The start cells of the search.
     rule : str
-        The move rule. Under "tilt", the path has the smallest possible number of tilts.
+        The move rule: "block", "merge" or "tilt". Under "tilt", the path has the smallest possible number of tilts.
     mapping : bool
         True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free. Only
         the rule "tilt" uses ``mapping``.

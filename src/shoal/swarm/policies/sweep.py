@@ -20,14 +20,15 @@ class _Phase:
 
 @dataclass(frozen=True)
 class WallSweep(Compiled):
-    """Move left to the wall. Alternate the commands up and right until no particle moves right. Then alternate down and left.
+    """Sweep a column of particles across a rectangle, to the right and back to the left.
 
-    Repeat the cycle of moves up and down as long as each cycle classifies cells.
+    The policy first moves the particles left to the wall. On the way to the right, the policy alternates the commands up and right
+    until no particle moves right. On the way back, the policy alternates the commands down and left. The policy repeats the cycle
+    of both ways as long as each cycle classifies cells.
 
-    On a rectangle of m free cells that is k cells
-    tall, the policy needs 4m/k moves. The k particles must start along the left wall (placement left-wall). The policy sweep is not
-    suitable for other shapes than rectangles. If a whole cycle classifies no cell, the policy stops, and the episode ends as
-    stalled. Source: paper D, section III.B.2.
+    On a rectangle of m free cells that is k cells tall, the policy needs 4m/k moves if k particles start along the left wall
+    (placement left-wall). The policy sweep is not suitable for other shapes than rectangles. If a whole cycle classifies no cell,
+    the policy stops, and the episode ends as stalled. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"

@@ -96,7 +96,7 @@ class Again(_Message):
 
 
 class Refusal(_Message):
-    """Answer of a rig that cannot carry out a request. The member ``text`` gives the reason."""
+    """Answer of a rig that cannot carry out a request. The member ``text`` gives the reason for the refusal."""
 
     type: Literal["error"] = "error"
     seq: int | None = None
@@ -127,8 +127,8 @@ def decode_message(line: bytes) -> Message | None:
     Raises
     ------
     InvalidInputError
-        Raised if the line has a correct checksum, but contains no message of the protocol. Such a line shows a fault of the rig,
-        and not of the connection.
+        Raised if the line has a correct checksum, but contains no message of the protocol. A wrong message with a correct checksum
+        is a fault of the rig, and not of the connection.
     """
     line = line.strip()
     found = _CRC.search(line)

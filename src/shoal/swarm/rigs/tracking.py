@@ -101,7 +101,7 @@ class RigSwarm(ABC):
 
 
 class ExactRigSwarm(RigSwarm):
-    """The particles of a rig without noise. Such a rig always reports correct positions.
+    """The particles of a rig without noise: all positions that the rig reports are correct.
 
     Raises
     ------
@@ -191,7 +191,7 @@ class ExactRigSwarm(RigSwarm):
 
 
 class NoisyRigSwarm(RigSwarm):
-    """The particles of a rig with noise. Such a rig may report wrong positions.
+    """The particles of a rig with noise: positions that the rig reports may be wrong.
 
     Parameters
     ----------

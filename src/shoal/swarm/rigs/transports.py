@@ -183,7 +183,9 @@ class TcpTransport(Transport):
 
 
 class ProcessTransport(Transport):
-    """A connection by a program's standard input and output. The object starts the program, and restarts a program that has ended.
+    """A connection by a program's standard input and output.
+
+    The transport starts the program, and restarts a program that has ended.
 
     Parameters
     ----------

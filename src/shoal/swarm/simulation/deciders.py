@@ -1,4 +1,4 @@
-"""Deciders convert the commands of a policy into runs of equal commands. A scan follows each run."""
+"""Deciders convert the commands of a policy into runs of equal commands. A scan follows each run of commands."""
 
 from __future__ import annotations
 

@@ -95,7 +95,7 @@ def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, di
 
 
 def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
-    """Return the arrays of an episode from an ``.npz`` file. Ignore all other arrays in the file."""
+    """Return the arrays of an episode from an ``.npz`` file. Ignore arrays in the file that do not belong to an episode."""
     if not zipfile.is_zipfile(file):
         raise InvalidInputError("expected a zip archive of arrays, got another format or a truncated archive")
     file.seek(0)
@@ -116,7 +116,7 @@ def _arrays(file: BinaryIO) -> dict[str, NDArray[Any]]:
 
 
 def _check_sizes(file: BinaryIO) -> None:
-    """Refuse a file with arrays that are larger than an episode can hold. Do not unpack any array."""
+    """Refuse a file with arrays that are larger than an episode can hold. The check unpacks no array."""
     try:
         with zipfile.ZipFile(file) as archive:
             sizes = {one.filename.removesuffix(".npy"): one.file_size for one in archive.infolist()}

@@ -19,7 +19,7 @@ def draw_cave(width: int, height: int, *, seed: int = 0) -> Mask:
     width, height : int
         Size of the map in cells.
     seed : int
-        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
+        Seed of the random numbers. Equal sizes and equal seeds give equal maps.
 
     Returns
     -------

@@ -23,10 +23,10 @@ DOWN_UP = np.array([[1, 0], [-1, 0]])
 
 
 def draw_htree(count: int) -> NDArray[np.bool_]:
-    """Return a map of an H-tree with exactly ``count`` free cells. The tree has no loops, and its corridors are one cell wide.
+    """Return a map of an H-tree with exactly ``count`` free cells. The H-tree has no loops, and its corridors are one cell wide.
 
-    The generator draws the smallest regular tree with at least ``count`` cells. Then the generator removes cells one by one,
-    beginning at the tips of the branches in the lower left corner, until ``count`` cells remain.
+    The generator draws the smallest regular tree with at least ``count`` cells, and removes cells until ``count`` cells remain. The
+    removal begins at the tips of the branches in the lower left corner.
 
     Parameters
     ----------
@@ -118,8 +118,9 @@ def _regular(levels: int) -> tuple[int, ...]:
 def _arms(halves: tuple[int, ...]) -> _Arms:
     """Return all arms of an H-tree in the order in which the generator removes them.
 
-    Each arm comes after all arms that grow from it. At a fork, the arm to the left or downwards comes first, with all its branches.
-    Therefore the generator starts in the lower left corner and removes one branch after another.
+    Each arm comes after all arms that grow from it. At each fork, the list contains the arm to the left or downwards before the
+    opposite arm, with all its branches. Therefore the generator starts in the lower left corner and removes one branch after
+    another.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

@@ -18,7 +18,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
     width, height : int
         Width and height of the maze, in cells.
     seed : int
-        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
+        Seed of the random numbers. Equal sizes and equal seeds give equal maps.
 
     Returns
     -------

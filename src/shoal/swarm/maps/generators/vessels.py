@@ -25,7 +25,7 @@ def draw_vessels(count: int, *, seed: int = 0) -> Mask:
     count : int
         Number of free cells.
     seed : int
-        Seed of the random numbers. Equal sizes with equal seeds give equal maps.
+        Seed of the random numbers. Equal sizes and equal seeds give equal maps.
 
     Returns
     -------

@@ -72,7 +72,7 @@ class CentreLines(NamedTuple):
     Attributes
     ----------
     segments : list of Segment
-        The segments between nodes. The list omits closed curves without a junction.
+        All segments between two nodes. The list omits closed curves without a junction.
     places : ndarray, float64, shape (nodes, 2)
         Row and column of each node (a junction or an end), in pixels.
     radii : ndarray, float64, shape (nodes,)
@@ -213,7 +213,7 @@ def _joined(segments: list[Segment], node_of: dict[int, int], at: Indices, depth
 
 
 def _segment(chain: list[int], node_of: dict[int, int], at: Indices, area: Points) -> Segment:
-    """Smooth a chain of pixels and return it as a segment. The ends of the segment stay in place."""
+    """Smooth a chain of pixels and return it as a segment. Smoothing leaves the ends of the segment in place."""
     from scipy import ndimage
 
     beyond = min(int(3 * SMOOTHING), len(chain) - 1)

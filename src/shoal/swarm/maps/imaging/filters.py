@@ -87,7 +87,7 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 
 
 def _line_strength(grey: Grey, view: Mask) -> Grey:
-    """Return the response of a line detector: the mean of the brightest line through each pixel, minus the mean around it."""
+    """Return the response of a line detector: the mean of the brightest line through a pixel, minus the mean around the pixel."""
     total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)

@@ -37,7 +37,7 @@ PLACES = 64  # states stored along a plan
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """The planner beam-rollout with a wider search. Simulated annealing then shortens the plan of this planner."""
+    """The planner beam-rollout with a wider search. The policy offline shortens the plan of `FirstPlan` by simulated annealing."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)
@@ -92,8 +92,8 @@ def plan_coverage(
 ) -> str:
     """Return commands that move at least one particle onto every free cell of a known map, or onto every target cell.
 
-    The planner beam-rollout makes an initial plan, with the true map as its prediction. Simulated annealing then shortens the
-    initial plan.
+    The planner beam-rollout makes an initial plan, with the true map as its prediction. Simulated annealing shortens the initial
+    plan.
 
     Parameters
     ----------

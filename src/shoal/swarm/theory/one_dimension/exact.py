@@ -128,7 +128,7 @@ class Line:
         """Expected number of moves until the particles have found both ends of the line.
 
         For n particles on m cells, the exact expected value is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in equation 2 of paper M. The
-        printed value comes from equation 2 of paper D, which lacks the last term, for particles without gaps between them.
+        printed value comes from equation 2 of paper D, which omits the term (m-n+1)/C(m,n).
         """
         m, n = self.cells, self.particles
         printed = Fraction(3 * (1 + m), 1 + n)
@@ -138,7 +138,8 @@ class Line:
     def boundary_float(self) -> float:
         """The exact expected value in `boundary` as a float, for lines of any length.
 
-        For large swarms, the computation omits the last term of the formula, because the term is smaller than rounding errors.
+        For n particles on m cells with large n, the computation omits the term (m-n+1)/C(m,n), which is smaller than rounding
+        errors.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -190,8 +191,8 @@ class Line:
     def first_distribution(self) -> Distribution:
         """Distribution of the position of the first particle.
 
-        The position of the first particle is also the number of moves to the left until it finds the left end of the line. By
-        symmetry, the number of moves to the right until the last particle finds the right end has an equal distribution.
+        The position of the first particle is also the number of moves to the left until the particle finds the left end of the
+        line. By symmetry, the number of moves to the right until the last particle finds the right end has an equal distribution.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))

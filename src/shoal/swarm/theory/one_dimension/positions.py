@@ -69,10 +69,10 @@ def boundary_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     """Return the number of moves until the particles, moving first to the left, have visited every cell and found both ends.
 
-    Particle i at the position p_i first moves ``L_i = min(p_1, p_i - i)`` cells to the left. Then the last particle n needs ``R =
-    cells - (p_n - L_n) + 1`` moves to the right to find the right end of the line. Particle i needs ``p_{i+1} - p_i - 1 - (L_{i+1}
-    - L_i)`` moves to the right to cover the gap before particle i + 1. The total number of moves is p_1 plus the largest number of
-    moves to the right.
+    The moves to the left are as many as the position p_1 of the first particle. Particle number i at the position p_i moves
+    ``min(p_1, p_i - i)`` cells to the left. On the way to the right, the last particle needs one move more than the number of cells
+    to its right. Every other particle needs as many moves to the right as the gap before the next particle has cells. The total
+    number of moves is p_1 plus the largest number of moves that a particle needs to the right.
 
     Parameters
     ----------

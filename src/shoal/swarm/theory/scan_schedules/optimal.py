@@ -1,4 +1,4 @@
-"""The scan schedule with the smallest worst-case weighted ratio, for given prices and a maximum distance."""
+"""The scan schedule with the smallest competitive ratio, for given prices of scans and moves and a maximum wall distance."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _LAST_STEPS = 50
 
 
 class OptimalSchedule(ScanSchedule):
-    """The optimal schedule for given prices of a scan and a move. The function `optimal_schedule` computes an optimal schedule.
+    """The scan schedule with the smallest competitive ratio, as computed by the function `optimal_schedule`.
 
     Parameters
     ----------
@@ -59,25 +59,25 @@ class OptimalSchedule(ScanSchedule):
 
     @cached_property
     def guarantee(self) -> Worst:
-        """The largest weighted ratio for a wall up to the maximum distance, and the distance with the largest weighted ratio."""
+        """The largest ratio of the schedule's price to the optimal price, and the wall distance with the largest ratio."""
         return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio over all distances from 0 to ``max_distance``."""
+        """Return the largest ratio of the schedule's price to the optimal price, over all distances from 0 to ``max_distance``."""
         if isinstance(self.schedule, EqualSteps):
             return self.schedule.worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
         return super().worst(scan_cost=scan_cost, move_cost=move_cost, max_distance=max_distance)
 
 
 def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -> OptimalSchedule:
-    """Return the schedule with the smallest worst-case weighted ratio, for a wall at a distance from 0 to ``max_distance`` moves.
+    """Return the scan schedule with the smallest competitive ratio, for walls at distances from 0 to ``max_distance`` moves.
 
-    Let c be the price of a scan, v the price of a move, and x_0 = 0 the position of the scan at the start. A schedule with
-    positions x_1 < x_2 < ... keeps a weighted ratio r if every position x_j is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) /
-    v``. A later scan also allows later positions for all following scans. Therefore a schedule can keep the ratio r exactly if the
-    schedule with the latest allowed scans reaches the maximum distance. A bisection finds an interval that contains the smallest
-    possible r. Inside the interval, exact fractions give schedules with smaller and smaller ratios, until no schedule has a smaller
-    ratio.
+    The competitive ratio of a schedule is the largest ratio of the schedule's price to the optimal price, over all wall distances.
+    With the price c of a scan and the price v of a move, a schedule has a competitive ratio of at most r if every scan position x_j
+    is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan also allows later positions for all following scans.
+    Therefore a competitive ratio r is possible if and only if the schedule with the latest allowed scans reaches the maximum
+    distance. A bisection finds an interval that contains the smallest possible competitive ratio. Inside the interval, the function
+    computes schedules with smaller and smaller ratios in exact fractions, until no schedule has a smaller ratio.
 
     Parameters
     ----------
@@ -122,10 +122,10 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
 
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
-    """Return the schedule of equal steps with the smallest worst-case weighted ratio.
+    """Return the schedule of equal steps with the smallest competitive ratio.
 
-    The worst-case ratio is the larger one of two weighted ratios. For a wall at the start, the weighted ratio grows with the length
-    of the steps. For a wall near the maximum distance, the weighted ratio falls with the length of the steps.
+    The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. For a wall at the start, the
+    ratio grows with the length of the steps. For a wall near the maximum distance, the ratio falls with the length of the steps.
     """
 
     def too_short(step: int) -> bool:
@@ -141,7 +141,7 @@ def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> Equa
 
 
 def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: int) -> list[int]:
-    """Return up to ``max_scans`` positions with the smallest worst-case weighted ratio. The price of a move must exceed 0."""
+    """Return up to ``max_scans`` scan positions with the smallest competitive ratio. The price of a move must exceed 0."""
     unit = lcm(scan.denominator, move.denominator)
     latest = _Latest(int(scan * unit), int(move * unit), max_distance, max_scans)
     low, high = Fraction(1), Fraction(2)
@@ -167,15 +167,15 @@ def least_worst(scan: Fraction, move: Fraction, max_distance: int, max_scans: in
 
 
 class _Latest:
-    """Computes the schedule with the latest scans that a weighted ratio allows, for integer prices of a scan and a move."""
+    """Computes the schedule with the latest scans that a competitive ratio allows, for integer prices of a scan and a move."""
 
     def __init__(self, scan: int, move: int, max_distance: int, max_scans: int) -> None:
         self.scan, self.move, self.end, self.max_scans = scan, move, max_distance + 1, max_scans
 
     def __call__(self, ratio: Fraction, *, below: bool = False) -> list[int] | None:
-        """Return scan positions up to the maximum distance that keep ``ratio``, or None if no positions keep it.
+        """Return scan positions with a competitive ratio of at most ``ratio``, or None if no such positions exist.
 
-        If ``below`` is true, the weighted ratio of the scan positions must be smaller than ``ratio``.
+        If ``below`` is true, the competitive ratio of the scan positions must be smaller than ``ratio``.
         """
         p, q, scan, move = ratio.numerator, ratio.denominator, self.scan, self.move
         positions: list[int] = []
@@ -191,7 +191,7 @@ class _Latest:
         return positions
 
     def ratio(self, positions: list[int]) -> Fraction:
-        """Return the worst-case weighted ratio of scan positions that reach the maximum distance."""
+        """Return the competitive ratio of scan positions that reach the maximum distance."""
         best, below = (0, 1), 0
         for scans, position in enumerate(positions, start=2):
             over, under = self.scan * scans + self.move * position, self.move * (below + 1) + 2 * self.scan

@@ -70,9 +70,9 @@ class Worst:
     Parameters
     ----------
     ratio : Fraction
-        The largest weighted ratio over all distances of the wall.
+        The largest ratio of the schedule's price to the optimal price, over all distances of the wall.
     distance : int
-        The smallest distance with the largest weighted ratio, in moves.
+        The smallest distance of the wall with the largest ratio, in moves.
     """
 
     ratio: Fraction
@@ -111,7 +111,7 @@ class ScanSchedule(ABC):
         raise InvalidInputError(f"schedule {self.name}: expected a distance below its last position, {last}, got {distance}")
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio over all distances from 0 to ``max_distance``.
+        """Return the largest ratio of the schedule's price to the optimal price, over all distances from 0 to ``max_distance``.
 
         For distances between two scan positions, the cost of the schedule is constant, but the cost of the optimum grows with the
         distance. Therefore the method needs to check only the smallest distance after each scan position.
@@ -170,9 +170,9 @@ class EqualSteps(ScanSchedule):
         return Cost(distance, jumps * self.step, jumps + 1)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
-        """Return the largest weighted ratio over all distances from 0 to ``max_distance``.
+        """Return the largest ratio of the schedule's price to the optimal price, over all distances from 0 to ``max_distance``.
 
-        The largest weighted ratio occurs at the distance 0, or at the last scan position up to the maximum distance.
+        The largest ratio occurs for a wall at the distance 0, or at the last scan position up to the maximum distance.
         """
         check_distance(max_distance)
         ends = (0, max_distance // self.step * self.step)
@@ -236,8 +236,8 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The schedule with the i-th scan after i^i moves: after 1, 4, 27, 256, ... moves.
 
-    The move ratio and the scan ratio of the schedule grow as log D / log log D with the distance D. In no schedule do both the move
-    ratio and the scan ratio grow more slowly than log D / log log D.
+    For a wall at distance D, the numbers of moves and scans, divided by their optima, both grow as log D / log log D. In no
+    schedule do both quotients, of moves and of scans, grow more slowly than log D / log log D.
 
     Notes
     -----
@@ -263,7 +263,7 @@ class Custom(ScanSchedule):
     Parameters
     ----------
     scans_after : sequence of int
-        Numbers of moves from the start to each scan, in increasing order. The first number of moves is at least 1.
+        Numbers of moves from the start to each scan, in increasing order. The first scan must follow after at least 1 move.
     name : str
 
     Raises

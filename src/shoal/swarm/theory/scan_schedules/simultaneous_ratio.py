@@ -1,4 +1,4 @@
-"""Theorem 1 of paper M in numbers: the smallest common bound on the move ratio and the scan ratio of a scan schedule."""
+"""Theorem 1 of paper M in numbers: the smallest common bound on the competitive ratios of moves and scans."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from shoal.swarm.theory.scan_schedules.schedules import Custom, ScanSchedule, ch
 
 @dataclass(frozen=True)
 class Bracket:
-    """The smallest common bound on the move ratio and the scan ratio of a schedule, for walls up to a maximum distance.
+    """The smallest common bound on the competitive ratios of moves and scans, for walls up to a maximum distance.
 
     Parameters
     ----------
     ratio : Fraction
-        The smallest common bound on the move ratio and the scan ratio.
+        The smallest common bound on the competitive ratios of moves and scans.
     schedule : Custom
-        A schedule whose move ratio and scan ratio are at most ``ratio``.
+        A schedule whose competitive ratios of moves and scans are at most ``ratio``.
     """
 
     ratio: Fraction
@@ -27,12 +27,12 @@ class Bracket:
 
 
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
-    """Return the smallest number c for which some schedule has a move ratio and a scan ratio of at most c.
+    """Return the smallest number c for which some schedule has competitive ratios of moves and scans of at most c.
 
-    A schedule with j scans after the scan at the start has the scan ratio (j + 1) / 2. The smallest possible move ratio of a
-    schedule with j scans falls as j grows. A schedule reaches the smallest move ratio if each jump is as long as the move ratio
-    allows. The smallest common bound lies at the number j at which the move ratio and the scan ratio cross. Therefore a search over
-    j gives the exact result.
+    The optimum has two scans. Therefore a schedule with j scans after the scan at the start has a competitive ratio of scans of (j
+    + 1) / 2. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches the smallest
+    ratio of moves if each jump is as long as this ratio allows. The smallest common bound lies at the number of scans at which the
+    ratio of moves and the ratio of scans cross. Therefore a search over the number of scans gives the exact result.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
 
 
 def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
-    """Return the largest move ratio or scan ratio of a schedule, over all wall distances from 0 to ``max_distance``.
+    """Return the larger one of a schedule's competitive ratios of moves and of scans, for walls at 0 to ``max_distance``.
 
     Raises
     ------
