@@ -253,7 +253,7 @@ class _Run:
     def _doubts(self, job: _Job, answer: Answer) -> bool:
         """Return whether another worker should repeat a batch. Another worker repeats a batch if all trials of the batch failed.
 
-        If trials of a failed batch succeed on the second worker, the first worker gets no more batches.
+        If all trials of a batch fail on one worker and some succeed on another worker, the first worker gets no more batches.
         """
         first, job.doubted = job.doubted, answer
         if first is None:

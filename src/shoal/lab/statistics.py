@@ -23,7 +23,7 @@ class Estimate:
     ----------
     mean : float
     low, high : float
-        Lower and upper end of the confidence interval. Both ends are NaN for a sample of one value.
+        Lower and upper end of the confidence interval. For a sample of one value, the interval is NaN to NaN.
     std : float
         Sample standard deviation, or NaN for a sample of one value.
     count : int
@@ -84,7 +84,7 @@ class Comparison:
 
     @property
     def note(self) -> str:
-        """Text with the number of unfinished pairs and the limit of the values. The text is empty if all pairs are finished."""
+        """Text with the number of unfinished pairs and the limit of the values. If all pairs are finished, the text is empty."""
         if not self.unfinished:
             return ""
         restricted = "" if self.bound is None else f", values restricted to {self.bound:.6g}"

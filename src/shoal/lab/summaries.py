@@ -37,8 +37,8 @@ class Row:
         Number of trials with a value of the measure that completed their task. ``completed`` is None if trials have no status.
     bound : float or None
         Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. ``bound``
-        is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``.
-        Therefore the true mean is larger than the estimated mean.
+        is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``. If some
+        trials are unfinished, the true mean is therefore larger than the estimated mean.
     """
 
     values: dict[str, Any]

@@ -13,7 +13,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.core.files import atomic
 
 MOST_PIXELS = 50_000_000
-"""Maximum number of pixels in a picture that the studio opens. The command line can open larger pictures."""
+"""Maximum number of pixels in a picture that the studio opens. Commands outside the studio can open larger pictures."""
 
 PAPERS = "papers"
 """Name of the subfolder for reproduced figures of the papers."""

@@ -50,7 +50,7 @@ def serve(root: str | os.PathLike[str], *, port: int | None = None, browser: boo
     Parameters
     ----------
     root : path
-        Path of the folder, which is created if it does not exist. The folder contains all data of the studio.
+        Path of the folder, which is created if it does not exist. The studio's folder contains all data of the studio.
     port : int, optional
     browser : bool
         Whether to open the studio in a browser.

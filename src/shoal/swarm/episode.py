@@ -147,7 +147,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def out_of_reach(self) -> str:
-        """Text with the number of free cells out of reach of all particles. The text is empty if all free cells are in reach."""
+        """Text with the number of free cells out of reach of all particles. If all free cells are in reach, the text is empty."""
         return f"{self.unreachable} of {self.workspace.n_free} free cells" if self.unreachable else ""
 
     @cached_property

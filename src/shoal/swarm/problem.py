@@ -280,8 +280,8 @@ class SwarmProblem(Problem):
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised if no policy has the requested name, or if the problem gives a planning budget or a time per move to a policy
-            that does not plan.
+            Raised if no policy has the requested name. Also raised if a policy that does not plan gets a planning budget or a time
+            per move.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget

@@ -99,7 +99,7 @@ class Declaration:
 
     @property
     def range(self) -> str:
-        """The range of the field's values as text, such as "from 0 to 1". The text is empty for a field without a range."""
+        """The range of the field's values as text, such as "from 0 to 1". For a field without a range, the text is empty."""
         option = self.option
         return range_text(option.least, option.most, option.above, option.below)
 

@@ -82,7 +82,7 @@ class Worker:
 def named(text: str) -> Callable[..., Any]:
     """Import and return the function with the name MODULE:FUNCTION.
 
-    The name must come from Shoal's own code, and never from a browser.
+    The name of the function must come from Shoal's own code, and never from a browser.
     """
     module, _, name = text.partition(":")
     found: Callable[..., Any] = getattr(importlib.import_module(module), name)

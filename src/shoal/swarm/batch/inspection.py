@@ -104,7 +104,7 @@ class Inspection:
 
     @property
     def boards(self) -> Boards:
-        """The boards of all worlds, without a copy. Each step of the batch writes to the boards."""
+        """The boards of all worlds, which are not copied: each step of the batch writes to the boards."""
         views = [getattr(self._worlds, name).reshape(len(self), *self.layout.words) for name in Boards._fields]
         for view in views:
             view.flags.writeable = False

@@ -30,7 +30,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
         Number of particles, from 1 to ``workspace.n_free``.
     placement : str or callable
         The placement rule: "uniform", "flood-fill", "region-fill", "left-wall", the name "module:attribute" of a function, or a
-        function. A function is called with (workspace, n, rng) and returns the start cells.
+        function. A placement function is called with (workspace, n, rng) and returns the start cells.
     rng : numpy.random.Generator
 
     Returns

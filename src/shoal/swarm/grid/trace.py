@@ -36,7 +36,7 @@ class Trace(NamedTuple):
     travelled : ndarray of int64
         Distance that all particles together travelled during each command, in cells.
     scanned : ndarray of bool
-        Whether a scan followed each command. The array has no entry for the scan before the first command.
+        Whether a scan followed each command. The array ``scanned`` has no entry for the scan before the first command.
     """
 
     commands: NDArray[np.int8]

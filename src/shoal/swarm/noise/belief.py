@@ -23,7 +23,10 @@ NEVER = -700.0  # log-odds
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the kernels' arrays for a workspace. The arrays have three more cells on each side than the workspace."""
+    """Return the shape of the kernels' arrays for a workspace.
+
+    The arrays of kernels have three more cells on each side than the workspace.
+    """
     return tuple(size + 2 * PAD for size in shape)
 
 

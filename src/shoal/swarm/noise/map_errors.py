@@ -36,7 +36,7 @@ class MapErrors:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
-        """Compare the final belief of a mapping with the true workspace. The particles started at ``start``."""
+        """Compare the final belief of a mapping with the true workspace. ``start`` contains the start cells of the particles."""
         labels = workspace.components
         reached = Board.of_mask(workspace.free & np.isin(labels, labels[tuple(start.T)]))
         walls = reached.dilated() - reached

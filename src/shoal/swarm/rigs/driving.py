@@ -191,7 +191,7 @@ class _RecordedRuns:
         return commands[first], self._at - first
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return true. The log determines the scans."""
+        """Return true. The log determines when a scan is made."""
         return True
 
 

@@ -340,7 +340,7 @@ def open_rig(
     Raises
     ------
     InvalidInputError
-        Raised if the address has another form.
+        Raised if ``spec`` does not begin with ``serial:``, ``tcp:`` or ``exec:``.
     MissingExtraError
         Raised if the rig is on a serial line, and pyserial is not installed (``pip install 'shoal[serial]'``).
     RigError

@@ -142,9 +142,9 @@ class ReplannedRuns:
     """Chooses runs in episodes with noise. Each run is one command. The policy plans anew after each scan.
 
     The swarm scans after every ``every`` commands, and at the end of each plan. After a scan, a policy without memory discards the
-    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. The limit on
-    the number of moves without a new cell is about `NOISY_TIMES` times the number of moves that closest-frontier may need to cross
-    all known free cells.
+    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. To cross all
+    known free cells, the policy closest-frontier needs at most a certain number of moves. The limit on moves without a new cell is
+    about `NOISY_TIMES` times the number for closest-frontier.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:

@@ -1,11 +1,11 @@
 """H-tree maps: bars that fork at right angles. After every two levels of forks, the bars become half as long.
 
-The H-tree map of paper M has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells, and its bars have
-half-lengths of 32, 32, 16, 16, 8, 8, 4, 4, 2 and 2 cells. The generator removes one branch after another from the tree of 5953
-cells, beginning at one corner, until 5000 cells remain. On the H-tree map of 5000 cells, the mean number of moves of the
-closest-frontier policy differs from the published mean by at most 10 %. A tree with one more level of bars, whose half-length is 1
-cell, has loops because its bars touch. On a map cut from a tree with loops, the mean number of moves is up to 38 % lower than the
-published mean.
+The H-tree map of paper M has 5000 free cells. The smallest regular tree with at least 5000 cells has 5953 cells. The bars of the
+tree with 5953 cells have half-lengths of 32, 32, 16, 16, 8, 8, 4, 4, 2 and 2 cells. The generator removes one branch after another
+from the tree of 5953 cells, beginning at one corner, until 5000 cells remain. On the H-tree map of 5000 cells, the mean number of
+moves of the closest-frontier policy differs from the published mean by at most 10 %. A tree with one more level of bars, whose
+half-length is 1 cell, has loops because its bars touch. On a map cut from a tree with loops, the mean number of moves is up to 38 %
+lower than the published mean.
 """
 
 from __future__ import annotations
@@ -111,7 +111,10 @@ class _Arms(NamedTuple):
 
 
 def _regular(levels: int) -> tuple[int, ...]:
-    """Return the half-lengths of an H-tree in cells. The half-lengths halve after every two levels and end with 2 cells."""
+    """Return the half-lengths of an H-tree in cells.
+
+    The half-lengths of the bars halve after every two levels and end with 2 cells.
+    """
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
 

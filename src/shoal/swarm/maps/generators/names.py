@@ -32,7 +32,7 @@ def generate(spec: str) -> NDArray[np.bool_]:
     Returns
     -------
     ndarray, bool, shape (H, W) or (D, H, W)
-        The map: True at free cells, with row 0 at the top. The array is C-contiguous.
+        The map: True at free cells, with row 0 at the top. The returned array is C-contiguous.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class CentreLines(NamedTuple):
     Attributes
     ----------
     segments : list of Segment
-        All segments between two nodes. The list omits closed curves without a junction.
+        All segments between two nodes. The list of segments omits closed curves without a junction.
     places : ndarray, float64, shape (nodes, 2)
         Row and column of each node (a junction or an end), in pixels.
     radii : ndarray, float64, shape (nodes,)

@@ -99,7 +99,7 @@ def _line_strength(grey: Grey, view: Mask) -> Grey:
 def strongest_line(grey: Grey, length: int = LINE_WINDOW) -> Grey:
     """Return, for each pixel, the highest mean value along a line through the pixel.
 
-    The function tries `ANGLES` different angles.
+    The function tries lines at `ANGLES` different angles.
     """
     angles = np.pi * np.arange(ANGLES if length > 1 else 1) / ANGLES
     return _highest(scipy.ndimage.convolve(grey, _line(length, angle)) for angle in angles)

@@ -42,7 +42,7 @@ class Vessels:
     Parameters
     ----------
     mask : ndarray of bool, shape (H, W)
-        True at vessel pixels. The mask has the resolution of the photograph.
+        True at vessel pixels. The mask of vessel pixels has the resolution of the photograph.
     confidence : float
         Confidence that the photograph shows vessels: from 0 (noise, or edges of other objects) to 1 (vessels).
     bright : bool
@@ -237,7 +237,10 @@ def _levels(picture: Photograph, thickest: float) -> int:
 
 
 def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
-    """Return the strength of bright lines: the mean of the highest responses. ``share`` is the fraction of pixels in the mean."""
+    """Return the strength of bright lines: the mean of the highest responses.
+
+    ``share`` is the fraction of pixels that the mean includes.
+    """
     lines: NDArray[np.float64] = strongest_line(flat)[view]
     kept = max(1, int(share * lines.size))
     return float(np.partition(lines, -kept)[-kept:].mean())
@@ -291,7 +294,7 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
 
 
 def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, float]:
-    """Return two measures of the centre lines of a network. Both measures lie between 0 and 1.
+    """Return two measures of the centre lines of a network, each between 0 and 1.
 
     The first measure is the fraction of centre line pixels whose contrast on one side is more than half the contrast on the other
     side. The second measure is the alignment of all centre lines with one direction or with the perpendicular direction.

@@ -36,7 +36,7 @@ class VesselStatistics:
     area_density : float
         Fraction of the area of the view that vessels cover.
     dead_ends : float
-        Number of dead ends per network length of 100 mean vessel widths. The number is NaN if the network is not longer than the
+        Number of dead ends on a network length of 100 mean vessel widths. The number is NaN if the network is not longer than the
         mean vessel width.
     fractal_dimension : float
         Box-counting dimension of the network's centre lines.

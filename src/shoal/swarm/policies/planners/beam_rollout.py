@@ -42,8 +42,8 @@ class BeamRollout(Budgeted):
 
     First, the planner beam-rollout simulates plans to the end of the task whenever its predictions are reliable, for any number of
     frontier cells. Second, a careful base policy also completes plans: it probes nearby unknown cells before it moves on. Third,
-    the planner beam-rollout predicts cells farther beyond the frontier than the policy rollout predicts. The prediction stops where
-    the predicted cells are probably not all free. Source: docs/concepts/planners.md.
+    the planner beam-rollout predicts cells farther beyond the frontier than the policy rollout predicts. The prediction of free
+    cells stops where the predicted cells are probably not all free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"

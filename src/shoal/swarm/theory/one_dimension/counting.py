@@ -6,13 +6,13 @@ gap, t = a + b, and g(1) ... g(n-1) the inner gaps. Full coverage takes the foll
 
     a + 1 + max(t + 2, g(1), ..., g(n-1))
 
-In the maximum of t + 2 and all inner gaps, the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0, full
-coverage takes one move less than the formula gives. The maximum of t + 2 and all inner gaps is at most g if t <= g - 2 and all
-inner gaps are at most g, except that the first nonzero inner gap may be g + 1. The first and the last gap can divide t empty cells
-in t + 1 ways. Generating functions turn the number of placements into sums of binomial coefficients. Let G = (1 - x^(g+1)) / (1 -
-x) be the generating function of one gap of at most g cells. Let T be the sum of (t+1) x^t for t <= g - 2, the generating function
-of the first and the last gap. The number of placements with a maximum of at most g is the coefficient of x^(m-n) in the following
-sum:
+In the maximum max(t + 2, g(1), ..., g(n-1)), the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0,
+full coverage takes one move less than the formula gives. With t empty cells in the first and the last gap, the maximum is at most g
+if t <= g - 2 and all inner gaps are at most g, except that the first nonzero inner gap may be g + 1. The first and the last gap can
+divide their t empty cells in t + 1 ways. Generating functions turn the number of placements into sums of binomial coefficients. Let
+G = (1 - x^(g+1)) / (1 - x) be the generating function of one gap of at most g cells. Let T be the sum of (t+1) x^t for t <= g - 2,
+the generating function of the first and the last gap. The number of placements with a maximum of at most g is the coefficient of
+x^(m-n) in the following sum:
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """

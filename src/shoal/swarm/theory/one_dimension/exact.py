@@ -99,8 +99,8 @@ class Line:
 
     Notes
     -----
-    Source: paper M, section III.A. The number of placements of n particles on m cells is the binomial coefficient C(m, n). Paper M
-    wrongly prints C(m-n, n+1).
+    Source: paper M, section III.A. The number of placements of n particles on m cells is the binomial coefficient C(m, n). For the
+    number of placements, paper M wrongly prints C(m-n, n+1).
 
     Examples
     --------
@@ -149,9 +149,9 @@ class Line:
     def coverage(self) -> Mean:
         """Expected number of moves until the particles have visited every cell and found both ends of the line.
 
-        The printed value comes from the formula in the papers. For a line of m cells, the computation needs about m sqrt(m)
-        operations on integers of up to m bits. The computation takes a millisecond for 100 cells, and up to half a minute for
-        10,000 cells.
+        The printed value comes from the papers' formula for full coverage. For a line of m cells, the computation needs about m
+        sqrt(m) operations on integers of up to m bits. The computation takes a millisecond for 100 cells, and up to half a minute
+        for 10,000 cells.
         """
         return Mean(
             Fraction(counting.coverage_total(self.cells, self.particles), self.placements),

@@ -91,7 +91,8 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
 
     Notes
     -----
-    The formula corrects paper M, section III.A.2. Paper M ignores that the moves to the left have already reduced one gap.
+    The formula for full coverage corrects paper M, section III.A.2. Paper M ignores that the moves to the left have already reduced
+    one gap.
 
     Examples
     --------

@@ -91,8 +91,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     -------
     OptimalSchedule
         The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
-        digits. For more positions or digits, the function returns the better one of two schedules: the best schedule with
-        `MAX_SCANS` positions (computed to 19 digits), and the best schedule with equal steps.
+        digits. For more positions or digits, the function computes the best schedule with `MAX_SCANS` positions (to 19 digits) and
+        the best schedule with equal steps. The function returns the schedule with the smaller competitive ratio.
 
     Raises
     ------
@@ -101,8 +101,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
     Notes
     -----
-    The method extends paper M, section III.A.3, which assumes unknown prices. If a scan costs 10 times as much as a move, the best
-    schedule has equal steps of 15 moves, unless the maximum distance is small.
+    The computation extends section III.A.3 of paper M, which assumes unknown prices of scans and moves. If a scan costs 10 times as
+    much as a move, the best schedule has equal steps of 15 moves, unless the maximum distance is small.
 
     Examples
     --------
@@ -125,7 +125,8 @@ def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> Equa
     """Return the schedule of equal steps with the smallest competitive ratio.
 
     The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. For a wall at the start, the
-    ratio grows with the length of the steps. For a wall near the maximum distance, the ratio falls with the length of the steps.
+    ratio of prices grows with the length of the steps. For a wall near the maximum distance, the ratio of prices falls with the
+    length of the steps.
     """
 
     def too_short(step: int) -> bool:

@@ -32,7 +32,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
     The optimum has two scans. Therefore a schedule with j scans after the scan at the start has a competitive ratio of scans of (j
     + 1) / 2. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches the smallest
     ratio of moves if each jump is as long as this ratio allows. The smallest common bound lies at the number of scans at which the
-    ratio of moves and the ratio of scans cross. Therefore a search over the number of scans gives the exact result.
+    ratio of moves and the ratio of scans cross. Therefore a search over the number of scans gives the exact value of the bound.
 
     Parameters
     ----------
