@@ -25,11 +25,7 @@ from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 PATIENCE = policy_episode.PATIENCE
 """Number of consecutive runs, without any motion or classified cell, after which the episode ends as stalled."""
 NOISY_TIMES = 20
-"""Factor in the maximum number of moves without progress, for episodes with noise.
-
-The longest path of the policy closest-frontier through known free cells is multiplied by `NOISY_TIMES`. The product is about the
-maximum number of moves without progress, after which the policy is stopped.
-"""
+"""Maximum number of moves without progress in episodes with noise, in multiples of closest-frontier's longest known path."""
 
 
 class Decider(Protocol):
@@ -142,9 +138,9 @@ class ReplannedRuns:
     """Chooses runs in episodes with noise. Each run is one command. The policy plans anew after each scan.
 
     The swarm scans after every ``every`` commands, and at the end of each plan. After a scan, a policy without memory discards the
-    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. To cross all
-    known free cells, the policy closest-frontier needs at most a certain number of moves. The limit on moves without a new cell is
-    about `NOISY_TIMES` times the number for closest-frontier.
+    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. The limit
+    on moves without a new cell is about `NOISY_TIMES` times the longest path of the policy closest-frontier through the known free
+    cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:

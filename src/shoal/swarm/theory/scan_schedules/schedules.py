@@ -52,7 +52,7 @@ class Cost:
         return Fraction(self.scans, 2)
 
     def weighted_ratio(self, *, scan_cost: Price, move_cost: Price) -> Fraction:
-        """Return the total price of all moves and scans, divided by the price of the optimum of D + 1 moves and 2 scans.
+        """Return the price of all moves and scans, divided by the price of the optimum: D + 1 moves and 2 scans for distance D.
 
         Raises
         ------
@@ -303,8 +303,8 @@ class OneJump(Custom):
 
     Notes
     -----
-    Source: paper M, section III.A.3. For a wall at distance D, paper M requires M >= D. The correct condition is M > D, because a
-    particle that has moved exactly D cells has not yet met the wall.
+    Source: paper M, section III.A.3. For a jump of M moves and a wall at distance D, paper M requires M >= D. A particle that has
+    moved exactly D cells has not yet met the wall at distance D. Therefore the jump must have more than D moves.
     """
 
     def __init__(self, length: int) -> None:
