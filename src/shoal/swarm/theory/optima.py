@@ -48,7 +48,7 @@ def optimum(
     Parameters
     ----------
     workspace : GridWorkspace
-        A small workspace. The number of states grows exponentially with the number of cells.
+        A small workspace, because the number of states grows exponentially with the number of cells.
     start : array_like of int, shape (n, ndim)
     targets : ndarray of bool, the shape of the workspace, optional
     rule : str

@@ -30,7 +30,7 @@ class LineSample:
     ----------
     line : Line
     first : ndarray
-        Position of the first particle. An equal number of moves to the left finds the left end of the line.
+        Position of the first particle. A first particle at position p finds the left end of the line after p moves to the left.
     last : ndarray
         Number of moves to the right after which the last particle finds the right end of the line.
     largest_gap : ndarray

@@ -1,7 +1,7 @@
 """Scan schedules on a line: after how many moves to scan a particle that moves towards a wall at an unknown distance.
 
 Every schedule scans the particle once at the start. A wall at distance D stops the particle after D moves. A scan after x moves
-detects a wall at distance D if x > D. If the distance D were known, D + 1 moves and 2 scans would be enough: the optimum.
+detects a wall at distance D if x > D. The optimum is the cost for a known distance D of the wall: D + 1 moves and 2 scans.
 """
 
 from __future__ import annotations
