@@ -280,8 +280,7 @@ class SwarmProblem(Problem):
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised if no policy has the requested name. Also raised if a policy that does not plan gets a planning budget or a time
-            per move.
+            Raised for an unknown policy name. Also raised for a planning budget of a policy that does not plan.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget

@@ -66,7 +66,7 @@ function drawJobs() {
   $("busy").hidden = !open;
   $("jobsWord").textContent = open ? `${open} ${open === 1 ? "job" : "jobs"}` : "Jobs";
   if ($("jobs").hidden) return;
-  $("jobs").replaceChildren(el("h2", {}, "Jobs"), jobs.length ? el("ul", {}, jobs.slice(0, 60).map(row)) : el("p.soft", {}, "Nothing has been run in this folder yet."));
+  $("jobs").replaceChildren(el("h2", {}, "Jobs"), jobs.length ? el("ul", {}, jobs.slice(0, 60).map(row)) : el("p.soft", {}, "No job has run in this folder yet."));
 }
 
 function row(job) {

@@ -71,7 +71,7 @@ export function papers({ remember }) {
 
   return {
     element: el("div.papers", {}, el("div.lead", {},
-      el("p", {}, "Each figure of the papers, from our own computations: what is printed beside what we find, when the two agree, and the data. Quick runs have fewer trials and coarser maps."), page, all), list),
+      el("p", {}, "Shoal computes each figure of the papers anew, and compares the printed values with its own values. Quick runs have fewer trials and coarser maps."), page, all), list),
     title: "Papers",
     async open() {
       remember({});

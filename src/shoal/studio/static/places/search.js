@@ -98,7 +98,7 @@ export function search({ remember }) {
       if (drawing.told.frame) canvas.earth = await earthAt(drawing.told.frame);
       if (!region && !drawing.told.parts.length) {
         plan = fleet = null;
-        complain("Draw a region, drop a file, or name one.");
+        complain("Draw a region, drop a file, or enter the name of a region.");
       } else {
         const found = await ask("plan", { problem: fields(), drawing: drawing.asked, frame: drawing.told.frame, seed });
         canvas.earth = found.frame ? await earthAt(found.frame) : null;
@@ -148,7 +148,7 @@ export function search({ remember }) {
     source.textContent = drawing.told.file ?? (own ? "drawn" : region ?? "");
     facts.textContent = plan?.cells ? [
       plan.area >= 1e4 ? `${number(plan.area / 1e4)} ha` : `${number(plan.area)} m²`, `${number(plan.cells, 9)} cells of ${number(plan.cell)} m`,
-      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "too many corners to draw the ways here",
+      `${plan.tour} at ${number(plan.angle, 3)}°, ${plan.allocation}`, `searched in ${lasting(plan.makespan)}`, nearest(), plan.drawn ? "" : "the paths have too many corners to be drawn here",
     ].filter(Boolean).join(" · ") : "";
     drawing.numbers.fill();
   }
@@ -228,7 +228,7 @@ export function search({ remember }) {
     const main = shape ?? rest.find((file) => REGIONS.test(file.name));
     if (!main) {
       if (!files.every((file) => PARTS.test(file.name)) && files[0]) { await underlay.load({ file: await upload(files[0]) }); keep(); return; }
-      throw new Error("A Shapefile comes with its .shp file: drop all of its files together.");
+      throw new Error("A Shapefile needs its .shp file: drop all files of the Shapefile together.");
     }
     const name = await upload(main);
     for (const part of shape ? rest.filter((file) => PARTS.test(file.name)) : []) await upload(new File([part], name.replace(/\.shp$/i, part.name.slice(part.name.lastIndexOf(".")).toLowerCase())));
@@ -260,7 +260,7 @@ export function search({ remember }) {
     }
     redo();
   }
-  const loose = el("button.second", { type: "button", title: "Make a drawing of it, whose corners can be moved", onclick: guarded(loosen) }, "Edit its corners");
+  const loose = el("button.second", { type: "button", title: "Turn the region into a drawing with movable corners", onclick: guarded(loosen) }, "Edit its corners");
   const chooser = el("section.chooser", { "aria-label": "Region" }, drop, picked,
     el("div.pair", {}, el("label.unseen", { htmlFor: "searchFile" }, "A file in the folder"), choices, blank),
     el("div.pair", {}, el("label.unseen", { htmlFor: "searchRegion" }, "By name"), typed, loose), el("p.help", { id: "searchRegionHelp" }, "Or by name: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER, in metres."));

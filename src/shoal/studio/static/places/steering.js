@@ -41,7 +41,7 @@ export function steering({ remember }) {
     try {
       place = await ask("workspace", { problem: fields(), seed });
       complain(null);
-      if (place.dimensions !== 2) throw new Error("The studio draws workspaces in the plane; steer in space with the command.");
+      if (place.dimensions !== 2) throw new Error("The studio draws workspaces in the plane only. For a workspace in space, use the command shoal steer.");
       drawRoom();
       follow();
     } catch (error) {
@@ -232,7 +232,7 @@ export function steering({ remember }) {
     sketch.setAttribute("aria-pressed", "false");
     if (found.length < 3) {
       drawRoom();
-      if (found.length) complain("An outline has three corners or more.");
+      if (found.length) complain("An outline needs at least three corners.");
       return;
     }
     choose(`POLYGON ((${[...found, found[0]].map((corner) => corner.map(round).join(" ")).join(", ")}))`);
@@ -283,7 +283,7 @@ export function steering({ remember }) {
     running = job.id;
   }
 
-  const empty = el("p.empty", {}, "Press Play: the plan is played here, contact by contact.");
+  const empty = el("p.empty", {}, "Press Play to watch the plan here, contact by contact.");
   const spaceBox = el("figure.delta", {}, el("figcaption", {}, "Δ space: particle 2, seen from particle 1"), space, reachWord);
   const panels = {
     plan: el("div.panel", { id: "panel-plan", role: "tabpanel", "aria-labelledby": "tab-plan" }, el("div.twin", {}, el("figure.workspace", {}, el("figcaption", {}, "Workspace: drag particles and goals"), room), spaceBox), table),

@@ -19,7 +19,7 @@ const SECTIONS = [
 ];
 const ENDS = { low: [0.1, 3], high: [0.1, 4] }; // where a hand looks for thresholds; the field takes all that it may
 const VESSEL_FIELDS = ["low", "high", "width", "bright", "thickest"];
-const PRESS = "Press Run: the swarm plays here, move by move.";
+const PRESS = "Press Run to watch the swarm here, move by move.";
 const PHOTOGRAPHS = /\.(png|jpe?g|bmp|tiff?)$/i;
 const EXAMPLE = { map: "vessels:1000" };
 
@@ -268,7 +268,7 @@ export function vessels({ remember }) {
     running = job.id;
     go.disabled = go.hidden = true;
     stop.hidden = runBar.hidden = false;
-    empty.textContent = "The map is opened, and the first moves are chosen …";
+    empty.textContent = "The studio opens the map and chooses the first moves …";
   }
 
   function finish() {

@@ -18,9 +18,9 @@ export async function request(method, path, body) {
       body: json ? JSON.stringify(body) : body,
     });
   } catch {
-    throw new Refused("The studio does not answer: is its command still running?");
+    throw new Refused("The studio does not answer. Is the command shoal studio still running?");
   }
-  if (!answer.ok) throw new Refused((await answer.text()) || `The studio refused this (${answer.status}).`);
+  if (!answer.ok) throw new Refused((await answer.text()) || `The studio refused the request (status ${answer.status}).`);
   return answer.json();
 }
 

@@ -102,7 +102,7 @@ function slider(field, about, ends, changed) {
 function named(field, about, changed) {
   const select = el("select", { ...about, onchange: changed }, field.names.map((name) => el("option", { value: name }, name)));
   const options = el("input", {
-    type: "text", autocomplete: "off", spellcheck: false, placeholder: "options, as ties=row-major", "aria-label": `Options of the ${field.title}`, onchange: changed,
+    type: "text", autocomplete: "off", spellcheck: false, placeholder: "options, such as ties=row-major", "aria-label": `Options of the ${field.title}`, onchange: changed,
   });
   return {
     id: about.id, element: el("div.named", {}, select, options),

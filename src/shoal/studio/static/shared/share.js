@@ -4,8 +4,8 @@ import { el, guarded, openSheet, say, tabs, told } from "./page.js";
 
 const WAYS = [["python", "As Python"], ["command", "As command"], ["file", "As file"]];
 const HOW = {
-  python: "Save it as a script and run it in this folder.",
-  command: "Type it in a terminal, in this folder.",
+  python: "Save the text as a script, and run the script in this folder.",
+  command: "Enter the command in a terminal, in this folder.",
   file: "Commands take this file in place of a map, workspace or region.",
 };
 const FORMATS = [

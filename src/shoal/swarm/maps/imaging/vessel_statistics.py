@@ -36,8 +36,8 @@ class VesselStatistics:
     area_density : float
         Fraction of the area of the view that vessels cover.
     dead_ends : float
-        Number of dead ends on a network length of 100 mean vessel widths. The number is NaN if the network is not longer than the
-        mean vessel width.
+        Number of dead ends on a network length of 100 mean vessel widths. The number of dead ends is NaN if the network is not
+        longer than the mean vessel width.
     fractal_dimension : float
         Box-counting dimension of the network's centre lines.
     """

@@ -43,7 +43,7 @@ export function gallery() {
     grid.replaceChildren(...shown);
     for (const one of shown) if (!one.querySelector("img")) seen.observe(one);
     more.hidden = found.length <= most;
-    if (!found.length) grid.replaceChildren(el("li.empty", {}, "No episode in this folder yet: Vessels, Steering and Search keep each that they play."));
+    if (!found.length) grid.replaceChildren(el("li.empty", {}, "No episode in this folder yet. The pages Vessels, Steering and Search save every episode that they play."));
   }
 
   async function watch(file) {

@@ -6,7 +6,7 @@ import { failure, showForms } from "../../shared/share.js";
 
 const FIRST = { name: "policies", trials: 20, seed: 0, paired: ["policy"], problem: { kind: "swarm", map: "vessels:300", particles: 20 }, axes: { policy: ["best", "closest-frontier"] } };
 const RANGE = /^(\S+)\s+to\s+(\S+)\s+(?:step\s+(\S+)|in\s+(\d+)\s+values?)(\s+log)?$/i;
-const HELP = "Values with spaces between them, or a range: 5 to 20 step 5, or 1 to 1000 in 4 values log.";
+const HELP = "Values separated by spaces, or a range such as “5 to 20 step 5” or “1 to 1000 in 4 values log”.";
 
 /** Text to the values of an axis. */
 function axisOf(text, field) {

@@ -45,7 +45,7 @@ export function results({ shown, change }) {
       type: "button", "aria-current": key(one) === chosen ? "true" : null, onclick: () => choose(one.store, one.name),
     }, el("b", {}, one.name ?? one.store), el("span", {}, stateOf(one)), el("progress", { max: 1, value: (atWork(one)?.done ?? one.done / (one.total || 1)) || 0, "aria-label": "Trials done" })))));
     if (sweeps.length) return;
-    detail.replaceChildren(el("p.empty", {}, el("span", {}, "No sweep in this folder yet.", el("br"), "“New sweep” plays many trials and says what differs, with intervals.")));
+    detail.replaceChildren(el("p.empty", {}, el("span", {}, "No sweep in this folder yet.", el("br"), "“New sweep” runs many trials and compares settings, with confidence intervals.")));
     drawn = "";
   }
 
@@ -63,7 +63,7 @@ export function results({ shown, change }) {
     const one = sweeps.find((other) => key(other) === chosen);
     if (!one) return;
     if (one.error || one.begins) {
-      detail.replaceChildren(el("div.actions", {}, el("h2", {}, one.name ?? one.store), one.begins ? pause(one) : []), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: maps are opened and every point is checked."));
+      detail.replaceChildren(el("div.actions", {}, el("h2", {}, one.name ?? one.store), one.begins ? pause(one) : []), one.error ? el("p.warning", {}, one.error) : el("p.soft", { role: "status" }, "The sweep begins: the studio opens the maps and checks every point."));
       drawn = "";
       return;
     }
@@ -117,7 +117,7 @@ export function results({ shown, change }) {
   function verdict({ comparisons: all, measure, compared }) {
     const told_ = all.filter((one) => one.comparison?.difference?.low !== null && one.comparison);
     if (!compared || !all.length) return "";
-    if (!told_.length) return "Two trials of each are needed for an interval.";
+    if (!told_.length) return "A confidence interval needs at least two trials of each value.";
     const what = measure.replaceAll("_", " ");
     const sentence = ({ axes, first, second, comparison: { difference: d } }) => {
       const where = Object.keys(axes).length ? `For ${words(axes)}: ` : "";

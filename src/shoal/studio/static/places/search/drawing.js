@@ -98,7 +98,7 @@ export class Drawing {
       ...parts.map((ring) => svg("path", { class: "part", d: path(ring) })), ...zones.map((ring) => svg("path", { class: "zone", d: path(ring) })),
       ...(draft.length ? [svg("path", { class: `draft ${this.draft.kind}`, d: path(draft).slice(0, -1) })] : []));
     this.hint.textContent = this.tool === PART || this.tool === ZONE
-      ? draft.length > 2 ? "Click the first corner, or Close, to end it." : "Click its corners, one after the other."
+      ? draft.length > 2 ? "To close the outline, click its first corner or Close." : "Click the corners of the outline, one after another."
       : this.tool === LAUNCH ? "Click where robots set out." : "";
     this.closing.hidden = draft.length < 3;
     this.guide.hidden = !this.hint.textContent;
@@ -141,9 +141,9 @@ export class Drawing {
 
   makeToolbar() {
     const tools = [
-      [LOOK, "Move", "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3", "Move the canvas, and corners"],
+      [LOOK, "Move", "M12 3v18M3 12h18M9 6l3-3 3 3M9 18l3 3 3-3M6 9l-3 3 3 3M18 9l3 3-3 3", "Move the canvas and corners"],
       [PART, "Region", "M5 8l6-4 8 4-2 10-10 2z", "Draw a region to search: click its corners"],
-      [ZONE, "No-go", "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11", "Draw a zone to keep out of: click its corners"],
+      [ZONE, "No-go", "M12 4a8 8 0 1 0 .01 0zM6.5 6.5l11 11", "Draw a no-go zone: click its corners"],
       [LAUNCH, "Launch", "M12 4l6 14H6zM12 18v3", "Click where robots set out"],
     ];
     this.buttons = tools.map(([tool, words, symbolPath, help]) => el("button.tool", { type: "button", title: help, "aria-label": words, "aria-pressed": String(tool === LOOK), "data-tool": tool, onclick: () => { this.pick(tool); this.changed({ drawnOnly: true }); } }, symbol(symbolPath), el("span", {}, words)));
@@ -184,7 +184,7 @@ function byNumbers(drawing) {
     which.value = names.some(([value]) => value === kept) ? kept : names[0][0];
     const [kind, k] = chosen(), ring = drawing.told[kind][k], there = frame ? drawing.canvas.earth : null;
     if (changed || document.activeElement !== text) text.value = (ring ?? []).map((point) => pointText(point, there).replace(",", ", ")).join("\n");
-    unit.textContent = frame ? "Corners: longitude, latitude a line" : "Corners: x, y in metres a line";
+    unit.textContent = frame ? "Corners: one longitude, latitude per line" : "Corners: one x, y per line, in metres";
     remove.disabled = !ring;
     if (document.activeElement !== longitude) longitude.value = frame?.[0] ?? "";
     if (document.activeElement !== latitude) latitude.value = frame?.[1] ?? "";
@@ -192,7 +192,7 @@ function byNumbers(drawing) {
 
   async function corners() {
     const [kind, k] = chosen(), points = pointsOf(text.value, drawing.told.frame ? await earthAt(drawing.told.frame) : null);
-    if (!points || points.length < 3) throw new Error("An outline has three corners or more, each with two numbers a line.");
+    if (!points || points.length < 3) throw new Error("An outline needs at least three corners: one line with two numbers per corner.");
     drawing.edit((told) => { told[kind][k] = points.map(rounded); });
     which.value = `${kind} ${k}`;
     fill(true);
@@ -200,13 +200,13 @@ function byNumbers(drawing) {
 
   async function earth() {
     const given = [longitude.value, latitude.value].map((word) => (word === "" ? null : Number(word)));
-    if (given.includes(null) !== given.every((one) => one === null)) throw new Error("A place on Earth has a longitude and a latitude.");
+    if (given.includes(null) !== given.every((one) => one === null)) throw new Error("A place on Earth needs a longitude and a latitude.");
     drawing.edit((told) => { told.frame = given.includes(null) ? null : given; });
   }
 
   return {
     fill,
     element: el("details.by", { ontoggle: () => fill(true) }, el("summary", {}, "By numbers"), el("div.numbers", {}, which, el("div.whole", {}, unit, text), apply, remove,
-      el("p.help.whole", {}, "Where x = 0, y = 0 is on Earth; without it everything is in plain metres."), el("label", { htmlFor: "frameLongitude" }, "Longitude", longitude), el("label", { htmlFor: "frameLatitude" }, "Latitude", latitude), place)),
+      el("p.help.whole", {}, "The place of x = 0, y = 0 on Earth. Without this place, the drawing has coordinates in metres only."), el("label", { htmlFor: "frameLongitude" }, "Longitude", longitude), el("label", { htmlFor: "frameLatitude" }, "Latitude", latitude), place)),
   };
 }

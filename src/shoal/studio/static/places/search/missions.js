@@ -12,7 +12,7 @@ export function missionsPanel({ ready, seed, changed }) {
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const go = el("button.main", { type: "button", onclick: guarded(start) }, "Write missions");
   const stop = el("button.second", { type: "button", hidden: true }, "Cancel");
-  const result = el("div.missions", {}), empty = el("p.empty", {}, "Press Write missions: files for PX4 and ArduPilot, GeoJSON, KML, GPX and CSV, read back and flown on paper.");
+  const result = el("div.missions", {}), empty = el("p.empty", {}, "Press Write missions: the studio writes files for PX4 and ArduPilot, GeoJSON, KML, GPX and CSV, and checks them in a simulated flight.");
 
   async function start() {
     const problem = await ready();
@@ -38,7 +38,7 @@ export function missionsPanel({ ready, seed, changed }) {
     go.className = "second";
     empty.hidden = true;
     result.replaceChildren(
-      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: nothing wrong" : "checked: mistakes are listed below"),
+      el("div.verdictLine", {}, el(`span.verdictChip.${good ? "agrees" : "differs"}`, {}, good ? "checked: no mistakes found" : "checked: mistakes are listed below"),
         el("a.main.download", { href: fileAddress(file), download: file }, "Download the zip"), el("span.soft", {}, file)),
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
       check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],

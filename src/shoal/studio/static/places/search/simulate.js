@@ -18,7 +18,7 @@ export function simulation({ ready, seed, fields, set, open }) {
   const word = el("p.soft", { role: "status" }), bar = el("progress", { max: 1, hidden: true, "aria-label": "Done" });
   const keep = el("button.second.keep", { type: "button", hidden: true, onclick: guarded(play) }, "Keep this run");
   const go = el("button.main", { type: "button", onclick: guarded(play) }, "Simulate");
-  const empty = el("p.empty", {}, "Press Simulate: the robots search here. Then lose messages, and let robots die.");
+  const empty = el("p.empty", {}, "Press Simulate to watch the robots search here. During the search, you can make messages fail and robots die.");
   let shown = null; // the problem that is played
   let runs = 0, running = false; // what was asked for before a run is not shown after it
 

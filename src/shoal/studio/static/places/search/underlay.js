@@ -48,7 +48,7 @@ export class Underlay {
     // With pixels as complex numbers q = column - i row: place = a q + b.
     const [q1, q2] = spots.map(([column, row]) => [column, -row]), dq = [q2[0] - q1[0], q2[1] - q1[1]], dp = [there[1][0] - there[0][0], there[1][1] - there[0][1]];
     const norm = dq[0] ** 2 + dq[1] ** 2;
-    if (!norm || !(dp[0] ** 2 + dp[1] ** 2)) throw new Error("The two points of the picture must differ, and so must their places.");
+    if (!norm || !(dp[0] ** 2 + dp[1] ** 2)) throw new Error("The two points of the picture must differ, and their coordinates must differ.");
     const a = [(dp[0] * dq[0] + dp[1] * dq[1]) / norm, (dp[1] * dq[0] - dp[0] * dq[1]) / norm];
     return [a[0], a[1], there[0][0] - (a[0] * q1[0] - a[1] * q1[1]), there[0][1] - (a[1] * q1[0] + a[0] * q1[1])];
   }
@@ -109,7 +109,7 @@ export class Underlay {
         spotInputs[k].forEach((input, axis) => { input.value = spots[k][axis] ?? ""; });
         if (places[k]) inputs.forEach((input, axis) => { input.value = places[k][axis]; });
       });
-      word.textContent = this.picking >= 0 ? `Click point ${this.picking + 1} in the picture.` : "Press Point 1, click it in the picture, write its coordinates; then Point 2.";
+      word.textContent = this.picking >= 0 ? `Click point ${this.picking + 1} in the picture.` : "Press Point 1, click a point of the picture, and enter the coordinates of this point. Then do the same for Point 2.";
     };
     on("files", () => this.fill());
     return el("details.section", { ontoggle: () => this.fill() }, el("summary", {}, "A picture below", el("span.soft", {}, "two points place it")),

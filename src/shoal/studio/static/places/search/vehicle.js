@@ -11,7 +11,7 @@ const SECTIONS = [
 
 export function vehicleForm(changed) {
   const schema = state.start.schemas.vehicle, files = el("select", { id: "vehicleFile", onchange: () => { usual(); changed(); } });
-  const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file in the folder. Settings below replace fields of this file."));
+  const before = el("div.field", {}, el("label", { htmlFor: "vehicleFile" }, "From a file"), files, el("p.help", {}, "A .toml or .json file in the folder. The settings below replace fields of the file."));
   const form = makeForm(schema, [{ ...SECTIONS[0], before: [before] }, ...SECTIONS.slice(1)], { label: "Settings of the vehicle", changed: (_, name) => { if (name === "preset") usual(); changed(); } });
 
   function listFiles(wanted = files.value) {

@@ -28,7 +28,7 @@ export function comparison({ names, problem, seed }) {
 
   async function start() {
     const policies = names.filter((name) => chosen.has(name));
-    if (policies.length < 2) throw new Error("Choose two policies or more.");
+    if (policies.length < 2) throw new Error("Choose at least two policies.");
     films.replaceChildren();
     frames = [];
     verdict.textContent = "";

@@ -25,7 +25,7 @@ export function driving({ names, problem, seed }) {
 
   async function start() {
     const given = { ...(await problem()), policy: rivals.value };
-    if (given.slip || given.misplace || given.miss) throw new Error("A race is without noise: set slip, misplace and miss to 0.");
+    if (given.slip || given.misplace || given.miss) throw new Error("A race has no noise: set slip, misplace and miss to 0.");
     verdict.textContent = "";
     kept.replaceChildren();
     begun = drive = null;
@@ -78,6 +78,6 @@ export function driving({ names, problem, seed }) {
 
   return el("div.race", {},
     el("div.stageHead", {}, el("label", { htmlFor: "rival" }, "Against"), rivals, go, mine.element, theirs.element),
-    verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: you and the policy begin on the same cells."), pad,
-    el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts are the policy’s, at your move."));
+    verdict, kept, frame.element, el("p.empty", {}, "Press Start the race: your swarm and the swarm of the policy start in the same cells."), pad,
+    el("p.soft.hintline", {}, "Arrow keys move all particles at once (Page up and Page down: in and out). The violet ghosts show the particles of the policy after as many moves as yours."));
 }
