@@ -32,8 +32,8 @@ class Moment:
         particle.
     looks : ndarray of uint8
         The shade of each cell, which is linear in the log-odds that the cell is free. A classified obstacle has the shade
-        ``OBSTACLE``, an unknown cell has the shade ``UNKNOWN``, and a classified free cell has the shade ``FREE``. The shade of a
-        frontier cell is larger by the constant ``FRONTIER``. If the true map is known, wrongly classified cells have the shade
+        ``OBSTACLE``, an unknown cell has the shade ``UNKNOWN``, and a classified free cell has the shade ``FREE``. The constant
+        ``FRONTIER`` is added to the shade of every frontier cell. If the true map is known, wrongly classified cells have the shade
         ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
     """
 

@@ -130,7 +130,7 @@ def lower_bound(
 
 
 def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return the number of walls that only ``command`` can probe. These walls have a single free neighbour each."""
+    """Return the number of walls with a single free neighbour, which particles can probe by ``command`` only."""
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]
