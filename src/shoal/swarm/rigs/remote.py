@@ -205,10 +205,7 @@ class RemoteRig:
                     raise RigError(f"{self.transport.name}: {error}") from None
 
     def _stopped(self, timeout: float) -> bool:
-        """Wait until the rig confirms the stop.
-
-        Return False if Shoal must repeat the stop request. Ignore all messages that answer other requests.
-        """
+        """Wait until the rig confirms the stop. Return False if Shoal must repeat the stop request."""
         try:
             for message in self._messages(timeout):
                 if isinstance(message, Stopped | Again):
