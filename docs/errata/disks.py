@@ -71,9 +71,9 @@ def _half_angle() -> tuple[str, bool]:
     "paper W, section IV.E, eq. 4",
     "when particle 1 touches the wall of a disk at the point p_ψ, the distance of particle 2 from the tangent is d⊥ = 2 ‖s1·p_ψ "
     "- s2·p_ψ‖, where s1 and s2 are the start positions",
-    "the distance of particle 2 from the tangent is d⊥ = |(s1 - s2)·e(ψ)|, where e(ψ) = (cos ψ, sin ψ). The vector p_ψ has the "
-    "length r of the disk's radius, so the printed formula needs the factor 1/r in place of 2. The printed factor 2 is right "
-    "only for a disk of radius r = ½",
+    "the distance of particle 2 from the tangent is d⊥ = |(s1 - s2)·e(ψ)|, where e(ψ) = (cos ψ, sin ψ). The length of the "
+    "vector p_ψ is the radius r of the disk, so the printed formula needs the factor 1/r in place of 2. The printed factor 2 is "
+    "right only for a disk of radius r = ½",
     "a program computes the distance of particle 2 from the tangent directly from the positions, for 1000 pairs of positions on "
     "disks of radius r = 0.5 and r = 1",
 )

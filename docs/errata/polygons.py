@@ -74,8 +74,8 @@ def _lift() -> tuple[str, bool]:
     "paper W, section IV.C",
     "in a square, algorithm 1 needs at most five moves",
     "in a square, four moves of algorithm 1 do not reach all differences of the Δ configuration space. In a square, the "
-    "differences that four moves do not reach lie at a corner of this space. The area of these differences is the product |Δx "
-    "Δy| of the components of the initial difference",
+    "differences that four moves do not reach lie at a corner of the Δ configuration space. The area of the differences that "
+    "four moves do not reach is the product |Δx Δy| of the components of the initial difference",
     "a program computes the exact set of differences that four moves reach from the initial difference Δ = (0.27, 0.11)",
 )
 def _square() -> tuple[str, bool]:
