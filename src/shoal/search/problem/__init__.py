@@ -130,9 +130,9 @@ class SearchProblem(Problem):
         "fastest rule, but hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows of cells, counter-clockwise from east. auto chooses the angle and shift of the rows with "
-        "which one robot is fastest, turns included, and also the tour if --tour is auto. Default: auto for a region on Earth, "
-        "else 0.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        None, help="Angle of the rows of cells, counter-clockwise from east. With auto, Shoal chooses the angle and shift of the "
+        "rows with which one robot is fastest, turns included. If --tour is auto, Shoal also chooses the tour. Default: auto for "
+        "a region on Earth, else 0.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
         (), help="File of no-go zones, in the same units as REGION. The option can be repeated.", metavar="FILE", repeated=True,
