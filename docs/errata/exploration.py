@@ -89,7 +89,7 @@ class _Game:
     known: dict[tuple[tuple[int, ...], frozenset[Cell], Cell], tuple[int, int]] = field(default_factory=dict)
 
     def kept(self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int) -> bool:
-        """Return whether an explorer that enters a cell can keep the limits, for all possible states of the neighbouring cells."""
+        """Return whether an explorer that enters a cell can keep the limits on moves, whatever the neighbouring cells are."""
         answers: dict[tuple[bool, ...], list[int]] = {}
         for number in possible:
             answers.setdefault(tuple(there in self.regions[number] for there in _beside(cell)), []).append(number)
