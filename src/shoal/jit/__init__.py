@@ -1,6 +1,6 @@
 """Compilation of kernels at their first call, with a cache on disk.
 
-Kernels run without the global interpreter lock. In a kernel, a division by zero gives infinity or NaN, as in NumPy.
+Kernels run without Python's global interpreter lock. In a kernel, a division by zero gives infinity or NaN, as in NumPy.
 """
 
 from shoal.jit.entry import in_place_kernel, kernel

@@ -1,8 +1,12 @@
-"""Numba's interface to the kernels that are stored: archives of lowered code, and the cache of machine code.
+"""The stored forms of a kernel, behind Numba's cache interface: lowered code in archives, and machine code in a cache.
 
-For each kernel that Python calls, the cache has one file for each processor and each kind of arguments. A kernel contains the code
-of the kernels that it calls. Therefore a kernel is compiled again if any source file in its folder (see `part_of`) has changed. A
-damaged file is compiled again and replaced. A read-only folder or a full disk costs compilation time but does not stop the run.
+Lowered code is LLVM code that is not yet optimized for a processor. For each kernel that Python calls, the cache of machine code
+has one file for each processor and each combination of argument types.
+
+The code of a kernel contains the code of all kernels that it calls. Therefore, Shoal compiles a kernel again after a change of any
+source file in the kernel's folder (see `part_of`). Shoal also compiles a kernel again if its cache file is damaged, and replaces
+the damaged file. If the cache folder is read-only or the disk is full, Shoal compiles kernels again in each run, but the run
+continues.
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ from shoal.jit.watch import COMPILING, Compiling
 
 
 class _Watch(event.Listener):
-    """Print a notice when a kernel is compiled, and measure the time that Numba needs for loading and compiling."""
+    """Print a notice when Numba compiles a kernel, and measure the time that Numba needs for loading and compiling."""
 
     def on_start(self, event: Any) -> None:
         if event.kind == "numba:compiler_lock":
@@ -46,7 +50,7 @@ for _kind in ("numba:compile", "numba:compiler_lock"):
 
 
 def cached(compiled: Any) -> Any:
-    """Let a compiled function use archives and the cache if its source is a file. Return the function."""
+    """Connect a compiled function to the archives and the cache if the function's source is a file. Return the function."""
     if Path(compiled.py_func.__code__.co_filename).is_file():
         compiled._cache = _KernelCache(compiled.py_func)
     return compiled
@@ -57,7 +61,7 @@ class _KernelCache(NullCache):
 
     def __init__(self, function: Any) -> None:
         self._function, self._part = function, part_of(function)
-        self.kinds: Any = None  # kinds of the arguments for which the kernel is compiled, or None if unknown
+        self.kinds: Any = None  # the argument types for which Numba compiles the kernel, or None if unknown
 
     @property
     def cache_path(self) -> str:
@@ -65,7 +69,7 @@ class _KernelCache(NullCache):
 
     def load_overload(self, signature: Any, target: Any) -> Any:
         arguments = tuple(getattr(signature, "args", signature))
-        with suppress(Exception):  # no archive, or a damaged archive: unpickling may raise anything
+        with suppress(Exception):  # without an archive, find raises; with a damaged archive, pickle may raise any error
             result = self._rebuilt(lowered.find(self._part, self._member(arguments)), arguments, target)
             self._save(result)
             return result
@@ -85,7 +89,7 @@ class _KernelCache(NullCache):
             save_machine_code(self._function, self.kinds, dumps(_machine_code(result)))
 
     def _rebuilt(self, content: bytes, arguments: tuple[Any, ...], target: Any) -> Any:
-        """Compile a kernel from its lowered form."""
+        """Generate machine code for a kernel from its lowered form."""
         name, bitcode, description, environment, signature, reloads, environments = pickle.loads(content)
         if tuple(signature.args) != arguments:
             raise ValueError("compiled for other arguments")
@@ -106,12 +110,12 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel that hold constants. Other environments would only cost imports."""
+    """Return the environments of a kernel that hold constants. Loading other environments would only cost imports."""
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 
 
 def _reduced(result: Any) -> bytes:
-    """Return the lowered form of a compiled kernel."""
+    """Return the lowered form of a compiled kernel as pickled bytes."""
     result.fndesc.typemap = result.fndesc.calltypes = None
     library = result.library
     about = (result.fndesc, result.environment, result.signature, tuple(result.reload_init), _environments(result))
@@ -119,7 +123,7 @@ def _reduced(result: Any) -> bytes:
 
 
 def _machine_code(result: Any) -> MachineCode:
-    """Return the machine code of a compiled kernel."""
+    """Return the machine code of a compiled kernel, with the data that a call of the kernel needs."""
     description, module = result.fndesc, result.library._final_module
     outside = [one.name for one in (*module.functions, *module.global_variables) if one.is_declaration]
     return MachineCode(

@@ -1,8 +1,9 @@
 """Compilation of kernels: a kernel is either an entry, which Python calls, or a part of another kernel.
 
-A part is only typed and lowered. An entry is optimized once, together with all its parts. Numba alone would optimize each kernel
-again at every level of calls, and would make machine code, a Python wrapper and a cache file for each one. This additional work
-takes two thirds of Numba's time for compiling. The measurements are in docs/adr/0012-kernels-compiled-once.md.
+Numba only infers the types of a part and translates the part to LLVM code. LLVM optimizes an entry once, together with all parts of
+the entry. Without this module, Numba would optimize each kernel again at every level of calls. Numba would also make machine code,
+a Python wrapper and a cache file for each kernel. This additional work would take two thirds of Numba's compilation time. The
+measurements are in docs/adr/0012-kernels-compiled-once.md.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_w
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _EntryLowering(NativeLowering):
-    """Lower a kernel that Python calls."""
+    """Translate a kernel that Python calls to LLVM code."""
 
     _name = "entry_lowering"
     library_class: type[Any] = Entry
@@ -39,7 +40,7 @@ class _EntryLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(_EntryLowering):
-    """Lower a kernel that other kernels call."""
+    """Translate a kernel that other kernels call to LLVM code."""
 
     _name = "part_lowering"
     library_class = LinkedPart
@@ -59,21 +60,21 @@ class _PartLowering(_EntryLowering):
 def _load_array_functions() -> None:
     """Load Numba's array functions without SciPy's linear algebra.
 
-    The import of the linear algebra takes a third of a second, and only ``np.cov`` needs it.
+    The import of SciPy's linear algebra takes a third of a second, and only ``np.cov`` needs the linear algebra.
     """
     blas = "scipy.linalg.cython_blas"
     if blas in sys.modules or "numba.np.arraymath" in sys.modules:
         return
-    sys.modules[blas] = None  # type: ignore[assignment]  # an import of this module now fails
+    sys.modules[blas] = None  # type: ignore[assignment]  # until the entry is deleted, an import of ``blas`` fails
     try:
         from numba.np import arraymath
     finally:
         del sys.modules[blas]
-    arraymath._HAVE_BLAS = True  # SciPy is installed although its import failed above
+    arraymath._HAVE_BLAS = True  # SciPy is installed, although the import of ``blas`` failed on purpose
 
 
 class _EntryCompiler(CompilerBase):
-    """Numba's compiler pipeline with ``lowering`` in place of Numba's own lowering pass."""
+    """Numba's compiler pipeline with the pass ``lowering`` in place of Numba's own lowering pass."""
 
     lowering: type[Any] = _EntryLowering
 
@@ -94,14 +95,14 @@ class _PartCompiler(_EntryCompiler):
 
 
 class _Dispatcher(CPUDispatcher):
-    """Numba's dispatcher without the search for Numba extensions, which Numba makes even when it only loads a compiled function."""
+    """Numba's dispatcher without the search for Numba extensions. Numba searches even when Numba only loads a compiled function."""
 
     def _compilation_chain_init_hook(self) -> None:
         pass
 
 
 class _PartDispatcher(_Dispatcher):
-    """The dispatcher of a part: a literal number in a call does not cause another compilation."""
+    """The dispatcher of a kernel that other kernels call. A literal number in a call does not cause another compilation."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         plain = {name: types.unliteral(one) for name, one in kws.items()}
@@ -109,7 +110,7 @@ class _PartDispatcher(_Dispatcher):
 
 
 class CompiledForms:
-    """The two compiled forms of a kernel: an entry, which Python calls, and a part of the kernels that call it."""
+    """The two compiled forms of a kernel: an entry, which Python calls, and a part, which other kernels contain."""
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         self._function, self._options = function, {**_OPTIONS, **options}
@@ -126,5 +127,5 @@ class CompiledForms:
 
     @property
     def part_type(self) -> Any:
-        """The Numba type of the part. It has only a weak reference to the part, so this object must keep the part alive."""
+        """The Numba type of the part. The type has only a weak reference to the part, so ``CompiledForms`` keeps the part."""
         return types.Dispatcher(self._part)

@@ -1,6 +1,6 @@
-"""Kernels as Python calls them. The machine code of a kernel comes from the cache, without Numba.
+"""Kernels as Python calls them. Shoal loads the machine code of a kernel from the cache, without Numba.
 
-Numba compiles a kernel only if the cache does not contain the kernel.
+Shoal imports Numba and compiles a kernel only if the cache does not contain the kernel.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ _lock = threading.RLock()
 
 
 class Kernel:
-    """A function to be compiled. A call from Python runs the kernel's entry.
+    """A function that Shoal compiles at its first call. A call from Python runs the kernel's own machine code.
 
-    A call from another kernel makes the kernel a part of the caller.
+    If another kernel calls the kernel, the code of the kernel becomes a part of the code of the caller.
     """
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
         update_wrapper(self, function)
         self._function, self._options = function, options
-        self._loaded: dict[Any, Callable[..., Any]] = {}  # by the kinds of the arguments
+        self._loaded: dict[Any, Callable[..., Any]] = {}  # machine code, by the argument types
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call the entry. The first call for each combination of argument types loads or compiles the kernel."""
+        """Call the kernel. The first call for each combination of argument types loads or compiles the kernel."""
         try:
             kinds = kinds_of_arguments(arguments)
         except TypeError:
@@ -46,7 +46,7 @@ class Kernel:
 
     @cached_property
     def _forms(self) -> Any:
-        from shoal.jit.compiler import CompiledForms  # Numba is slow to import
+        from shoal.jit.compiler import CompiledForms  # imported only here, because the import of Numba is slow
 
         return CompiledForms(self._function, **self._options)
 
@@ -61,14 +61,14 @@ class Kernel:
         return self._forms.part_type
 
     def __reduce__(self) -> str:
-        return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # which module it is in, pickle knows
+        return self.__qualname__  # type: ignore[attr-defined, no-any-return]  # pickle adds the name of the module
 
 
 def _named_apart(function: Callable[..., Any]) -> None:
-    """Add the names of the enclosed kernels to the name of a kernel that was made inside a function.
+    """Make the name of a kernel that is defined inside a function unique, by the names of the kernels that it encloses.
 
-    Machine code is linked by name. Numba distinguishes such kernels by a number that starts again in each process. Without this
-    name, a kernel from the cache could be confused with another one that the process compiles.
+    The linker finds machine code by name. For kernels with equal names, Numba adds a number that starts again in each process.
+    Without unique names, the linker could confuse a kernel from the cache with a kernel that the process has compiled.
     """
     if "<locals>" in function.__qualname__:
         made_of = [cell.cell_contents for cell in function.__closure__ or ()]

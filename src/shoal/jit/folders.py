@@ -16,7 +16,7 @@ from shoal.core.files import users_cache
 from shoal.core.notices import tell_once
 
 ENVIRONMENT = "SHOAL_CACHE"
-"""Environment variable that names the cache folder."""
+"""Name of the environment variable that sets the cache folder."""
 
 
 @cache
@@ -48,7 +48,7 @@ def folder_of(sources: Path) -> Path | None:
 
 
 def _is_usable(folder: Path) -> bool:
-    """Return whether files can be created in a folder. A missing folder is created."""
+    """Return whether Shoal can create files in a folder. If the folder is missing, create the folder first."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -59,7 +59,7 @@ def _is_usable(folder: Path) -> bool:
 
 @cache
 def _private_folder() -> Path | None:
-    """Return a folder for temporary files that only this user can write to, because the code in this folder is executed."""
+    """Return a folder for temporary files, or None. Only this user can write to the folder, because Shoal runs the code in it."""
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
     try:
@@ -74,14 +74,14 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder that contains a kernel and all kernels that it calls. A change in this folder makes the kernel outdated."""
+    """Return the folder ``kernels`` around a kernel. The kernel is out of date after any change in this folder."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 
 
 @cache
 def stamp(part: Path) -> bytes:
-    """Return a digest of the compiler module and of all kernels in the folder ``part``."""
+    """Return a digest of the compiler module and of all Python files in the folder ``part``."""
     digest = hashlib.blake2b(digest_size=16)
     for file in (Path(__file__).with_name("compiler.py"), *sorted(part.rglob("*.py"))):
         digest.update(file.read_bytes())

@@ -1,6 +1,6 @@
 """Two forms of kernel code: an entry, which Python calls, and a part, which other kernels call.
 
-A part is only linked into other code. An entry is optimized together with all its parts.
+Numba only links a part into the code of other kernels. LLVM optimizes an entry together with all parts of the entry.
 """
 
 from __future__ import annotations
@@ -12,7 +12,10 @@ from numba.core.codegen import JITCodeLibrary
 
 
 class LinkedPart(JITCodeLibrary):
-    """The code of a part. A part is never optimized or compiled to machine code by itself."""
+    """The code of a kernel that other kernels call.
+
+    Numba never optimizes this code alone, and never generates machine code for it alone.
+    """
 
     def _optimize_final_module(self) -> None:
         pass
@@ -23,10 +26,10 @@ class LinkedPart(JITCodeLibrary):
 
 
 class Entry(JITCodeLibrary):
-    """Code that Python calls. No other code links to an entry, so only the machine code of an entry is kept."""
+    """The code of a kernel that Python calls. No other code links to an entry, so Shoal keeps only the entry's machine code."""
 
     lowered = b""
-    """LLVM code of the entry and all its parts before optimization. It is independent of the processor's features."""
+    """LLVM code of the entry and of all its parts, before optimization. The code does not depend on features of the processor."""
 
     def _optimize_final_module(self) -> None:
         self.lowered = self._final_module.as_bitcode()
@@ -34,7 +37,7 @@ class Entry(JITCodeLibrary):
 
     @classmethod
     def of_lowered(cls, codegen: Any, name: str, lowered: bytes) -> Entry:
-        """Optimize lowered code for this processor and generate its machine code."""
+        """Optimize lowered code (LLVM code) for this processor, and generate machine code from it."""
         self = cls(codegen, name)
         self.enable_object_caching()
         self._final_module = binding.parse_bitcode(lowered)

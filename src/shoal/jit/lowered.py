@@ -1,9 +1,9 @@
-"""Archives of lowered kernels, one archive for each part of Shoal. A lowered kernel is translated to LLVM code.
+"""Archives of lowered kernels, one archive for each part of Shoal. Lowered means translated to LLVM code, but not optimized.
 
-Type inference and translation take three quarters of the compilation time and do not depend on the processor. LLVM then optimizes
-the lowered code for the user's processor. An archive is used only if its kernels, Numba and the platform are unchanged. Otherwise,
-a kernel is compiled from its source on its first call. ``make kernels`` writes the archives. Measurements:
-docs/adr/0013-kernels-lowered-ahead.md.
+Type inference and translation to LLVM code take three quarters of the compilation time, and do not depend on the processor. LLVM
+optimizes the lowered code for the user's processor. Shoal uses an archive only if its kernels, the version of Numba and the
+platform are unchanged. Without a usable archive, Shoal compiles a kernel from its source at the kernel's first call. ``make
+kernels`` writes the archives. The measurements are in docs/adr/0013-kernels-lowered-ahead.md.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from shoal.jit.folders import stamp
 
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
-"""The kernels that were compiled so far, by part and name. The value is None except while archives are written."""
+"""All kernels compiled so far, by part and name, while ``make kernels`` runs. At other times, None."""
 
 
 def _fitting(part: Path) -> bytes:
@@ -34,18 +34,18 @@ def _opened(part: Path) -> zipfile.ZipFile | None:
 
 
 def fits(part: Path) -> bool:
-    """Return whether an archive matches the given sources, this version of Numba and this platform."""
+    """Return whether the archive of a part matches the part's sources, this version of Numba and this platform."""
     archive = _opened(part)
     return archive is not None and archive.comment == _fitting(part)
 
 
 def find(part: Path, kernel: str) -> bytes:
-    """Return the lowered code of a kernel from the archive.
+    """Return the lowered code of a kernel from the archive of a part.
 
     Raises
     ------
     LookupError
-        If the part has no archive, or the archive is out of date or does not contain this kernel.
+        If the part has no archive, or if its archive is out of date or does not contain the kernel.
     """
     archive = _opened(part)
     if archive is None or noted is not None or not fits(part):
@@ -54,13 +54,13 @@ def find(part: Path, kernel: str) -> bytes:
 
 
 def note(part: Path, kernel: str, content: bytes) -> None:
-    """Record a compiled kernel while ``make kernels`` runs."""
+    """Record the lowered code of a compiled kernel while ``make kernels`` runs."""
     if noted is not None:
         noted.setdefault(part, {})[kernel] = content
 
 
 def write(part: Path) -> Path:
-    """Write the archive of a part (swarm, steering or search) from the recorded kernels. Return its path."""
+    """Write the archive of a part (swarm, steering or search) from the recorded kernels. Return the path of the archive."""
     with zipfile.ZipFile(part / NAME, "w", zipfile.ZIP_LZMA) as archive:
         for kernel, content in sorted((noted or {}).get(part, {}).items()):
             archive.writestr(zipfile.ZipInfo(kernel), content, zipfile.ZIP_LZMA)

@@ -1,4 +1,4 @@
-"""Machine code from the cache, loaded and called without Numba, because importing Numba takes longer than most commands.
+"""Machine code from the cache. Shoal loads and calls it without Numba, whose import takes longer than most commands.
 
 The machine code needs LLVM's loader and the modules of Numba that are written in C.
 """
@@ -29,7 +29,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.notices import tell_once
 from shoal.jit.folders import folder_of, kernel_name, part_of, stamp
 
-_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400  # the flags of arrays that matter
+_C_ORDER, _FORTRAN_ORDER, _ALIGNED_AND_WRITABLE = 0x1, 0x2, 0x100 | 0x400  # NumPy's array flags that change the compiled code
 _SAME = {int: np.int64, float: np.float64, bool: np.bool_}
 _of_array = attrgetter("dtype", "ndim", "flags.num")
 _PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(name).type for name in "?bhilBHILfd")])
@@ -37,25 +37,25 @@ _PLAIN = frozenset([bool, float, type(None), np.random.Generator, *(np.dtype(nam
 
 @dataclass(frozen=True)
 class MachineCode:
-    """The machine code of a kernel, and the data that a call needs."""
+    """The machine code of a kernel, and the data that a call of the kernel needs."""
 
     code: bytes
-    name: str  # of the function
-    entry: str  # symbol of the function that takes Python's objects
+    name: str  # name of the function
+    entry: str  # symbol of the function that accepts Python objects
     own: str  # symbol of the variable that points to the kernel's constants
-    constants: dict[str, list[Any]]  # constants by the symbol of the variable that points to them
-    required: tuple[str, ...]  # symbols that other code defines
+    constants: dict[str, list[Any]]  # lists of constants, by the symbol of the variable that points to the list
+    required: tuple[str, ...]  # symbols that the machine code uses but does not define
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return for each argument what determines the compiled code, such as the dtype and the memory order of an array.
+    """Return a key for each argument that determines the compiled code, such as the dtype and the memory order of an array.
 
     Every call of a kernel runs this function, so the function is short.
 
     Raises
     ------
     TypeError
-        If only Numba can determine the kind of an argument.
+        If only Numba can determine the type of an argument.
     """
     kinds: list[Any] = []
     for value in values:
@@ -78,10 +78,10 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def compiled_form(kinds: Any) -> Any:
-    """Return the same value for all kinds of arguments for which Numba compiles the same code.
+    """Return a key for the compiled code. Argument types for which Numba compiles equal code have equal keys.
 
-    Array flags that do not change the code are left out. An array that is contiguous in both orders counts as an array in C order.
-    A Python number counts as the NumPy number with the same bits.
+    The key leaves out array flags that do not change the code. An array that is contiguous both in C order and in Fortran order
+    counts as an array in C order. A Python number counts as the NumPy number with equal bits.
     """
     if not isinstance(kinds, tuple):
         return _SAME.get(kinds, kinds)
@@ -92,8 +92,8 @@ def compiled_form(kinds: Any) -> Any:
 
 
 def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
-    """Return a kernel's function for arguments of given kinds from the cache, or None if the kernel must be compiled."""
-    with suppress(Exception):  # no file, or a damaged file: unpickling may raise anything
+    """Load a kernel's machine code for given argument types from the cache, or return None if Numba must compile the kernel."""
+    with suppress(Exception):  # no file, or a damaged file, for which pickle may raise any error
         file = _file_of(function, kinds)
         content = b"" if file is None else file.read_bytes()
         if content[:16] == stamp(part_of(function)):
@@ -102,7 +102,7 @@ def load_machine_code(function: Callable[..., Any], kinds: Any) -> Any:
 
 
 def save_machine_code(function: Callable[..., Any], kinds: Any, stored: bytes) -> None:
-    """Write a kernel's pickled machine code for arguments of given kinds to the cache."""
+    """Write a kernel's pickled machine code for given argument types to the cache."""
     file = _file_of(function, kinds)
     if file is None:
         return
@@ -125,7 +125,7 @@ def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
 
 @cache
 def _maker() -> tuple[Any, ...]:
-    """Return what machine code depends on besides the kernels: versions, and the processor."""
+    """Return the data that determine machine code in addition to the kernels: versions, settings and the processor."""
     versions = (_folder_of_numba() / "_version.py").read_bytes(), llvmlite.__version__, sys.implementation.cache_tag
     settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
     return *versions, settings, binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()
@@ -139,7 +139,7 @@ def _folder_of_numba() -> Path:
 
 
 def _extension(name: str) -> ModuleType:
-    """Import a module of Numba that is written in C, without importing the package."""
+    """Import a module of Numba that is written in C, without the import of the whole Numba package."""
     if name in sys.modules:
         return sys.modules[name]
     found = PathFinder.find_spec(name, [str(_folder_of_numba().joinpath(*name.split(".")[1:-1]))])
@@ -172,11 +172,11 @@ class _Linker:
                 binding.add_symbol(f"PyExc_{name}", id(error))
 
     def link(self, stored: MachineCode, function: Callable[..., Any]) -> Any:
-        """Load machine code and return it as a function."""
+        """Load machine code and return the kernel as a Python function."""
         if not all(binding.address_of_symbol(name) for name in stored.required):
             from numba.core.registry import cpu_target
 
-            _ = cpu_target.target_context  # this tells LLVM all symbols that Numba knows
+            _ = cpu_target.target_context  # the access to this property tells LLVM all symbols that Numba knows
         self._engine.add_object_file(binding.ObjectFileRef.from_data(stored.code))
         self._engine.finalize_object()
         environments = {}

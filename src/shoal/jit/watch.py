@@ -1,4 +1,4 @@
-"""A stopwatch that excludes the time for compiling and loading kernels, and the notice that kernels are compiled."""
+"""A stopwatch that excludes the time for compiling and loading kernels, and the notice that Shoal compiles kernels."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ class Compiling:
 
 
 def seconds_compiling() -> float:
-    """Return how many seconds this thread has spent on loading and compiling kernels."""
+    """Return how many seconds the current thread has spent on loading and compiling kernels."""
     return float(getattr(_times, "spent", 0.0))
 
 
 class Stopwatch:
-    """Measure time since its creation, excluding the time for loading and compiling kernels.
+    """Measure the time since the creation of the stopwatch, without the time for loading and compiling kernels.
 
     Examples
     --------
@@ -43,5 +43,5 @@ class Stopwatch:
 
     @property
     def seconds(self) -> float:
-        """Return the seconds since the stopwatch was created, without the time for loading and compiling kernels."""
+        """Return the seconds since the creation of the stopwatch, without the time for loading and compiling kernels."""
         return time.perf_counter() - seconds_compiling() - self._began

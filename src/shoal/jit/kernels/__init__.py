@@ -1,1 +1,1 @@
-"""Kernels that all parts use."""
+"""Kernels that the swarm, steering and search parts all use."""

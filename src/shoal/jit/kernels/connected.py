@@ -9,21 +9,24 @@ from shoal.jit.entry import in_place_kernel
 
 
 def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
-    """Return the label of each cell's connected component, 0 for obstacles, and the number of components.
+    """Label the connected components of the free cells. Return the labels of all cells and the number of components.
 
-    The result equals that of `scipy.ndimage.label`, whose import takes longer than a whole command should.
+    The result equals the result of `scipy.ndimage.label`. Shoal does not use SciPy here, because the import of `scipy.ndimage`
+    takes longer than a whole command should.
 
     Parameters
     ----------
     free : ndarray of bool, shape (H, W) or (D, H, W)
+        The map; True for free cells.
     corners : bool
-        Whether cells that share only a corner count as connected.
+        Whether two cells that share only a corner are connected.
 
     Returns
     -------
     labels : ndarray of int32, the shape of ``free``
-        Labels 1, 2, ... in row-major order of the components' first cells.
+        Component labels 1, 2, ... in row-major order of the first cell of each component. Obstacles have the label 0.
     number : int
+        Number of components.
 
     Examples
     --------
@@ -41,9 +44,10 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
 
 @in_place_kernel
 def label_parts(free, offsets, labels, stack):
-    """Label the connected components of the free cells from 1 on, in the order of their first cells. Return their number.
+    """Label the connected components of the free cells 1, 2, ..., in the order of their first cells. Return their number.
 
-    ``labels`` must be 0 everywhere, ``stack`` must have space for all free cells, and no cell of the rim may be free.
+    All entries of ``labels`` must be 0. The array ``stack`` must have space for all free cells. No cell at the border of the grid
+    may be free.
     """
     parts = 0
     for first in range(free.shape[0]):

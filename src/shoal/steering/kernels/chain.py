@@ -1,8 +1,9 @@
-"""The shortest chain of contacts of a given kind, by an interior-point method on contacts and differences.
+"""The shortest chain of wall contacts of a given kind, by an interior-point method on contacts and position differences.
 
-On flat walls, the length and the constraints are convex in the unknowns. On the circle, a contact is an angle, and the result is a
-local optimum near the initial guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method for
-increasing sharpness, so every result lies strictly inside all limits. See `chain_limits` for the definition of a chain.
+The module `chain_limits` defines chains. On flat walls, the length of a chain and its constraints are convex functions of the
+unknowns. On the circle, a contact is an angle, and the result is a local optimum near the initial guess. The method minimizes
+``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of ``sharpness``. The logarithms keep every
+result strictly inside all limits.
 """
 
 from __future__ import annotations
@@ -14,22 +15,25 @@ from shoal.steering.kernels.chain_limits import add_flat, add_hold, add_length, 
 
 GROWTH = 12.0
 NEWTON = 40
-NEAR = 1e-2  # divided by the sharpness: distance from the minimum length at the end of a round
-BLUR = 0.03  # divided by the sharpness: smoothing of a length near zero
+NEAR = 1e-2  # divided by the sharpness: excess over the minimum length at the end of a round
+BLUR = 0.03  # divided by the sharpness: smallest value of a smoothed length
 
 
 @in_place_kernel
 def add_limits(kind, work, slack, order):
-    """Add the negative logarithms of all limits of a chain. Return the sum, infinite if a limit is violated."""
+    """Return the sum of the negative logarithms of all limits (constraint values) of a chain, infinite if a limit is violated.
+
+    With ``order`` 1, add the derivatives of the sum to ``work.derivatives``.
+    """
     walls, flat = kind.walls, kind.shape.normals.shape[0]
     cycles, total = walls.shape[0], 0.0
     for m in range(cycles):
         sign = 1.0 if kind.touchers[m] == 0 else -1.0
-        for which in range(3):  # the contact, and the other particle before and after the adjustment
+        for which in range(3):  # the toucher at its contact, then the other particle before and after the adjustment
             begin(work, work.delta, m, 0.0)
             used = combine(work, m, 1.0, -1, 0.0, -1 if which == 0 else m + which - 1, sign, -1, 0.0)
             skipped = walls[m] if which == 0 else -1
-            # At the goal's difference, the other particle may also end on the toucher's wall, because the next move lifts both.
+            # In the last cycle, the other particle may end on the toucher's wall, because the next move lifts both particles off.
             forgiven = kind.margin if which == 2 and m == cycles - 1 else 0.0
             total += add_flat(kind, work, used, skipped, forgiven, slack, order)
             if total < inf and kind.shape.circle[2] > 0 and skipped != flat:
@@ -44,7 +48,10 @@ def add_limits(kind, work, slack, order):
 
 @in_place_kernel
 def add_lengths(kind, work, sharpness, blur, order):
-    """Add the lengths of all moves of a chain times the sharpness. Return the sum."""
+    """Return the sum of the lengths of all moves of a chain, multiplied by ``sharpness``.
+
+    With ``order`` 1, add the derivatives of the sum to ``work.derivatives``.
+    """
     touchers, cycles, total = kind.touchers, kind.walls.shape[0], 0.0
     for m in range(cycles + 1):
         one, a, other, b, left, p = m, 1.0, m - 1, -1.0, -1, 0.0
@@ -65,9 +72,10 @@ def add_lengths(kind, work, sharpness, blur, order):
 
 @in_place_kernel
 def assess(x, slack, sharpness, blur, kind, work, order):
-    """Return the smoothed length times sharpness plus the barrier and, with ``order`` 1, write the derivatives to ``work``.
+    """Return the objective: the smoothed length of the chain times ``sharpness``, plus the logarithmic barrier of the limits.
 
-    With a slack, the objective is the slack times sharpness instead of the length.
+    With a slack, the objective contains the slack instead of the length. With ``order`` 1, write the derivatives of the objective
+    to ``work.derivatives``.
     """
     derivatives = work.derivatives
     if order > 0:
@@ -88,9 +96,10 @@ def assess(x, slack, sharpness, blur, kind, work, order):
 
 @in_place_kernel
 def newton_direction(derivatives, lower, direction, n):
-    """Solve ``hessian @ direction = -gradient`` by Cholesky, raising the diagonal until that works. Return the Newton decrement.
+    """Solve ``hessian @ direction = -gradient`` by a Cholesky decomposition. Return the Newton decrement.
 
-    Only the first n unknowns change. The gradient is the last row of the derivatives; the other rows are the Hessian.
+    If the Hessian is not positive definite, the function increases its diagonal until the decomposition succeeds. Only the first n
+    unknowns change. The last row of ``derivatives`` is the gradient, and the other rows are the Hessian.
     """
     last = derivatives.shape[1]
     raised = 0.0
@@ -132,10 +141,10 @@ def newton_direction(derivatives, lower, direction, n):
 
 @in_place_kernel
 def descend(phase, sharpness, blur, kind, work, enough):
-    """Apply Newton's method to the feasible chain ``work.wide`` in place.
+    """Improve the chain in ``work.wide`` in place by Newton's method. The initial chain must satisfy all limits.
 
-    With ``phase``, the last entry of the chain is the slack, and the method ends when the slack is below ``-enough``. Otherwise the
-    method ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
+    With ``phase``, the last entry of ``work.wide`` is the slack, and the method ends when the slack is below ``-enough``. Without
+    ``phase``, the method ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
     """
     x, tried, direction = work.wide, work.tried, work.direction
     last = x.shape[0] - 1
@@ -163,7 +172,7 @@ def descend(phase, sharpness, blur, kind, work, enough):
 
 @in_place_kernel
 def worst_limit(x, kind, work):
-    """Return a slack that makes all limits positive at x, -inf if a constant limit is violated, 0 if no slack is needed."""
+    """Return a slack with which the chain x satisfies all limits, 0 if x needs no slack, -inf if x violates a constant limit."""
     for tenth in range(-8, 5):
         slack = 0.0 if tenth == -8 else 10.0**tenth
         if assess(x, slack, 0.0, 0.0, kind, work, 0) < inf:
@@ -173,7 +182,7 @@ def worst_limit(x, kind, work):
 
 @in_place_kernel
 def count_limits(kind):
-    """Return the number of limits of a chain as a float."""
+    """Return the number of limits (constraints) of a chain, as a float."""
     flat = kind.shape.normals.shape[0]
     walls = flat + (1 if kind.shape.circle[2] > 0 else 0)
     total = 0
@@ -188,14 +197,15 @@ def count_limits(kind):
 
 @in_place_kernel
 def settle(x, enough, sharpnesses, bound, kind, work):
-    """Move x in place until all limits hold, by ``enough`` if possible, and then shorten the chain. Return its length.
+    """Move the chain x in place until it satisfies all limits, if possible by ``enough``, and then shorten it. Return its length.
 
-    The result is infinite if the limits cannot all hold, or if on flat walls the length cannot fall below ``bound``. Each of
-    ``sharpnesses`` is a round of Newton's method. The last one determines how close to the limits the chain may come.
+    The length is infinite if no chain satisfies all limits. On flat walls, the length is also infinite if no chain is shorter than
+    ``bound``. Each entry of ``sharpnesses`` starts a round of Newton's method. The last sharpness determines how close to its
+    limits the chain may come.
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)
-    limits += sqrt(limits)  # because a round ends near the minimum, not at it
+    limits += sqrt(limits)  # because a round ends near the minimum, not exactly at the minimum
     slack = worst_limit(x, kind, work)
     if slack == -inf:
         return inf
@@ -216,7 +226,7 @@ def settle(x, enough, sharpnesses, bound, kind, work):
             slack = wide[n]
             if slack < -enough or (slack < 0 and before < 0 and slack > 1.2 * before):
                 phase = False
-            # The smallest possible slack is at least the slack after this round minus (limits / sharpness).
+            # Lower bound of the smallest possible slack: the slack after this round minus (limits / sharpness).
             elif slack > limits / sharpness or sharpness > 1e13:
                 if slack >= 0:
                     return inf
@@ -234,6 +244,6 @@ def settle(x, enough, sharpnesses, bound, kind, work):
 
 @in_place_kernel
 def chain_length(x, kind, work):
-    """Return the length of a chain."""
+    """Return the length of the chain with the unknowns x."""
     put(x, kind, work)
     return add_lengths(kind, work, 1.0, 0.0, 0)

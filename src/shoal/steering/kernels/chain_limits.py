@@ -1,10 +1,10 @@
-"""The elements of a chain of contacts, and its limits and lengths with their derivatives.
+"""The elements of a chain of wall contacts, and its limits and lengths with their derivatives.
 
 A chain has cycles m = 0 .. M-1. In cycle m, particle ``touchers[m]`` (0 or 1) moves to the contact c[m] on wall ``walls[m]``. Then
-the other particle moves while the wall holds the toucher, which changes the difference D[m] to D[m+1]. D[0] is the start's
-difference and D[M] the goal's. The unknowns are the contacts, as d-1 coordinates on their wall, and D[1] .. D[M-1].
-
-A limit is a value that must be positive. The function that is minimized contains its negative logarithm.
+the wall holds this particle, the toucher, and a move of the other particle changes the position difference D[m] to D[m+1]. D[0] is
+the difference of the starts, and D[M] is the difference of the goals. The unknowns are D[1] .. D[M-1] and the contacts, each as d-1
+coordinates on its wall, in d dimensions. A limit is a constraint: a value that must be positive. The minimized function contains
+the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a displacement.
 """
 
 from __future__ import annotations
@@ -16,29 +16,29 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 
-CONSTANT = 1e-13  # a limit with a smaller gradient depends on no unknown
-FORGIVEN = 1e-12  # a limit that depends on no unknown holds if it is above minus this value
-TINY = 1e-200  # product of limits above which logarithms can be combined
+CONSTANT = 1e-13  # a limit with a smaller gradient counts as constant: it depends on no unknown
+FORGIVEN = 1e-12  # a constant limit is satisfied if its value is at least minus this number
+TINY = 1e-200  # smallest product of limits for which the code delays the logarithm
 
 Shape = namedtuple("Shape", "frames normals offsets circle near")
 """The walls, as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
 
 Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push")
-"""The kind of chain: start, goal and walls; the distance of the other particle from the walls; and the component of each adjustment
-into its wall."""
+"""The kind of a chain: touchers and walls of its cycles, start, goal, shape of the workspace, and friction. ``margin`` is the
+smallest distance of the other particle from walls. ``push`` is the smallest component of an adjustment into the toucher's wall."""
 
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
 )
-"""Working memory. The chain: for each contact its position, its derivatives by each coordinate and, on the circle, the second
-derivative by the arc, (cycles, d + 1, d); and its differences, (cycles + 1, d). A vector with its derivatives by the unknowns that
-it depends on, (1 + unknowns, d), and the indices of these; the first and second derivatives of a value; sums over walls by a point:
-of normal / limit, of normal / limit^2, and of normal normal^T / limit^2. Derivatives by all unknowns and the slack: the Hessian
-with the gradient as an additional row; its Cholesky factor; a Newton step; and two chains with their slack."""
+"""Working memory. ``contacts``, (cycles, d + 1, d): each contact's position, derivatives by its coordinates and, on the circle,
+second derivative by the arc. ``delta``, (cycles + 1, d): position differences. ``span``, (1 + unknowns, d): a vector and its
+derivatives by the unknowns ``index``. ``first``, ``second``: derivatives of a limit. ``sums``: sums over walls of normal / limit,
+normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``: Cholesky factor.
+``direction``: Newton step. ``tried``, ``wide``: chains with their slack."""
 
 
 def new_work(cycles: int, d: int) -> Work:
-    """Return working memory for a chain of ``cycles`` cycles."""
+    """Return working memory for a chain of ``cycles`` cycles in ``d`` dimensions."""
     few, all_ = 4 * d, cycles * (2 * d - 1) - d + 1
     return Work(
         np.zeros((cycles, d + 1, d)), np.zeros((cycles + 1, d)), np.zeros((1 + few, d)), np.zeros(few, dtype=np.int64),
@@ -49,7 +49,7 @@ def new_work(cycles: int, d: int) -> Work:
 
 @in_place_kernel
 def put(x, kind, work):
-    """Write the contacts and differences for the unknowns x to ``work``."""
+    """Write the contacts and position differences of the chain with the unknowns x to ``work``."""
     contacts, delta, walls, start, goal = work.contacts, work.delta, kind.walls, kind.start, kind.goal
     frames, circle = kind.shape.frames, kind.shape.circle
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -63,7 +63,7 @@ def put(x, kind, work):
                     contacts[m, 0, i] += x[y + k - 1] * frames[wall, k, i]
                     contacts[m, k, i] = frames[wall, k, i]
         else:
-            cosine, sine = cos(x[y] / circle[2]), sin(x[y] / circle[2])  # x[y] is the length of the arc
+            cosine, sine = cos(x[y] / circle[2]), sin(x[y] / circle[2])  # x[y] is the length of an arc
             contacts[m, 0, 0], contacts[m, 0, 1] = circle[0] + circle[2] * cosine, circle[1] + circle[2] * sine
             contacts[m, 1, 0], contacts[m, 1, 1] = -sine, cosine
             contacts[m, d, 0], contacts[m, d, 1] = -cosine / circle[2], -sine / circle[2]
@@ -80,16 +80,16 @@ def put(x, kind, work):
 
 @in_place_kernel
 def begin(work, points, row, factor):
-    """Set the vector, the first row of ``work.span``, to a row of points times a factor."""
+    """Set the vector, which is the first row of ``work.span``, to ``factor`` times a row of ``points``."""
     for i in range(work.span.shape[1]):
         work.span[0, i] = factor * points[row, i]
 
 
 @in_place_kernel
 def combine(work, one, a, other, b, left, p, right, q):
-    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector with its derivatives. Return the number of unknowns.
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector in ``work.span``, and write its derivatives.
 
-    A negative index omits a term.
+    Return the number of unknowns. A negative index omits a term.
     """
     contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -122,7 +122,7 @@ def combine(work, one, a, other, b, left, p, right, q):
 
 @in_place_kernel
 def rows_dot(one, i, other, k):
-    """Return the product of a row of one array and a row of another one."""
+    """Return the scalar product of a row of one array and a row of another array."""
     total = 0.0
     for j in range(one.shape[1]):
         total += one[i, j] * other[k, j]
@@ -131,7 +131,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Add ``weight`` times the smoothed length of the vector, and its derivatives. Return the value."""
+    """Add the derivatives of ``weight`` times the smoothed length of the vector in ``work.span``. Return the weighted length."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -155,9 +155,10 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 
 @in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
-    """Add ``-log(value + slack)``, infinite if that is undefined. The slack is the last unknown unless it is NaN.
+    """Return ``-log(value + slack)``, or infinity if the logarithm is undefined, and add its derivatives.
 
-    ``second`` is used only if the value is ``curved``. A value that depends on no unknown may be as low as ``-forgiven``.
+    The last unknown is the slack, if not NaN. Only a ``curved`` value uses ``second``. A constant value may be as low as
+    ``-forgiven``.
     """
     steep = 0.0
     for u in range(used):
@@ -190,10 +191,9 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Add the limits that keep a point inside the flat walls by the margin. The vector is the position of the point.
+    """Return the sum of the negative logarithms of a point's distances from the flat walls, each reduced by the margin.
 
-    If ``skipped`` is a wall, only walls near it count. All limits depend on the unknowns through the point. So their derivatives
-    with respect to the point are summed up first.
+    The point is the vector ``work.span[0]``. If ``skipped`` is a wall, only the walls near wall number ``skipped`` count.
     """
     normals, offsets, near, margin = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.margin
     span, sums = work.span, work.sums
@@ -206,7 +206,7 @@ def add_flat(kind, work, used, skipped, forgiven, slack, order):
         if skipped >= 0 and not near[skipped, wall]:
             continue
         value = rows_dot(normals, wall, span, 0) - offsets[wall] - margin
-        if used < d and is_constant(normals, wall, span, used):  # none is constant if an unknown difference moves the point
+        if used < d and is_constant(normals, wall, span, used):  # with an unknown difference, no limit is constant
             if value < -FORGIVEN - forgiven:
                 return inf
             continue
@@ -236,7 +236,7 @@ def add_flat(kind, work, used, skipped, forgiven, slack, order):
 
 @in_place_kernel
 def is_constant(normals, wall, span, used):
-    """Return whether the distance to a wall depends on no unknown."""
+    """Return whether the distance of a point from a wall depends on no unknown."""
     for u in range(1, used + 1):
         if abs(rows_dot(normals, wall, span, u)) > CONSTANT:
             return False
@@ -245,9 +245,9 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert ``sums``, derivatives with respect to a point, to derivatives with respect to its unknowns, and add these.
+    """Convert derivatives with respect to a point (``sums``) to derivatives with respect to its unknowns, and add the results.
 
-    ``ones`` and ``squares`` are the sums of 1 / limit and of its square. They give the derivatives with respect to the slack.
+    ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the derivatives with respect to the slack.
     """
     span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]
@@ -271,7 +271,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Add the limit that keeps a point, the vector, inside the circle by the margin. The vector contains c[one]."""
+    """Return the negative logarithm of the limit that keeps a point, ``work.span[0]`` (contains c[one]), inside the circle."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
@@ -280,14 +280,14 @@ def add_round(kind, work, used, one, forgiven, slack, order):
         first[u] = -(x * span[1 + u, 0] + y * span[1 + u, 1]) / circle[2]
         for v in range(used):
             second[u, v] = -(span[1 + u, 0] * span[1 + v, 0] + span[1 + u, 1] * span[1 + v, 1]) / circle[2]
-        if index[u] == one * (d - 1):  # the vector contains c[one] with the factor 1
+        if index[u] == one * (d - 1):  # the point contains c[one] with the factor 1
             second[u, u] -= (x * contacts[one, d, 0] + y * contacts[one, d, 1]) / circle[2]
     return add_limit(index, first, second, work.derivatives, value, used, True, forgiven, slack, order)
 
 
 @in_place_kernel
 def add_hold(kind, work, m, sign, slack, order):
-    """Add the limits that the wall holds the toucher while D[m] becomes D[m+1]: pushed into the wall, inside the friction cone."""
+    """Add the limits of a wall that holds the toucher while D[m] becomes D[m+1]: the push into the wall, and the friction cone."""
     contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     begin(work, work.delta, m, 0.0)
@@ -297,7 +297,7 @@ def add_hold(kind, work, m, sign, slack, order):
         first[u] = outward(kind, work, m, 1 + u)
         for v in range(used):
             second[u, v] = 0.0
-    if on_circle:  # the direction of the wall also depends on the contact
+    if on_circle:  # on the circle, the normal of the wall also depends on the contact
         index[used] = m * (d - 1)
         first[used] = span[0, 0] * contacts[m, 1, 0] + span[0, 1] * contacts[m, 1, 1]
         first[used] /= circle[2]
@@ -316,7 +316,7 @@ def add_hold(kind, work, m, sign, slack, order):
 
 @in_place_kernel
 def outward(kind, work, m, row):
-    """Return the component of a row of the span that leads out of the wall of a contact."""
+    """Return the component of a row of ``work.span`` that points out of the workspace through the wall of contact m."""
     contacts, span, normals, circle, wall = work.contacts, work.span, kind.shape.normals, kind.shape.circle, kind.walls[m]
     if wall < normals.shape[0]:
         return -rows_dot(normals, wall, span, row)
@@ -328,9 +328,9 @@ def outward(kind, work, m, row):
 
 @in_place_kernel
 def add_cone(friction, work, into, used, slack, order):
-    """Add the limit |a|^2 <= (1 + friction^2) into^2 for the vector a. ``first`` and ``second`` are derivatives of ``into``.
+    """Add the friction limit |a|^2 <= (1 + friction^2) into^2 for a = ``work.span[0]``, with its component ``into`` into the wall.
 
-    The limit is divided by a length to keep units: (1 + friction^2) into - |a|^2 / into.
+    Division by ``into`` gives the limit the unit of a length: (1 + friction^2) into - |a|^2 / into.
     """
     span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction

@@ -1,8 +1,8 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
-`Walls` contains the rows ``normals``, with the inside where ``normals[w] @ p >= offsets[w]``, and the circle (x, y, radius) around
-the first two coordinates, with radius 0 if there is none. ``gain`` is (g, gx, gy, ...): a particle at p moves by ``g + (gx, gy,
-...) @ p`` times the input.
+The tuple `Walls` describes flat walls and a circle. A point p is inside flat wall w if ``normals[w] @ p >= offsets[w]``. The circle
+(x, y, radius) bounds the first two coordinates of p. The radius is 0 if the workspace has no circle. The array ``gain`` contains
+(g, gx, gy, ...). A particle at p moves by ``g + (gx, gy, ...) @ p`` times the input.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from math import expm1, inf, log1p, sqrt
 
 from shoal.jit import in_place_kernel
 
-TOUCH = 1e-9  # relative to the size: a particle closer to a wall than this is on it
-PUSHED = 1e-9  # relative to the length of a move: a particle that leaves a wall by less than this is held
-EVENTS = 4096  # maximum number of wall contacts, and of short steps along the circle, in one move
-SLOW = 1e-14  # a smaller change of the gain along a path is ignored
-ARC = 1 / 400  # relative to the radius: step length of a slide along the circle
+TOUCH = 1e-9  # fraction of the workspace size: a particle closer to a wall touches the wall
+PUSHED = 1e-9  # fraction of the length of a move: if a move leads off a wall by less, the wall holds the particle
+EVENTS = 4096  # maximum number of events in one move: wall contacts and short steps along the circle
+SLOW = 1e-14  # the kernels ignore smaller relative changes of the gain along a path
+ARC = 1 / 400  # fraction of the radius: length of one step of a slide along the circle
 
 Walls = namedtuple("Walls", "normals offsets circle size friction gain")
 """The walls between which particles move."""
@@ -45,7 +45,7 @@ def circle_distance(point, circle):
 
 @in_place_kernel
 def touches(point, wall, walls, near):
-    """Return whether a particle is closer than ``near`` to a wall. The wall after the last flat one is the circle."""
+    """Return whether the distance of a particle from a wall is at most ``near``. The last wall index means the circle."""
     if wall == walls.normals.shape[0]:
         return walls.circle[2] > 0 and circle_distance(point, walls.circle) <= near
     return dot(walls.normals[wall], point) - walls.offsets[wall] <= near
@@ -53,7 +53,7 @@ def touches(point, wall, walls, near):
 
 @in_place_kernel
 def normal_part(point, wall, walls, i):
-    """Return a coordinate of a wall's inward normal at a point. The circle's normal is zero at its centre."""
+    """Return coordinate ``i`` of a wall's inward normal at a point. At the centre of the circle, the circle's normal is zero."""
     if wall < walls.normals.shape[0]:
         return walls.normals[wall, i]
     away = walls.circle[2] - circle_distance(point, walls.circle)
@@ -62,7 +62,7 @@ def normal_part(point, wall, walls, i):
 
 @in_place_kernel
 def inward(point, wall, vector, walls):
-    """Return the component of a vector away from a wall at a point."""
+    """Return the component of a vector along a wall's inward normal at a point."""
     total = 0.0
     for i in range(vector.shape[0]):
         total += normal_part(point, wall, walls, i) * vector[i]
@@ -71,7 +71,7 @@ def inward(point, wall, vector, walls):
 
 @in_place_kernel
 def is_held(point, move, walls):
-    """Return whether a wall that the particle is on prevents the move, assuming infinite friction."""
+    """Return whether a wall that the particle touches would prevent the move if the friction were infinite."""
     near, least = TOUCH * walls.size, PUSHED * norm(move)
     for wall in range(walls.normals.shape[0] + 1):
         if touches(point, wall, walls, near) and inward(point, wall, move, walls) <= least:
@@ -81,12 +81,11 @@ def is_held(point, move, walls):
 
 @in_place_kernel
 def velocity_at(point, move, walls, velocity):
-    """Write the particle's velocity per unit of input.
+    """Write the velocity of a particle per unit of input to ``velocity``.
 
-    Return the wall along which it slides, -1 if it is free, -2 if it is held.
-
-    A particle pushed into a wall slides by ``|T u| - friction |N u|`` along T, the tangential direction of the move, if this is
-    positive and no other wall that it is on blocks it.
+    Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. Let N u and T u
+    be the components of the move u along a wall's normal and along the wall. A particle pushed into the wall slides by ``|T u| -
+    friction |N u|``. The particle does not slide if this length is negative or if another wall blocks the slide.
     """
     for i in range(move.shape[0]):
         velocity[i] = move[i]
@@ -120,7 +119,10 @@ def velocity_at(point, move, walls, velocity):
 
 @in_place_kernel
 def first_contact(point, velocity, walls, sliding):
-    """Return how many times ``velocity`` a particle can move before it meets a wall other than ``sliding``, and that wall."""
+    """Return how far a particle can move before it meets a wall, in multiples of ``velocity``, and the index of this wall.
+
+    The search leaves out the wall ``sliding``, along which the particle slides.
+    """
     normals, offsets, circle = walls.normals, walls.offsets, walls.circle
     length = norm(velocity)
     share, met = inf, -1
@@ -136,7 +138,7 @@ def first_contact(point, velocity, walls, sliding):
         b = x * velocity[0] + y * velocity[1]
         c = min(x * x + y * y - circle[2] ** 2, 0.0)
         root = sqrt(b * b - a * c)
-        # Of the two formulas for the larger root, the one without subtraction of almost equal numbers.
+        # Of the two formulas for the larger root, this code uses the one that never subtracts almost equal numbers.
         found = (root - b) / a if b <= 0 else -c / (b + root)
         if found < share:
             share, met = found, normals.shape[0]
@@ -145,7 +147,11 @@ def first_contact(point, velocity, walls, sliding):
 
 @in_place_kernel
 def input_for(share, speed, rate):
-    """Return the fraction of an input that moves a particle by ``share`` times it; ``speed`` grows by ``rate`` times the path."""
+    """Return the fraction of the input that moves a particle by ``share`` times its velocity vector.
+
+    ``speed`` is the gain at the start of the path. The gain changes along the path by ``rate`` for each multiple of the velocity
+    vector.
+    """
     grown = share * rate / speed
     if abs(grown) < SLOW:
         return share / speed
@@ -154,13 +160,13 @@ def input_for(share, speed, rate):
 
 @in_place_kernel
 def way_of(share, speed, rate):
-    """Return the path of a particle, in multiples of the input, for a fraction of an input. This is the inverse of `input_for`."""
+    """Return the path of a particle for a fraction of the input, in multiples of its velocity. Inverse of `input_for`."""
     return speed * share if abs(rate * share) < SLOW else speed / rate * expm1(rate * share)
 
 
 @in_place_kernel
 def snap(point, wall, walls):
-    """Place a particle that has met a wall exactly onto the wall."""
+    """Move a particle that has met a wall exactly onto the wall."""
     normals, circle = walls.normals, walls.circle
     if wall == normals.shape[0]:
         x, y = point[0] - circle[0], point[1] - circle[1]
@@ -174,9 +180,9 @@ def snap(point, wall, walls):
 
 @in_place_kernel
 def advance(point, move, walls, velocity):
-    """Move one particle in place. Return the fraction of the input after which it first stopped being free, or 1.
+    """Move one particle in place. Return the fraction of the input after which a wall first held or braked the particle, or 1.
 
-    ``velocity`` is working memory.
+    The array ``velocity`` is working memory.
     """
     if norm(move) == 0:
         return 1.0
@@ -218,7 +224,7 @@ def advance(point, move, walls, velocity):
 
 @in_place_kernel
 def advance_all(state, move, walls, velocity):
-    """Move all particles in place. Return the smallest fraction of the input after which one of them stopped being free."""
+    """Move all particles in place. Return the smallest fraction of the input after which a wall first held or braked a particle."""
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, walls, velocity))
@@ -227,9 +233,9 @@ def advance_all(state, move, walls, velocity):
 
 @in_place_kernel
 def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
-    """Move all particles of the worlds ``chosen``, each by its own move and with its own gain, in place.
+    """Move all particles of the worlds ``chosen`` in place. Each world has its own move and its own gain.
 
-    Write the share of each particle to ``shares``, shape (worlds, particles).
+    Write the result of `advance` for each particle to ``shares``, shape (worlds, particles).
     """
     for k in range(chosen.shape[0]):
         world = chosen[k]
@@ -240,7 +246,7 @@ def advance_worlds(states, moves, chosen, gains, walls, shares, velocity):
 
 @in_place_kernel
 def copy(source, target):
-    """Copy a 2-D array to another one, which may be larger."""
+    """Copy a 2-D array to the first rows and columns of another 2-D array."""
     for i in range(source.shape[0]):
         for k in range(source.shape[1]):
             target[i, k] = source[i, k]

@@ -1,8 +1,10 @@
-"""The difference nearest to a goal's that one cycle can make: algorithms 2 and 3 of paper W, corrected, with friction.
+"""The position difference nearest to the goals' that one cycle can make: algorithms 2 and 3 of paper W, corrected, with friction.
 
-Let s = 1 if the first particle touches and -1 if the second does. A cycle with a contact c on wall w changes D to D' under two
-conditions: c + sD and c + sD' are inside, and the wall holds the toucher, that is, s(D' - D) lies in the cone of pushes. On a
-polygon P, all such sD' form one convex polygon: the union of the shifts of P by -c for all possible c, intersected with the cone.
+A cycle changes the position difference of two particles from D to D': a wall holds one particle (the toucher) while the other
+particle moves. The sign s is 1 if the first particle is the toucher, and -1 if the second particle is the toucher. A cycle with the
+contact c on a wall must meet two conditions. First, the points c + sD and c + sD' must lie inside the workspace. Second, the wall
+must hold the toucher: the vector s(D' - D) must lie in the friction cone of the wall. On a polygon P, all possible points sD' form
+one convex polygon: the union of P shifted by -c for all possible contacts c, cut by the friction cone.
 """
 
 from __future__ import annotations
@@ -16,18 +18,24 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-"""Parameters of cycles: walls as in `NormalizedWalls`, friction, distance of the other particle from the walls, and component of an
-adjustment into its wall.
+"""The walls and constants of cycles. The walls have the form of `NormalizedWalls`.
+
+The constants are: the friction coefficient, the smallest distance of the other particle from the walls (``margin``), and the
+smallest component of an adjustment into the toucher's wall (``push``).
 """
 
 ANGLES = 96
 FLAT = 1e-14
-DEPTH_SLACK = 1e-12  # in normalized units: enlargement of a polygon of depths
+DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygons
 
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range of contacts on a side for which the other particle is inside by a margin, as distances from its midpoint."""
+    """Return the range of contacts on a wall for which the other particle is inside by ``margin``, from the wall's midpoint.
+
+    The range starts at the distance ``low`` from the wall's midpoint and ends at ``high``. In an empty range, ``low`` is greater
+    than ``high``.
+    """
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
         rate = dot(normals[other], frames[wall, 1])
@@ -44,7 +52,7 @@ def contact_range(delta, sign, wall, model, low, high, margin):
 
 @in_place_kernel
 def clip(corners, count, across, up, offset, spare):
-    """Cut a convex polygon in place by ``(across, up) @ p >= offset``. Return the number of remaining corners."""
+    """Cut a convex polygon in place: keep its points p with ``(across, up) @ p >= offset``. Return the number of corners left."""
     kept = 0
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -70,7 +78,7 @@ def copy_rows(source, count, target):
 
 @in_place_kernel
 def nearest_in(corners, count, point, found):
-    """Write the point of a convex counter-clockwise polygon nearest to a point into the last two places. Return the distance."""
+    """Write the point of a convex counter-clockwise polygon that is nearest to ``point`` to ``found[3:5]``. Return the distance."""
     inside, best = count > 2, np.inf
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -92,7 +100,11 @@ def nearest_in(corners, count, point, found):
 
 @in_place_kernel
 def cycle_outline(delta, sign, wall, model, corners, spare):
-    """Fill ``corners`` with the polygon of all sD' for one wall and toucher. Return the number of corners, 0 if it is empty."""
+    """Write the polygon of all points sD' for one wall and toucher to ``corners``. Return the number of corners, 0 without a cycle.
+
+    D' is the position difference after the cycle. The sign s is 1 if particle 1 is the toucher, and -1 if particle 2 is the
+    toucher.
+    """
     frames, reaches, normals, offsets = model.frames, model.reaches, model.normals, model.offsets
     friction, margin, push = model.friction, model.margin, model.push
     height = sign * dot(normals[wall], delta)
@@ -124,9 +136,10 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write the nearest D' for each wall and toucher to ``found``, shape (walls, 2, 5).
+    """Write to ``found`` the position difference nearest to ``goal`` for each wall and toucher; shape (walls, 2, 5).
 
-    Each entry has the distance (infinite if there is none), the range of contacts, and D' itself.
+    The five entries are: the distance from ``goal`` (infinite without a cycle), the two ends of the range of contacts, and the two
+    coordinates of the position difference.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):
@@ -152,11 +165,15 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
 
 @in_place_kernel
 def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write the nearest D' with the first particle at an angle of the circle around the origin. Return the distance."""
+    """Write to ``found`` the position difference nearest to ``goal`` that a cycle makes with particle 1 at ``angle``.
+
+    ``angle`` is the angle of a contact on the circle around the origin. Return the distance of the position difference from
+    ``goal``, infinite without a cycle.
+    """
     radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
     ex, ey = cos(angle), sin(angle)
     height = -(delta[0] * ex + delta[1] * ey)
-    # In the frame of the contact: a to the left along the wall, h the depth below it.
+    # Coordinates at the contact: a points to the left along the wall, and h is the depth below the wall.
     along, deep = -goal[0] * ey + goal[1] * ex, -(goal[0] * ex + goal[1] * ey)
     start = -delta[0] * ey + delta[1] * ex
     top = height - push
@@ -180,7 +197,7 @@ def nearest_from(angle, delta, goal, model, candidates, found):
         count += 2
     if friction < np.inf:
         for side in (-1.0, 1.0):
-            # The ray from (start, height) down and outward: direction (side * friction, -1).
+            # The edge of the friction cone is a ray from (start, height) in the direction (side * friction, -1).
             slope = side * friction
             share = ((along - start) * slope - (deep - height)) / (1 + slope * slope)
             share = max(share, push)
@@ -207,12 +224,15 @@ def nearest_from(angle, delta, goal, model, candidates, found):
 
 @in_place_kernel
 def nearest_on_circle(delta, goal, model, candidates, found, nearest):
-    """Write the nearest D' for contacts of particle 1. Return its distance (infinite if there is none) and the angle."""
+    """Write to ``nearest`` the position difference nearest to ``goal`` that a cycle makes with particle 1 on the circle.
+
+    Return the distance of the position difference from ``goal``, infinite without a cycle, and the angle of the contact.
+    """
     radius, margin = model.circle[2], model.margin
     best, at = np.inf, 0.0
     size = sqrt(dot(delta, delta))
     inner = radius - margin
-    # |c + delta| <= inner leaves an arc around the direction of -delta.
+    # The contacts c with |c + delta| <= inner form an arc around the direction of -delta.
     cosine = (radius**2 + size**2 - inner**2) / (2 * radius * size) if size > 0 else 2.0
     if cosine > 1:
         return best, at
@@ -241,11 +261,13 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write the largest depths after one more cycle, shape (2, contacts); negative where a contact is impossible.
+    """Write the largest depths that one more cycle can make to ``best``, shape (2, contacts); -1 for an impossible contact.
 
-    Take a used contact c of particle s and the next contact d of particle t. The depth is the largest t N_d . D over D = s (q - c),
-    with q in the polygon not deeper below the wall of c than allowed, and d + t D in the polygon. The feasible set is a polygon cut
-    by half-planes.
+    A depth is the distance of the other particle from the wall of a contact. Take a cycle with the contact c of particle s, and
+    then a contact d of particle t. After the cycle, the position difference is D = s (q - c), where q is the position of the other
+    particle and s is 1 or -1. The depth at the contact d is t N . D, where N is the normal of the wall of d and t is 1 or -1. The
+    point q must lie inside the workspace, and at most ``depths[s, c]`` below the wall of c. The point d + t D must also lie inside
+    the workspace. The possible points q therefore form a polygon, and the largest depth occurs at one of its corners.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):
@@ -273,9 +295,9 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
 
 @in_place_kernel
 def inside_shifted(corners, count, used, following, turn, normals, offsets, spare):
-    """Cut a polygon in place to the points q with ``following + turn (q - used)`` inside.
+    """Cut a polygon in place: keep its points q for which the point ``following + turn (q - used)`` is inside the workspace.
 
-    Return the number of remaining corners.
+    Return the number of corners left.
     """
     for wall in range(normals.shape[0]):
         least = offsets[wall] - dot(normals[wall], following) + turn * dot(normals[wall], used)

@@ -1,9 +1,9 @@
-"""The differences to which reactions of walls with friction can lead: a barrier in polar coordinates.
+"""Limits of the position difference Δ of two particles that wall reactions with friction can reach: a barrier in polar coordinates.
 
-A wall with the inward normal N that holds or brakes the first particle changes Δ by a vector within the angle atan(friction) of -N.
-If it holds or brakes the second particle, it changes Δ by a vector within this angle of N. Whether a wall can be touched depends on
-Δ: along a ray from zero, each wall can be touched up to some |Δ|. Angles of reactions are measured from the direction of -Δ,
-counter-clockwise.
+Let N be the inward normal of a wall. If the wall holds or brakes the first particle, the reaction of the wall changes Δ by a vector
+within the angle atan(friction) of -N. If the wall holds or brakes the second particle, the reaction changes Δ by a vector within
+the angle atan(friction) of N. Whether a particle can touch a wall depends on Δ. If Δ keeps its direction, particles can touch each
+wall up to some length |Δ|. The code measures angles of wall reactions from the direction of -Δ, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -17,14 +17,16 @@ from shoal.steering.kernels.cycles import contact_range
 SWEEPS = 12
 HALVINGS = 24
 SAME = 1e-9
-FLAT = 1e-9  # in units of pi: reactions that barely leave a half-plane count as inside
+FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count as inside
 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """Write, for a direction of Δ, the maximum |Δ| for each wall and toucher (0 for never), and the angle of their reactions.
+    """For a direction of Δ, write the maximum length |Δ| for each wall and particle, and the angles of the wall reactions.
 
-    A wall counts if it can be touched with some Δ within half a step of the direction.
+    Up to the maximum length, the particle can touch the wall. The array ``ends`` contains the maximum lengths, 0 for never. The
+    array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch it with some Δ within half of
+    the angle ``step`` of the direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -38,7 +40,7 @@ def touchable(angle, step, most, model, ends, turns):
             ends[row] = 0.0
             if sign * height <= 0:
                 continue
-            turns[row] = np.arctan2(sign * across, sign * height)  # angle from -Δ to -sign N, as from Δ to sign N
+            turns[row] = np.arctan2(sign * across, sign * height)  # angle from -Δ to -sign N, or from Δ to sign N
             inner, outer = 0.0, most
             for halving in range(HALVINGS):
                 middle = outer if halving == 0 else (inner + outer) / 2
@@ -56,9 +58,9 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest |Δ| after and before reactions turn a Δ of initially at most ``radius`` by one step.
+    """Return the largest length |Δ| after and before wall reactions turn Δ by one step, if |Δ| is at most ``radius`` at first.
 
-    Reactions lead outward only where they do not all point into one half-plane.
+    Wall reactions can increase |Δ| without a turn only where the reactions do not all point into one half-plane.
     """
     rows = ends.shape[0]
     before = radius
@@ -68,7 +70,7 @@ def carried(radius, side, step, most, ends, turns, cone):
             if high - low > np.pi + FLAT:
                 before = min(ends[row], most)
     after = 0.0
-    for row in range(rows + 1):  # where the number of walls that can be touched changes on the ray, and at ``before``
+    for row in range(rows + 1):  # at the lengths on the ray where a particle loses touch with a wall, and at ``before``
         place = before if row == rows else ends[row]
         if not 0 < place <= before:
             continue
@@ -81,7 +83,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the reactions at a point of a ray."""
+    """Return the smallest and the largest angle of the wall reactions that are possible at a point of a ray of Δ."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:
@@ -91,12 +93,11 @@ def spread_at(place, ends, turns, cone):
 
 @kernel
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
-    """Return whether reactions cannot lead from a Δ to the radius ``goal`` at any of the angles ``first`` to ``last``.
+    """Return whether wall reactions can never bring Δ to the length ``goal`` at any angle with an index from ``first`` to ``last``.
 
-    The initial Δ has the angle with index ``start`` and the length ``radius``. ``first`` and ``last`` are indices of angles, too.
-
-    The angles ascend over the full circle, and Δ is not parallel to a wall between two of them. ``farthest`` is the largest |Δ|
-    there.
+    The initial Δ has the angle with index ``start`` and the length ``radius``. The array ``angles`` ascends over the full circle.
+    Between two neighbouring angles, Δ is never parallel to a wall. The array ``farthest`` contains the largest possible length |Δ|
+    at each angle. The result is False if the computation does not settle.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

@@ -9,29 +9,32 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
-"""The boundary of a region: x and y of both ends of each edge, with the free side on the left; inward unit normals and lengths; the
-previous and the next edge of each; whether the corner at the beginning of an edge is reflex (wider than 180 degrees); the region's
-size; and bounding boxes of runs of edges (smallest and largest x, then y), so that most edges need no test.
+"""The boundary of a region, with one entry for each edge of the boundary, except ``size`` and ``boxes``.
+
+The fields are: x and y of both ends of each edge, with the free side on the left of the edge; inward unit normals; lengths; the
+indices of the previous and the next edge (``links``); whether the corner at the beginning of an edge is ``reflex`` (wider than 180
+degrees); the size of the region; and bounding boxes of runs of consecutive edges (smallest x, largest x, smallest y, largest y).
+The boxes save tests of most edges.
 """
 
-GAP = 1e-12  # relative to the size: extension of edges for particles that approach, so that none passes between two edges
+GAP = 1e-12  # fraction of the region's size: extension of edges, so that no particle passes between two edges
 
 
 @in_place_kernel
 def signed_distance(x, y, edge, ends, normals):
-    """Return the signed distance of a point from the line of an edge, positive in front of it."""
+    """Return the signed distance of a point from the line of an edge, positive on the free side."""
     return normals[edge, 0] * (x - ends[edge, 0]) + normals[edge, 1] * (y - ends[edge, 1])
 
 
 @in_place_kernel
 def place_along(x, y, edge, ends, normals):
-    """Return the position of a point along an edge."""
+    """Return the position of a point along an edge, measured from the beginning of the edge."""
     return normals[edge, 1] * (x - ends[edge, 0]) - normals[edge, 0] * (y - ends[edge, 1])
 
 
 @in_place_kernel
 def is_on(x, y, edge, ends, normals, lengths, touch):
-    """Return whether a point is closer to an edge than ``touch``."""
+    """Return whether the distance of a point from an edge is at most ``touch``."""
     away = signed_distance(x, y, edge, ends, normals)
     if abs(away) > touch:
         return False
@@ -48,10 +51,11 @@ def pushes(move, edge, normals, length):
 
 @in_place_kernel
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
-    """Return whether the edge on the other side of a reflex corner releases a particle that this edge would hold.
+    """Return whether the edge ``other`` at a reflex corner releases a particle that the edge ``edge`` would hold.
 
-    At the corner, the other edge releases the particle if the move leads away from it. Farther from the corner, where the wall
-    between two edges is thinner than ``touch``, only the edge counts that has the particle in front of it.
+    At the corner, the edge ``other`` releases the particle if the move leads away from this edge. Farther from the corner, the wall
+    between the two edges may be thinner than ``touch``. In a wall thinner than ``touch``, only the edge with the particle in front
+    counts.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -62,7 +66,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return (first, last + 1) for a group of consecutive edges; (0, 0) if the group is not near a straight path."""
+    """Return (first, last + 1) for a group of consecutive edges, or (0, 0) if the group is far from a straight path."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -73,7 +77,7 @@ def run_near(run, x, y, x_after, y_after, near, boxes, count):
 
 @in_place_kernel
 def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return whether the boundary that a particle is on prevents a move."""
+    """Return whether an edge that a particle touches prevents a move."""
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
     for run in range(boxes.shape[0]):
@@ -93,10 +97,10 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return the fraction of a move after which a free particle meets an edge, the edge (-1 if none), and the position along it.
+    """Return the fraction of a move after which a free particle meets an edge, the edge, and the position along the edge.
 
-    Edges that the particle is on at the start release it: it leaves them, or the corner between them. A reflex corner on the path
-    does not stop it if one of its two edges lets it continue.
+    Without such an edge, the index of the edge is -1. An edge that the particle touches at the start does not stop the particle. A
+    reflex corner on the path does not stop the particle if one of the two edges of the corner lets the particle continue.
     """
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)
@@ -106,7 +110,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
         for edge in range(first, last):
             speed = normals[edge, 0] * move[0] + normals[edge, 1] * move[1]
             away = signed_distance(x, y, edge, ends, normals)
-            # A particle behind the line of an edge cannot meet its free side; away > -touch allows for rounding.
+            # A particle behind the line of an edge cannot meet the edge's free side; ``touch`` allows for rounding.
             if speed >= 0 or away > -speed * share or away < -touch or is_on(x, y, edge, ends, normals, lengths, touch):
                 continue
             found = max(away / -speed, 0.0)
@@ -123,7 +127,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def advance(point, move, edges):
-    """Move one particle in place. Return the fraction of the input after which it stopped, or 1."""
+    """Move one particle in place. Return the fraction of the input after which an edge stopped the particle, or 1."""
     if move[0] == 0 and move[1] == 0:
         return 1.0
     ends, normals, lengths, links, reflex, size, boxes = edges
@@ -141,7 +145,7 @@ def advance(point, move, edges):
 
 @in_place_kernel
 def advance_all(state, move, edges):
-    """Move all particles in place. Return the smallest fraction of the input after which one of them stopped."""
+    """Move all particles in place. Return the smallest fraction of the input after which an edge stopped a particle, or 1."""
     least = 1.0
     for p in range(state.shape[0]):
         least = min(least, advance(state[p], move, edges))
@@ -150,7 +154,7 @@ def advance_all(state, move, edges):
 
 @in_place_kernel
 def advance_worlds(states, moves, chosen, edges):
-    """Move all particles of the worlds ``chosen``, each by its own move, in place."""
+    """Move all particles of the worlds ``chosen`` in place. Each world has its own move."""
     for k in range(chosen.shape[0]):
         for p in range(states.shape[1]):
             advance(states[chosen[k], p], moves[chosen[k]], edges)

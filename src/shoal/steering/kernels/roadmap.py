@@ -1,4 +1,9 @@
-"""Links between differences that one cycle connects, and the shortest sequence of cycles over given differences."""
+"""Links between position differences of two particles, and the path over such links with the fewest cycles.
+
+A position difference is the position of the second particle minus the position of the first. In a cycle, one particle moves to a
+wall, and then the wall holds this particle while the other particle moves. A link means that one cycle changes one position
+difference into another.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +14,16 @@ from shoal.steering.kernels.contact import dot
 from shoal.steering.kernels.cycles import contact_range
 
 HALVINGS = 24
-SHARES = 4  # number of adjustments tried in a direction: the longest one, 1/2 of it, 1/4, ...
+SHARES = 4  # number of adjustments tried in each direction: the longest adjustment, 1/2 of its length, 1/4, ...
 
 
 @kernel
 def linked(before, after, model, step):
-    """Return whether one cycle changes a difference into another. Write its toucher, wall and contact as in a chain."""
+    """Return whether one cycle (contact and adjustment) can change the position difference ``before`` into ``after``.
+
+    If one cycle can, write three numbers to ``step``: the toucher (the particle that the wall holds), the wall, and the position of
+    the contact along the wall. Both position differences are vectors from the first particle to the second.
+    """
     if model.circle[2] > 0:
         return linked_on_circle(before, after, model, step)
     normals, frames, reaches, margin = model.normals, model.frames, model.reaches, model.margin
@@ -26,7 +35,7 @@ def linked(before, after, model, step):
         sign = 1.0 if pushed < 0 else -1.0
         if abs(pushed) < model.push or along > model.friction * abs(pushed) or sign * height < margin or sign * end < 0:
             continue
-        # The other particle may touch the same wall only at the end of the whole path.
+        # The particle that is not held may touch the toucher's wall only at the end of the whole path.
         reach = reaches[wall] - margin
         low, high = contact_range(before, sign, wall, model, -reach, reach, margin)
         if low > high:
@@ -40,7 +49,10 @@ def linked(before, after, model, step):
 
 @kernel
 def linked_on_circle(before, after, model, step):
-    """Do the same as `linked` for a disk with particle 1 touching. Three arcs of contacts must intersect."""
+    """Return whether one cycle on a disk can change ``before`` into ``after`` with particle 1 as the toucher. See `linked`.
+
+    A cycle exists if three arcs of contacts on the circle intersect.
+    """
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
     way = np.sqrt(x * x + y * y)
@@ -66,7 +78,11 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return how far one cycle leads in a direction from a difference or, with ``back``, to it; 0 if it does not."""
+    """Return the greatest length by which one cycle can change ``delta`` along a direction, or 0 without a cycle.
+
+    ``delta`` is a position difference of two particles. Without ``back``, the cycle starts at ``delta``; with ``back``, the cycle
+    ends at ``delta``.
+    """
     inner, outer = 0.0, most
     for halving in range(HALVINGS):
         middle = outer if halving == 0 else (inner + outer) / 2
@@ -84,10 +100,11 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Add to ``nodes`` extreme differences that cycles reach from ``delta`` or, with ``back``, from which they lead to ``delta``.
+    """Add to ``nodes`` extreme position differences that cycles can reach from the position difference ``delta``.
 
-    A difference is extreme if it is larger than all found before in about the same direction or, with ``back``, smaller.
-    ``records`` holds the best of each direction. Return the new number of nodes.
+    With ``back``, add extreme position differences from which cycles can reach ``delta``. A position difference is extreme if it is
+    longer than all earlier nodes in about the same direction. With ``back``, an extreme position difference is shorter than all
+    these nodes. The array ``records`` holds the most extreme length in each range of directions. Return the new number of nodes.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))
@@ -100,7 +117,7 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
         size = np.sqrt(dot(here, here))
         place = int((np.arctan2(here[1], here[0]) / (2 * np.pi) + 1) * bins) % bins
         if done > 1 and size != records[place]:
-            continue  # a more extreme difference was found after it
+            continue  # the search has meanwhile found a more extreme difference in the same range of directions
         for d in range(directions.shape[0]):
             length = farthest(here, directions[d], back, most, model, tried, step)
             if length <= 2 * model.push:
@@ -121,9 +138,10 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
 
 @kernel
 def fewest_cycles(nodes, model, parents, order):
-    """Breadth-first search from node 0 until node 1 is reached. Write the parent of each node, -1 if it is not reached.
+    """Search breadth-first from node 0 for the path with the fewest cycles to node 1. Return whether a path exists.
 
-    ``order`` is working memory. Return whether node 1 was reached.
+    Write the parent of each node to ``parents``, and -1 for each node that the search has not reached. The array ``order`` is
+    working memory.
     """
     count, step = nodes.shape[0], np.empty(3)
     parents[:] = -1

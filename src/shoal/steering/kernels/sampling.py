@@ -1,8 +1,9 @@
-"""A search tree over states of particles, grown by random manoeuvres that are all simulated.
+"""A search tree over the positions of all particles. The tree grows by random manoeuvres, and every manoeuvre is simulated.
 
-An offset is the position of a particle relative to its goal. A translation changes all offsets alike, so a translation can complete
-the task when all offsets are equal. A manoeuvre brings one particle to a wall and then makes another particle's offset, or one of
-its coordinates, equal to the first one's. Sometimes a manoeuvre is any random move, to find solutions that no plan anticipates.
+An offset is the position of a particle minus the position of its goal. A translation changes all offsets by the same vector.
+Therefore, a translation can complete the task if all offsets are equal. Most manoeuvres bring one particle to a wall, and then make
+the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres make only one component of the two
+offsets equal. Other manoeuvres are random moves, which may find solutions that no plan anticipates.
 """
 
 from __future__ import annotations
@@ -16,24 +17,30 @@ from shoal.steering.kernels import contact, region_contact
 from shoal.steering.kernels.contact import copy
 
 World = namedtuple("World", "flat edges walls")
-"""Whether all walls are straight and hold without slip; then `region_contact.Edges` (empty if not) and `contact.Walls`."""
+"""The walls for a simulation: the flag ``flat``, ``edges`` (`region_contact.Edges`) and ``walls`` (`contact.Walls`).
+
+The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is false, ``edges`` is empty.
+"""
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")
-"""Nodes: their states, parents, moves from the parents with their number, total numbers of moves, distances from the goal, and
-numbers of attempts.
+"""Arrays with one row for each node of the search tree, by node number.
+
+The fields are: positions of all particles (``states``), parent nodes, moves from the parent to the node (``made``) and their
+numbers (``counts``), numbers of moves from the root (``depths``), estimates of the distance from the goals (``keys``), and numbers
+of attempts to grow the tree from the node (``tries``).
 """
 
 STEPS = 8  # maximum number of moves of one manoeuvre
-EQUAL = 1e-11  # relative to the size: offsets with a smaller difference are equal
-LIFT = 1e-6  # relative to the size: distance to which particles are lifted off walls before a translation
-CHANGED = 1e-7  # relative to the size: a manoeuvre with a smaller change is discarded
-WORSE = 0.3  # fraction of states that are kept although they are not more promising than their parents
-ROUNDS = 6  # number of nodes among which the most promising one is chosen
+EQUAL = 1e-11  # fraction of the workspace size: two offsets with a smaller difference count as equal
+LIFT = 1e-6  # fraction of the workspace size: distance by which a lift moves particles off walls before a translation
+CHANGED = 1e-7  # fraction of the workspace size: the search discards manoeuvres that move all particles by less
+WORSE = 0.3  # probability of keeping a state that is not more promising than its parent
+ROUNDS = 6  # number of random nodes, of which the search extends the most promising one
 
 
 @kernel
 def step(state, move, world):
-    """Move all particles in place. Return the fraction of the move during which all were free."""
+    """Move all particles in place. Return the fraction of the move during which no wall stopped any particle."""
     if world.flat:
         return region_contact.advance_all(state, move, world.edges)
     return contact.advance_all(state, move, world.walls, np.empty(2))
@@ -41,7 +48,7 @@ def step(state, move, world):
 
 @kernel
 def add_normals(point, world, total):
-    """Add the inward normals of all walls that a particle almost touches."""
+    """Add to ``total`` the inward normals of all walls that a particle touches or almost touches."""
     near = 0.5 * LIFT * world.walls.size
     if world.flat:
         edges, x, y = world.edges, point[0], point[1]
@@ -60,7 +67,7 @@ def add_normals(point, world, total):
 
 @kernel
 def send(state, x, y, world, moves, count):
-    """Make the move (x, y) if it is not zero and ``moves`` has space for it. Return the number of moves made."""
+    """Make the move (x, y) if it is not zero and the array ``moves`` has space. Return the number of moves made so far."""
     if count < moves.shape[0] and (x != 0 or y != 0):
         moves[count, 0], moves[count, 1] = x, y
         step(state, moves[count], world)
@@ -70,7 +77,7 @@ def send(state, x, y, world, moves, count):
 
 @kernel
 def free_share(state, x, y, world):
-    """Return the fraction of the move (x, y) during which all particles would be free."""
+    """Return the fraction of the move (x, y) during which no wall would stop any particle."""
     trial, move = np.empty(state.shape), np.empty(2)
     move[0], move[1] = x, y
     copy(state, trial)
@@ -79,7 +86,10 @@ def free_share(state, x, y, world):
 
 @kernel
 def translate(state, x, y, world, size, moves, count):
-    """Move all particles alike, after a small lift off all walls if a wall would hold one of them."""
+    """Move all particles by (x, y). If a wall would hold a particle at the start, first lift the particles slightly off the walls.
+
+    Return the number of moves made so far.
+    """
     if free_share(state, x, y, world) == 0.0:
         away = np.zeros(2)
         for p in range(state.shape[0]):
@@ -94,7 +104,10 @@ def translate(state, x, y, world, size, moves, count):
 
 @kernel
 def spread(state, goal):
-    """Return the translation (x, y) that brings particles nearest to their goals, and the largest remaining distance."""
+    """Return a translation (x, y) that brings all particles near their goals, and a bound for the remaining distances.
+
+    After the translation (x, y), no particle is farther from its goal than the bound.
+    """
     left, right, low, high = np.inf, -np.inf, np.inf, -np.inf
     for p in range(state.shape[0]):
         x, y = state[p, 0] - goal[p, 0], state[p, 1] - goal[p, 1]
@@ -104,7 +117,10 @@ def spread(state, goal):
 
 @kernel
 def differing(state, goal, size):
-    """Return the number of pairs of coordinates in which the offsets differ; 0 if all offsets are equal."""
+    """Return the number of distinct x offsets plus the number of distinct y offsets, minus 2.
+
+    An offset is the position of a particle minus the position of its goal. The result is 0 if all offsets are equal.
+    """
     count = 0
     for k in range(2):
         for p in range(1, state.shape[0]):
@@ -119,7 +135,10 @@ def differing(state, goal, size):
 
 @kernel
 def wall_point(point, world, rng, place, normal):
-    """Draw a point of a wall, sometimes the nearest one to a particle, and its inward normal."""
+    """Draw a random point of a wall and write it to ``place``. Write the inward normal of the wall at this point to ``normal``.
+
+    On straight edges, a quarter of the drawn points are the nearest points of an edge to the particle at ``point``.
+    """
     choice, where = rng.random(), rng.random()
     if world.flat:
         edges = world.edges
@@ -149,14 +168,18 @@ def wall_point(point, world, rng, place, normal):
 
 @kernel
 def draw_move(rng, size):
-    """Return a random move in any direction, with any length up to almost the width of the workspace."""
+    """Return a random move in any direction, with any length up to 1.5 times the size of the workspace."""
     angle, length = 2 * np.pi * rng.random(), 1.5 * size * rng.random() ** 2
     return length * np.cos(angle), length * np.sin(angle)
 
 
 @kernel
 def adjustment(state, goal, held, normal, rng, size):
-    """Return a move that makes an offset, or a part of it, equal to the held particle's, or sometimes a random move."""
+    """Return a move that brings the offset of a random particle closer to the offset of the particle ``held``, or a random move.
+
+    An offset is the position of a particle minus the position of its goal. Some moves make the two offsets equal, and other moves
+    make only one component of the two offsets equal.
+    """
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
     x = state[held, 0] - goal[held, 0] - state[other, 0] + goal[other, 0]
@@ -180,9 +203,9 @@ def adjustment(state, goal, held, normal, rng, size):
 
 @kernel
 def manoeuvre(state, goal, world, rng, size, moves):
-    """Make a random manoeuvre in place. Return its number of moves."""
+    """Make a random manoeuvre of one or a few moves, which changes ``state`` in place. Return the number of moves."""
     choice = rng.random()
-    if choice < 0.2:  # in any direction, sometimes only a fraction of the path to the first contact
+    if choice < 0.2:  # a move in any direction; half of these moves end before the first contact
         x, y = draw_move(rng, size)
         share = 1.0
         if choice < 0.1:
@@ -218,7 +241,7 @@ def promise(node, tree):
 
 @kernel
 def pick(total, tree, rng):
-    """Return the most promising of a few random nodes."""
+    """Return the most promising of a few random nodes of the search tree."""
     best = min(int(rng.random() * total), total - 1)
     for _round in range(ROUNDS - 1):
         node = min(int(rng.random() * total), total - 1)
@@ -229,11 +252,10 @@ def pick(total, tree, rng):
 
 @kernel
 def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
-    """Grow a tree in place by at most ``rounds`` manoeuvres.
+    """Grow a search tree in place by at most ``rounds`` manoeuvres.
 
-    Return the number of nodes, the rounds left, and whether the last node is a hit.
-
-    A hit is a state from which a translation completes the task.
+    Return the number of nodes, the number of rounds left, and whether the last node is a hit. A hit is a node from which one
+    translation completes the task.
     """
     states, depths, keys = tree.states, tree.depths, tree.keys
     moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)

@@ -1,13 +1,14 @@
-"""Plans of few straight moves found by simulation: all moves except the last two are tried, and the last two are computed.
+"""Plans of few straight moves found by simulation: the search tries all moves except the last two, and computes the last two moves.
 
-The second-last move changes the difference D of the positions to the difference Dg of the goals. A wall holds one particle, the
-toucher, while the other particle moves by ``s (Dg - D)``; s is 1 if the first particle touches and -1 if the second does. This
-determines the direction of the move. Its length is the distance from the toucher to its wall plus ``|Dg - D|``. The last move
-brings both particles to their goals.
+The second-last move changes the position difference D of the particles to the difference Dg of the goals. A wall holds one
+particle, the toucher, while the other particle moves by ``s (Dg - D)``. The sign s is 1 if the first particle is the toucher, and
+-1 if the second particle is the toucher. The vector ``s (Dg - D)`` determines the direction of the second-last move. The length of
+the second-last move is the distance from the toucher to its wall plus ``|Dg - D|``. The last move brings both particles to their
+goals.
 
-Such a plan is feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the part of
-this move for which the other particle has no space. If no random plan is feasible, the plans with the smallest shortage are
-changed to reduce it.
+The last two moves are feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the
+part of the second-last move for which the other particle has no space. If no random plan is feasible, the search repairs the plans
+with the smallest shortage by small changes of their moves.
 """
 
 from __future__ import annotations
@@ -17,21 +18,20 @@ import numpy as np
 from shoal.jit import kernel
 from shoal.steering.kernels.contact import advance_all, copy, first_contact, is_held, norm
 
-EXACT = 1e-9  # relative to the size: maximum distance from the goal at the end of a plan
-WIDEST = 0.1  # relative to the size: initial changes of a plan
+EXACT = 1e-9  # fraction of the workspace size: maximum distance of a particle from its goal at the end of a plan
+WIDEST = 0.1  # fraction of the workspace size: first change of a move in `repair`
 FINEST = 1e-5
-HOPELESS = 10.0  # multiple of a change: smaller changes cannot repair a larger shortage
-WORTH = 0.01  # multiple of a change: a smaller improvement does not count
-ENOUGH = 1e-6  # relative to the size: the repair of a plan ends when its shortage is below minus this length
+HOPELESS = 10.0  # largest shortage that `repair` tries to remove, as a multiple of the change of a move
+WORTH = 0.01  # smallest improvement of the shortage that `repair` accepts, as a multiple of the change of a move
+ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage is at most minus this length
 
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write lengths of moves to try in a direction: from the first contact of a particle with a wall to the other one's contact.
+    """Write trial lengths of moves in a direction, from the first wall contact of a particle to the contact of the other one.
 
-    Return their number.
-
-    A held particle has already met its wall. A move that ends before the first contact does not change the difference.
+    Return the number of lengths. A particle that a wall holds has already met its wall. A move that ends before the first contact
+    does not change the position difference.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -52,10 +52,11 @@ def lengths_along(points, direction, shares, walls, lengths):
 
 @kernel
 def shortage(points, goal, toucher, walls, direction):
-    """Return the shortage of the second-last move with this toucher, and the length of the move.
+    """Return the shortage of the second-last move with the given toucher, and the length of the second-last move.
 
-    The shortage is negative if the other particle meets no wall during the move, and infinite if the toucher meets no wall.
-    ``direction`` receives the direction of the move. Both results are 0 if the difference already equals the goal's.
+    The shortage is the part of the second-last move for which the other particle has no space. The shortage is negative if the
+    other particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of the second-last
+    move. Both results are 0 if the position difference of the particles already equals the difference of the goals.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -80,9 +81,9 @@ def shortage(points, goal, toucher, walls, direction):
 
 @kernel
 def finish(points, goal, toucher, walls, moves):
-    """Write the last two moves with this toucher.
+    """Write the last two moves of a plan with the given toucher (the particle that a wall holds).
 
-    Return the largest remaining distance of a particle from its goal, infinite if there are no such moves.
+    Return the largest remaining distance of a particle from its goal, or infinity without feasible moves.
     """
     d = points.shape[1]
     direction = np.empty(d)
@@ -115,7 +116,7 @@ def total_length(moves):
 
 @kernel
 def holds_nearby(start, goal, toucher, trial, nudges, walls):
-    """Return whether plans with slightly different tried moves also end at the goal, so that no plan depends on rounding."""
+    """Return whether a plan also ends at the goals after small changes of its last trial move, so that it does not need luck."""
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
     state, move, spare = start.copy(), np.empty(start.shape[1]), np.empty(start.shape[1])
@@ -132,11 +133,10 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
 
 @kernel
 def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
-    """Try first moves from the start, and compute the last two moves for each.
+    """Search for plans of three moves: try first moves from the start, and compute the last two moves for each first move.
 
-    Write the shortest plan of three moves found. Return the number of plans found, each shorter than the one before.
-
-    The search ends when ``enough`` plans are found.
+    Write the shortest plan to ``best_moves``. Return how many times the search has found a plan shorter than all earlier plans. The
+    search ends when this number reaches ``enough``.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -165,7 +165,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, best_moves):
-    """Shorten a plan in place by small changes of its tried moves. Return its length."""
+    """Shorten a plan in place by small changes of all moves except the last two moves. Return the length of the plan."""
     d = start.shape[1]
     trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)
@@ -194,9 +194,10 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
-    """Return the smaller shortage of the two touchers after all moves of a plan except the last two.
+    """Return the smaller shortage of the two possible touchers after all moves of a plan except the last two moves.
 
-    Write the positions after these moves to ``state``.
+    The shortage is the part of the second-last move for which the other particle has no space. Write the positions of the particles
+    before the second-last move to ``state``.
     """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
@@ -208,7 +209,11 @@ def least_shortage(start, goal, trial, walls, state, direction):
 
 @kernel
 def repair(start, goal, walls, trial):
-    """Change all moves of a plan except the last two, in place, until the last two are feasible. Return the remaining shortage."""
+    """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
+
+    The shortage is the part of the second-last move for which a particle has no space. With a negative shortage, the last two moves
+    are feasible.
+    """
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
     best = least_shortage(start, goal, trial, walls, state, direction)
@@ -234,7 +239,10 @@ def repair(start, goal, walls, trial):
 
 @kernel
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
-    """Write the moves for a row of picks, each a direction and a fraction. Return whether they exist."""
+    """Write a trial move for each row of ``picks``, which contains random numbers for a direction and a length.
+
+    Return whether the trial moves exist.
+    """
     copy(start, state)
     for m in range(picks.shape[0]):
         direction = directions[picks[m, 0] % directions.shape[0]]
@@ -249,10 +257,11 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 
 @kernel
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
-    """Write the shortest plan found to ``plan``, with the number of moves that ``plan`` has space for. Return the number found.
+    """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to ``plan``.
 
-    ``picks``, int64, has shape (tries, wide, moves - 2, 2). In each try, the best of ``wide`` random plans is repaired. The search
-    ends when ``enough`` plans are found.
+    Return how many times the search has found a plan shorter than all earlier plans. The array ``picks``, int64, has the shape
+    (tries, wide, moves - 2, 2). Each try draws ``wide`` random plans, and repairs the plan with the smallest shortage. The search
+    ends when it has found ``enough`` plans.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)

@@ -1,9 +1,10 @@
-"""Improvement of plans of two particles by random changes of their steps, with the acceptance rule of simulated annealing.
+"""Improvement of plans for two particles: simulated annealing makes random changes of the plan's steps.
 
-Each step has a target and reaches it from any state: a contact brings one particle to a place on a wall, an adjustment gives the
-difference of the positions a value while a wall holds one particle, and a translation brings the midpoint of the particles to a
-place. Without noise, the target of the last adjustment is the difference of the goals, and the cost of a plan is its length. With
-noise, the cost is the mean number of moves.
+Each step has a target, and computes a move to the target from any positions of the particles. The target of a contact is a place on
+a wall for one particle. The target of an adjustment is a position difference of the particles, and a wall holds one particle during
+the adjustment. The target of a translation is a midpoint of the two particles. Without noise, the last adjustment has the
+difference of the goals as its target, and the cost of a plan is its length. With noise, the cost of a plan is the mean number of
+moves.
 """
 
 from __future__ import annotations
@@ -17,23 +18,29 @@ from shoal.steering.kernels.contact import copy
 from shoal.steering.kernels.sampling import step, wall_point
 
 Steps = namedtuple("Steps", "kinds particles targets along moves")
-"""Steps of a plan. Fields: the kind (CONTACT, ADJUSTMENT or TRANSLATION); the particle that moves to a wall or is held; the target;
-the direction of the wall of a contact; and each move, once the plan has been played."""
+"""The steps of a plan. Each field of ``Steps`` has one entry for each step.
+
+The fields are: the kind of step (CONTACT, ADJUSTMENT or TRANSLATION), the particle that moves to a wall or is held by a wall, the
+target, for a contact the direction of the wall, and the move of the step in the last simulation.
+"""
 
 Noise = namedtuple("Noise", "starts errors deviation cycle")
-"""Scenarios of noise. Fields: possible start positions, float64, shape (scenarios, 2, 2); errors of moves, shape (scenarios, moves,
-2); the standard deviation of the errors; and the number of moves that correct a wrong difference and reach the goals."""
+"""Scenarios of noise, to judge a plan by simulation.
+
+The fields are: possible start positions, float64, shape (scenarios, 2, 2); errors of moves, shape (scenarios, moves, 2); the
+standard deviation of the errors; and the number of moves that correct a wrong position difference and then reach the goals.
+"""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
-WIDEST, FINEST = 0.3, 1e-6  # relative to the size: largest and smallest typical change of a target
-WARMTH = 0.05  # relative to the cost: typical increase that is accepted at the beginning
-FAR = 4.0  # relative increase of the moves that correct a difference, if its error equals the size
-BLOCKED = 2.0  # number of additional moves if a wall stops the last move
+WIDEST, FINEST = 0.3, 1e-6  # fractions of the workspace size: largest and smallest typical change of a target
+WARMTH = 0.05  # fraction of the cost: typical increase that annealing accepts at the beginning
+FAR = 4.0  # relative increase of ``Noise.cycle`` for a position difference with an error as large as the workspace
+BLOCKED = 2.0  # number of additional moves after a wall has stopped the last move
 
 
 @kernel
 def make_move(steps, k, state, move):
-    """Write the move with which a step leads from a state to its target."""
+    """Write to ``move`` the move that leads from the particle positions ``state`` to the target of step ``k``."""
     p, kind = steps.particles[k], steps.kinds[k]
     for i in range(2):
         if kind == CONTACT:
@@ -46,7 +53,7 @@ def make_move(steps, k, state, move):
 
 @kernel
 def is_near(state, goal, tolerance):
-    """Return whether both particles are within the tolerance of their goals."""
+    """Return whether the distance of each of the two particles from its goal is at most ``tolerance``."""
     for q in range(2):
         if np.sqrt((state[q, 0] - goal[q, 0]) ** 2 + (state[q, 1] - goal[q, 1]) ** 2) > tolerance:
             return False
@@ -55,9 +62,9 @@ def is_near(state, goal, tolerance):
 
 @kernel
 def play(steps, count, start, goal, tolerance, bound, world, state):
-    """Return the length of a plan, infinite if it does not end at the goal or is longer than a bound.
+    """Simulate a plan without noise. Return its length, infinite if the plan misses the goals or is longer than ``bound``.
 
-    A step may miss its target. The steps after it lead to their own targets from the actual positions.
+    If a step misses its target, the next step still moves the particles from their actual positions to its own target.
     """
     last = count - 2
     while last >= 0 and steps.kinds[last] != ADJUSTMENT:
@@ -82,7 +89,7 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
 
 @kernel
 def moves_left(state, goal, tolerance, noise, world, move):
-    """Estimate how many more moves bring both particles to their goals. The state is overwritten."""
+    """Estimate how many more moves bring both particles to their goals. The positions in ``state`` are overwritten."""
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -102,7 +109,11 @@ def moves_left(state, goal, tolerance, noise, world, move):
 
 @kernel
 def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
-    """Return the mean number of moves over the scenarios: those of the plan, and the estimated number after its end."""
+    """Return the mean number of moves over all noise scenarios.
+
+    The number of moves in a scenario is the number of simulated moves of the plan plus the estimated number of moves after the
+    plan.
+    """
     total, scenarios = 0.0, noise.starts.shape[0]
     for s in range(scenarios):
         copy(noise.starts[s], state)
@@ -128,7 +139,7 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Move the steps with index ``first`` and above by ``by`` places. Return the new number of steps."""
+    """Move the steps of a plan with index ``first`` and above by ``by`` places. Return the new number of steps."""
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
@@ -139,9 +150,10 @@ def shift(steps, first, count, by):
 
 @kernel
 def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
-    """Replace a step by a contact of a particle with a random point of the walls.
+    """Replace step ``k`` by a contact of a particle with a random point of the walls.
 
-    The target is behind the wall by a random distance proportional to ``over``, the standard deviation of the noise.
+    The target of the contact lies behind the wall by a random distance that is proportional to ``over``, the standard deviation of
+    the noise.
     """
     wall_point(near[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
@@ -153,9 +165,9 @@ def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
 
 @kernel
 def vary(steps, k, width, world, rng, over):
-    """Change the target of a step at random by about ``width``.
+    """Change the target of step ``k`` at random by about ``width``.
 
-    The target of a contact changes along its wall by about ``width``, and across the wall by at most about ``over``.
+    The target of a contact changes along its wall by about ``width``, and across its wall by at most about ``over``.
     """
     x, y = width * rng.normal(), width * rng.normal()
     if steps.kinds[k] == CONTACT:
@@ -174,7 +186,7 @@ def vary(steps, k, width, world, rng, over):
 
 @kernel
 def play_before(steps, k, start, world, state, move):
-    """Write the state to which the steps before step k lead."""
+    """Simulate the steps of a plan before step ``k``. Write the resulting positions of the particles to ``state``."""
     copy(start, state)
     for n in range(k):
         make_move(steps, n, state, move)
@@ -183,7 +195,7 @@ def play_before(steps, k, start, world, state, move):
 
 @kernel
 def aim_near(steps, k, width, rng, state):
-    """Give a new step a random target near the present difference (adjustment) or the present midpoint (translation)."""
+    """Give the new step ``k`` a random target near the present position difference (adjustment) or midpoint (translation)."""
     for i in range(2):
         here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
         steps.targets[k, i] = here + width * rng.normal()
@@ -193,9 +205,10 @@ def aim_near(steps, k, width, rng, state):
 def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
     """Change a plan at random, in place. Return the new number of steps.
 
-    ``odds`` are the cumulative probabilities of five changes: change one or two targets; remove a step; replace a contact, perhaps
-    with the other particle as toucher; insert a contact so that the other particle is the toucher of the next adjustment; insert a
-    contact and an adjustment. Otherwise, a translation is inserted.
+    The array ``odds`` contains the cumulative probabilities of six kinds of change. The first kind changes one or two targets. The
+    second kind removes a step. The third kind replaces a contact, perhaps with the other particle as the toucher. The fourth kind
+    inserts a contact, so that the other particle is the toucher in the next adjustment. The fifth kind inserts a contact and an
+    adjustment. The sixth kind inserts a translation. A toucher is the particle that a wall holds.
     """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
@@ -250,7 +263,7 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 @kernel
 def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
-    """Return the length of a plan, infinite above a bound. With noise, return the mean number of moves instead of the length."""
+    """Return the length of a plan, or infinity above ``bound``. With noise, return the mean number of moves of the plan."""
     if noise.starts.shape[0] == 0:
         return play(steps, count, start, goal, tolerance, bound, world, state)
     return expected_moves(steps, count, goal, tolerance, noise, world, state, move)
@@ -258,9 +271,9 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 
 @kernel
 def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
-    """Try ``changes`` changes of a plan, in place. Write the best plan to ``best``. Return its number of steps and its cost.
+    """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``. Return its number of steps and its cost.
 
-    The cost is infinite if the initial plan does not end at the goal. No plan gets more than ``most`` steps.
+    The cost is infinite if the initial plan does not end at the goals. No plan has more than ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
@@ -286,6 +299,6 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
 
 @kernel
 def step_all(states, moves, world):
-    """Make one move in each of many states, in place. Each state has its own move, which moves all its particles."""
+    """Make one move in each of many simulated worlds, in place. In each world, all particles receive the world's own move."""
     for s in range(states.shape[0]):
         step(states[s], moves[s], world)
