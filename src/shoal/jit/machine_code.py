@@ -80,8 +80,8 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 def compiled_form(kinds: Any) -> Any:
     """Return a key for the compiled code. Argument types for which Numba compiles equal code have equal keys.
 
-    The key leaves out array flags that do not change the code. An array that is contiguous both in C order and in Fortran order
-    counts as an array in C order. A Python number counts as the NumPy number with equal bits.
+    The key leaves out array flags that do not change the code. An array that is contiguous in row-major order and in column-major
+    order counts as an array in row-major order. A Python number counts as the NumPy number with equal bits.
     """
     if not isinstance(kinds, tuple):
         return _SAME.get(kinds, kinds)

@@ -1,4 +1,4 @@
-"""Records: named numbers that kernels change in place, read and written as attributes both compiled and not."""
+"""Records: sets of named numbers that kernels change in place. Compiled and plain Python code use the names as attributes."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ import numpy as np
 
 
 def record_type(number: type[np.generic], *names: str) -> np.dtype[Any]:
-    """Return the type of a record whose fields are all numbers of one kind."""
+    """Return the type of a record whose fields are all numbers of one type."""
     return np.dtype([(name, number) for name in names])
 
 
 def new_record(kind: np.dtype[Any], **values: float) -> Any:
-    """Return a record with 0 for every field without a given value.
+    """Return a record with the given values. Every other field is 0.
 
     Examples
     --------

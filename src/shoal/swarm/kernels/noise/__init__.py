@@ -1,1 +1,1 @@
-"""Noisy particles, the belief from noisy scans, and whole episodes with noise."""
+"""Kernels for particles that slip, for the belief from noisy scans, and for whole episodes with noise."""

@@ -1,10 +1,11 @@
-"""Whole episodes with noise: closest-frontier with a new plan after each scan, and a guard that ends every episode.
+"""Whole episodes with noise: the policy closest-frontier plans a path after each scan, and a guard ends every episode.
 
-The number of commands sent from each plan is limited by the scan rule and by the length of the plan. Then a scan follows.
+The scan rule and the length of the path limit the number of commands between two scans.
 
-A cell counts as progress when it is classified for the first time, however often the belief changes later. A budget of moves
-depends on the path to the target. If there is no progress within the budget, the target is given up permanently. A cell can
-count as progress only once and be given up only once, so every episode ends.
+A cell counts as progress when it is classified for the first time, even if the belief about the cell changes later. The guard gives
+the path to a target a budget of moves, which grows with the length of the path. Without progress within the budget, the guard gives
+up the target cell for the rest of the episode. Every episode ends, because each cell can count as progress only once, and can be
+given up only once.
 """
 
 from __future__ import annotations
@@ -23,26 +24,26 @@ from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 RUNNING, COMPLETE, STALLED = 0, 1, 2
 MEMORY = record_type(
     np.int64,
-    "budget",  # moves left without progress; -1: not computed yet
+    "budget",  # number of moves that the guard still allows without progress, or -1 before the first plan
     "remaining",  # number of frontier cells
-    "undecided",  # number of cells given up
-    "wakes",  # number of commands planned by `wake`
-    "at", "left",  # index in the plan, and commands of it to send before the next scan
+    "undecided",  # number of cells that the guard has given up
+    "wakes",  # number of commands that `wake` has planned
+    "at", "left",  # index of the next command in the plan; number of commands before the next scan
 )  # fmt: skip
-PATIENCE, TIMES = 50, 5  # the budget for a path of d moves: PATIENCE + TIMES d
+PATIENCE, TIMES = 50, 5  # the budget for a path of d moves is PATIENCE + TIMES * d moves
 
 
 class ProgressGuard(NamedTuple):
-    """The progress guard, which ensures that every episode ends."""
+    """The progress guard, which ensures that every episode with noise ends."""
 
     classified: NDArray[np.uint64]  # cells that have ever been classified
-    given_up: NDArray[np.uint64]
+    given_up: NDArray[np.uint64]  # target cells that the guard has given up
     memory: Any  # a record of MEMORY
 
 
 @in_place_kernel
 def find_frontier(field, given_up):
-    """Fill the frontier with cells beside classified free cells that are neither classified nor given up. Return their number."""
+    """Write the frontier: unclassified cells beside cells classified as free, except cells given up. Return their number."""
     cells, width, size = field.open, field.width, field.open.shape[0]
     layer = width * field.rows
     count = 0
@@ -68,7 +69,7 @@ def find_frontier(field, given_up):
 
 @in_place_kernel
 def refresh(noisy, field, guard):
-    """Write the boards of the belief. Return the number of cells classified for the first time."""
+    """Write the boards of the belief. Return the number of cells that are classified for the first time."""
     classify(noisy, field.open, field.known, field.occupied, field.width)
     fresh = 0
     for i in range(field.known.shape[0]):
@@ -80,9 +81,10 @@ def refresh(noisy, field, guard):
 
 @in_place_kernel
 def wake(field, search, guard):
-    """Plan one command, of each direction in turn, if no cell is classified as free yet.
+    """Plan one command if no cell is classified as free yet. Return the number of planned commands, 0 or 1.
 
-    With frequent errors, the first free cell needs several scans.
+    Successive calls use the directions in turn. With frequent errors, several scans may pass before the first cell is classified as
+    free.
     """
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
@@ -94,7 +96,7 @@ def wake(field, search, guard):
 
 @in_place_kernel
 def anybody(board):
-    """Return whether a board contains a cell."""
+    """Return whether a board contains at least one cell."""
     some = ZERO
     for word in board:
         some |= word
@@ -103,9 +105,9 @@ def anybody(board):
 
 @in_place_kernel
 def choose(field, search, guard, most):
-    """Plan the path to the nearest frontier cell, giving up cells that take too long.
+    """Plan the path to the nearest frontier cell. Give up frontier cells whose budget of moves is used up.
 
-    Return the number of commands to send before the next scan, at most ``most``; 0 if there is no path.
+    Return the number of commands to send before the next scan, at most ``most``, or 0 without a path.
     """
     memory = guard.memory
     if memory.remaining == 0:
@@ -132,10 +134,10 @@ def choose(field, search, guard, most):
 
 @in_place_kernel
 def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
-    """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+    """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED).
 
-    A scan follows after at most ``every`` commands, and after the last of ``limit`` commands. ``limit`` is at least the length of
-    the trace.
+    A scan follows after at most ``every`` commands, and after command number ``limit``. The trace has space for at most ``limit``
+    commands.
     """
     memory = guard.memory
     for move in range(trace.commands.shape[0]):
@@ -155,7 +157,7 @@ def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
 
 @in_place_kernel
 def step_noisy(noisy, field, guard, rng, trace, move):
-    """Send the trace's command of a move, scan if the trace has a scan there, and fill the other columns."""
+    """Send the trace's command of one move, scan if ``trace.scanned`` is true for the move, and write the results to the trace."""
     command = trace.commands[move]
     trace.travelled[move] = move_noisy(noisy, command, rng)
     if trace.scanned[move]:
@@ -169,6 +171,6 @@ def step_noisy(noisy, field, guard, rng, trace, move):
 
 @in_place_kernel
 def follow_noisy(noisy, field, guard, rng, trace):
-    """Replay: send the commands of the trace with its scans, without planning."""
+    """Replay an episode: send the commands of the trace and repeat its scans, without planning."""
     for move in range(trace.commands.shape[0]):
         step_noisy(noisy, field, guard, rng, trace, move)

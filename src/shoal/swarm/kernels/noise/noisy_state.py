@@ -1,13 +1,13 @@
-"""Particles that slip or are observed wrongly, and the Bayes filter for noisy scans.
+"""Particles with noise (they slip, and scans may show them wrongly), and the Bayes filter for noisy scans.
 
-Arrays are flat, over the workspace with a border of three cells: the rim, which is probed like other walls, and two more cells that
-are never free. So neighbours need no bounds test. For each command, the cells ahead in its direction are processed before the cells
-behind them.
+All arrays are flat, over the workspace with a border of three cells. The inner border is the rim, whose cells particles try to
+enter like other walls. The two outer borders are never free, so kernels need no bounds test for neighbours. For each command,
+kernels process the cells ahead of a cell before the cell.
 
-For each cell the belief contains the log-odds that it is free, and the probability that it holds a particle. A move with its scan
-updates both in two passes. The first pass computes where particles may have moved. The second applies Bayes' rule to each cell
-together with the cell behind it, from which a particle may have tried to enter. The two detections are weighed together, because a
-particle that could not enter is still in the cell behind.
+For each cell, the belief contains the log-odds that the cell is free, and the probability that the cell holds a particle. A move
+with its scan updates the log-odds and the probabilities in two passes. The first pass predicts where particles may have moved. The
+second pass applies Bayes' rule to each cell together with the cell behind it, from which a particle may have tried to enter. Bayes'
+rule uses the detections in both cells, because a particle that could not enter the cell is still in the cell behind.
 """
 
 from __future__ import annotations
@@ -21,40 +21,43 @@ from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO
 from shoal.swarm.kernels.records import record_type
 
-FAINT = 1e-5  # particles with a lower probability are dropped
-LOST = 1e-4  # probability that a particle lost by the belief appears in a cell
-CLUTTER = 1e-6  # probability of a detection without a particle
-SURE = 14.0  # maximum absolute log-odds: nothing is certain
-LEAP = 8.0  # maximum change of log-odds by one scan
+FAINT = 1e-5  # the belief sets lower probabilities of a particle to 0
+LOST = 1e-4  # probability that a particle appears in a cell where the belief expects no particle
+CLUTTER = 1e-6  # probability that a scan shows a particle in a cell without a particle
+SURE = 14.0  # maximum absolute log-odds, so that the state of a cell is never certain
+LEAP = 8.0  # maximum change of the log-odds of a cell by one scan
 RATES = record_type(np.float64, "slip", "misplace", "miss", "bound")  # bound: log-odds from which a cell counts as classified
 
 
 class NoisyState(NamedTuple):
-    """The true state of a simulation, and the belief; flat arrays over the padded workspace, changed in place."""
+    """The true state of a simulation with noise, and the belief. Kernels change the arrays in place.
+
+    All arrays except ``offsets`` are flat arrays over the workspace with a border of three cells.
+    """
 
     truth: NDArray[np.bool_]  # free cells
     there: NDArray[np.bool_]  # true cells of the particles
-    seen: NDArray[np.bool_]  # detections of the last scan
-    logit: NDArray[np.float64]  # log-odds that a cell is free
-    inside: NDArray[np.float64]  # probability that a cell holds a particle
+    seen: NDArray[np.bool_]  # cells in which the last scan shows a particle
+    logit: NDArray[np.float64]  # log-odds that the cell is free
+    inside: NDArray[np.float64]  # probability that the cell holds a particle
     staying: NDArray[np.float64]  # probability that a particle in the cell stays
-    moved: NDArray[np.float64]  # probability of a particle after the move, before the scan
-    offsets: NDArray[np.int64]  # offset of the neighbour in the direction of each command
+    moved: NDArray[np.float64]  # probability that the cell holds a particle after the move, before the scan
+    offsets: NDArray[np.int64]  # for each command, the index of the next cell minus the index of the cell
     rates: Any  # a record of RATES
-    layers: int  # shape of the board's window
+    layers: int  # shape of the workspace with a rim of one cell: layers, rows, columns
     rows: int
     columns: int
 
 
 @in_place_kernel
 def chance(logit):
-    """Return the probability for log-odds."""
+    """Return the probability that belongs to log-odds."""
     return 1.0 / (1.0 + np.exp(-logit))
 
 
 @in_place_kernel
 def first_and_step(size, offset):
-    """Return (first cell, step) for the order in which cells ahead come before those behind."""
+    """Return (first cell, step) for a loop over all cells that processes the cells ahead before the cells behind."""
     if offset > 0:
         return size - 1, -1
     return 0, 1
@@ -62,7 +65,7 @@ def first_and_step(size, offset):
 
 @in_place_kernel
 def move_noisy(noisy, command, rng):
-    """Move the particles by the rule block. Each particle slips with the slip probability. Return the number of moved particles."""
+    """Move the particles by the rule block, where each particle may slip. Return the number of particles that moved."""
     offset = noisy.offsets[command]
     at, step = first_and_step(noisy.there.shape[0], offset)
     there, slip, travelled = noisy.there, noisy.rates.slip, 0
@@ -77,7 +80,10 @@ def move_noisy(noisy, command, rng):
 
 @in_place_kernel
 def look(noisy, rng):
-    """Fill ``seen``: each particle is missed, seen in a random neighbouring cell, or seen in its own cell."""
+    """Make a noisy scan. The scan misses a particle, shows it in a random neighbouring cell, or shows it in its own cell.
+
+    Write the detections to ``seen``.
+    """
     there, seen, misplace, miss = noisy.there, noisy.seen, noisy.rates.misplace, noisy.rates.miss
     seen[:] = False
     for at in range(there.shape[0]):
@@ -94,7 +100,7 @@ def look(noisy, rng):
 
 @in_place_kernel
 def first_belief(noisy):
-    """Initialize the belief from the first scan: a detection is a particle in this cell, or a misplaced particle."""
+    """Initialize the belief from the first scan. Each detection is a particle in the cell or a misplaced particle."""
     misplace, miss = noisy.rates.misplace, noisy.rates.miss
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
@@ -108,7 +114,7 @@ def first_belief(noisy):
 
 @in_place_kernel
 def foresee(noisy, command):
-    """Fill ``staying`` and ``moved``: the predicted positions of particles after a command, before the scan."""
+    """Predict the particles after a command, before the scan. Write the predicted probabilities to ``staying`` and ``moved``."""
     inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
     offset, slip = noisy.offsets[command], noisy.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
@@ -128,7 +134,7 @@ def foresee(noisy, command):
 
 @in_place_kernel
 def spread_noisy(noisy, command):
-    """Process a command without a scan: the predicted positions become the belief, and no cell becomes better known."""
+    """Process a command without a scan: the belief takes the predicted probabilities of particles, and keeps the log-odds."""
     foresee(noisy, command)
     for at in range(noisy.inside.shape[0]):
         noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
@@ -136,7 +142,10 @@ def spread_noisy(noisy, command):
 
 @in_place_kernel
 def stray(noisy, at, but):
-    """Return the probability that a scan shows a particle of a neighbouring cell, except ``but``, in this cell."""
+    """Return the probability that a scan shows a particle of a neighbouring cell in the cell ``at``.
+
+    The neighbouring cell ``but`` does not count.
+    """
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
     none = 1.0 - CLUTTER
     for offset in noisy.offsets:
@@ -147,9 +156,10 @@ def stray(noisy, at, but):
 
 @in_place_kernel
 def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
-    """Return the probability of two detections, given whether particles are behind and here after the move.
+    """Return the probability of the detections in a cell and in the cell behind it, given the particles in the two cells.
 
-    A scan shows a particle in its own cell with the probability ``hit``, and in each neighbouring cell with ``share``.
+    ``behind`` and ``here`` tell whether the two cells hold particles after the move. A scan shows a particle in its own cell with
+    the probability ``hit``, and in each neighbouring cell with the probability ``share``.
     """
     neither = (1.0 - stray_behind) * (1.0 - stray_here)
     not_behind, not_here = 1.0 - stray_behind, 1.0 - stray_here
@@ -168,7 +178,10 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
 
 @in_place_kernel
 def weigh(noisy, at, offset):
-    """Weigh the detections in a cell and behind it; return (gain in log-odds that it is free, probability of a particle in it)."""
+    """Apply Bayes' rule to a cell and the cell behind it, from which a particle may have tried to enter.
+
+    Return (change of the cell's log-odds, probability of a particle in the cell).
+    """
     inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
     miss, misplace = noisy.rates.miss, noisy.rates.misplace
     hit, share = (1.0 - miss) * (1.0 - misplace), (1.0 - miss) * misplace / noisy.offsets.shape[0]
@@ -179,7 +192,7 @@ def weigh(noisy, at, offset):
     next_coming = inside[behind - offset] * (1.0 - slip) if coming > 0.0 else 0.0
     stay = noisy.staying[at] if taken > 0.0 else 0.0
     if seen[at] and noisy.moved[at] < LOST * free:
-        coming = max(coming, LOST)  # a particle that the belief has lost
+        coming = max(coming, LOST)  # a particle that the belief does not know may have come from behind
     a, b = stray(noisy, behind, at), stray(noisy, at, behind)
     held = coming + (1.0 - coming) * next_coming  # probability of a particle behind if no particle can enter the cell
     gone = coming * (1.0 - slip)
@@ -202,12 +215,12 @@ def weigh(noisy, at, offset):
 
 @in_place_kernel
 def learn_noisy(noisy, command):
-    """Process a scan after one command."""
+    """Update the belief with the scan after one command."""
     foresee(noisy, command)
     offset = noisy.offsets[command]
     size = noisy.inside.shape[0]
     inside, moved, seen = noisy.inside, noisy.moved, noisy.seen
-    after = noisy.staying  # each entry is read once, for its own cell, before it is overwritten
+    after = noisy.staying  # the loop reads each entry of ``staying`` once, before it overwrites the entry
     first, last = max(2 * offset, -offset), min(size - offset, size + 2 * offset)
     after[:first] = 0.0
     after[last:] = 0.0
@@ -225,7 +238,11 @@ def learn_noisy(noisy, command):
 
 @in_place_kernel
 def classify(noisy, open_words, known_words, occupied_words, width):
-    """Write boards of the belief: cells classified as free, all classified cells, and cells that probably hold a particle."""
+    """Write three boards of the belief: free cells, classified cells, and cells that probably hold a particle.
+
+    A classified cell is known to be free or known to be an obstacle, with log-odds beyond the bound. A cell that probably holds a
+    particle has a probability above 0.5.
+    """
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
     pad = 0 if noisy.layers == 1 else 2
     for layer in range(noisy.layers):

@@ -1,1 +1,1 @@
-"""Shortest paths of particles: to the frontier, by tilts, and in order of distance."""
+"""Shortest paths of particles: to frontier cells, by tilts to frontier cells, and to all cells in the order of path length."""

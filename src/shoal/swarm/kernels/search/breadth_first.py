@@ -1,4 +1,4 @@
-"""Cells in order of their path length from a start cell."""
+"""The cells nearest to a start cell, in the order of their path lengths."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from shoal.jit import kernel
 
 @kernel
 def nearest_cells(free, offsets, start, count):
-    """Return up to ``count`` free cells connected to ``start``, nearest first, as flat indices in breadth-first order.
+    """Return up to ``count`` free cells connected to ``start`` as flat indices, in the order of their path length from ``start``.
 
-    Neighbours are visited in the order of ``offsets``. No cell of the rim may be free.
+    The breadth-first search visits neighbours in the order of ``offsets``. No cell at the border of the grid may be free.
     """
     reached = np.zeros(free.shape[0], dtype=np.bool_)
     queue = np.empty(count, dtype=np.int64)

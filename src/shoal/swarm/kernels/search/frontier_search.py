@@ -1,8 +1,11 @@
-"""Breadth-first search by dilation: the nearest frontier cell and the commands that reach it.
+"""Breadth-first search on sets of cells: the nearest frontier cell, and the commands that bring a particle to this cell.
 
-A level of the search is a board. The next level is its dilation within the known free cells, which costs about as much as a move.
-The whole path is sent before the next search, so planning never costs more than moving. For tracing the path back, only the
-distance modulo 3 of each cell is stored (three boards), so memory does not grow with the length of the path.
+A board is a set of cells, packed into words of 64 bits. All cells at one path length from the particles form a level of the search,
+and a level is a board. The dilation of a level, limited to known free cells, gives the next level. One dilation costs about as much
+time as one move. The particles follow the whole path before the next search, so planning costs no more time than moving.
+
+To trace the path back, the search stores each cell's path length modulo 3, in three boards. Therefore, the memory does not grow
+with the length of the path.
 """
 
 from __future__ import annotations
@@ -17,26 +20,27 @@ from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.dynamics.moves import BLOCK_WORDS, DOWN, IN, LEFT, OUT, RIGHT, UP
 
 COLUMN_MAJOR, ROW_MAJOR = 0, 1
-SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
+SEEN, GOALS, WAVE, NEXT, MOD = 0, 1, 2, 3, 4  # planes; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
 
 
 class Search(NamedTuple):
-    """Working memory and options of a search."""
+    """Working memory and options of a frontier search."""
 
     planes: NDArray[np.uint64]  # (7, words of a board)
-    plan: NDArray[np.int8]  # the commands found, first to last
-    neighbours: NDArray[np.int8]  # the commands in the order in which neighbours are expanded
-    parents: NDArray[np.int8]  # the commands in the order in which the cells from which they lead are expanded
-    columns: NDArray[np.uint64]  # (words of a row,)
+    plan: NDArray[np.int8]  # the commands of the path, from first to last
+    neighbours: NDArray[np.int8]  # the commands in the order in which the search visits neighbours
+    parents: NDArray[np.int8]  # the commands in the order in which the search expands their source cells
+    columns: NDArray[np.uint64]  # working memory, (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
 
 
 @in_place_kernel
 def dilate(words, within, out, first, last, field):
-    """Write to ``out`` the cells of ``within`` that have a neighbour in ``words``, for words ``first`` to ``last - 1``.
+    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board ``words``.
 
-    Slices that start at 0 avoid tests for negative indices in the loop; only then can it be vectorized.
+    The kernel processes the words from ``first`` to ``last - 1``. The slices avoid tests for negative indices in the loops, so that
+    the compiler can vectorize the loops.
     """
     width = field.width
     here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
@@ -63,7 +67,7 @@ def meets(one, other):
 
 @in_place_kernel
 def start_planes(planes, sources):
-    """Set the planes to distance 0 at the board ``sources``."""
+    """Start a search at the cells of the board ``sources``, which have the path length 0."""
     seen, wave, near = planes[SEEN], planes[WAVE], planes[MOD]
     for i in range(sources.shape[0]):
         seen[i] = sources[i]
@@ -77,7 +81,10 @@ def start_planes(planes, sources):
 
 @in_place_kernel
 def expand(field, planes, first, last, level):
-    """Replace WAVE by the next level in words ``first`` to ``last - 1`` (the level has no others). Return whether it is empty."""
+    """Replace the level in WAVE by the next level of the search. Return whether the next level is empty.
+
+    The kernel processes the words from ``first`` to ``last - 1``. No other word may contain cells of the next level.
+    """
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
     seen, mark = planes[SEEN, first:last], planes[MOD + level % 3, first:last]
@@ -93,7 +100,7 @@ def expand(field, planes, first, last, level):
 
 @in_place_kernel
 def row_range(words, width, first, last):
-    """Return the first and last nonempty row of a board among the rows ``first`` to ``last``."""
+    """Return the first and the last row of a board that contain cells, among the rows ``first`` to ``last``."""
     while first < last:
         some = ZERO
         for k in range(width):
@@ -113,9 +120,12 @@ def row_range(words, width, first, last):
 
 @in_place_kernel
 def common_columns(one, other, columns):
-    """Add to ``columns``, one row of words, the columns in which two boards (or equal rows of them) have a common cell."""
+    """Add to ``columns``, a row of words, the columns in which two boards have a common cell.
+
+    Instead of whole boards, the arguments may be equal ranges of rows.
+    """
     width = columns.shape[0]
-    if width < 8:  # a row is too short for vector instructions, so each word of the row is done for all rows
+    if width < 8:  # a row is too short for vector instructions, so the outer loop is over the words of a row
         for k in range(width):
             common = columns[k]
             for i in range(k, one.shape[0], width):
@@ -130,7 +140,7 @@ def common_columns(one, other, columns):
 
 @in_place_kernel
 def first_cell(field, search, one, other):
-    """Return (row, column) of the first common cell of two boards in the order of expansion. There must be one.
+    """Return (row, column) of the first common cell of two boards, in the order of expansion. There must be a common cell.
 
     ``search.columns`` must contain the columns of all common cells.
     """
@@ -164,7 +174,7 @@ def first_cell(field, search, one, other):
 
 @in_place_kernel
 def ahead(row, column, command, rows):
-    """Return the cell one step from (row, column)."""
+    """Return the cell (row, column) that is one step from the cell (row, column) in the direction of a command."""
     if command == LEFT:
         return row, column - 1
     if command == RIGHT:
@@ -190,7 +200,7 @@ def opposite(command):
 
 @in_place_kernel
 def trace_back(field, search, row, column, level):
-    """Write the plan from level 0 to the goal cell at ``level`` and on to the frontier. Return its length."""
+    """Write the plan from a source through a goal cell at ``level`` to a frontier cell. Return the length of the plan."""
     plan, width = search.plan, field.width
     for command in search.neighbours:
         r, c = ahead(row, column, command, field.rows)
@@ -211,11 +221,10 @@ def trace_back(field, search, row, column, level):
 
 @in_place_kernel
 def find_goals(field, search, sources, first, last):
-    """Fill GOALS with the known free cells beside the frontier in words ``first`` to ``last - 1``.
+    """Fill GOALS with the known free cells beside the frontier, in the words ``first`` to ``last - 1``.
 
-    Return whether a source is among them.
-
-    The loop uses blocks that fit the cache, so that new words are compared with the sources before they leave the cache.
+    Return whether a source cell is beside the frontier. The loop processes blocks that fit into the processor's cache, so that it
+    compares new words with the sources before they leave the cache.
     """
     goals, width = search.planes[GOALS], field.width
     found = False
@@ -231,14 +240,14 @@ def find_goals(field, search, sources, first, last):
 
 @in_place_kernel
 def nearest(field, search, sources):
-    """Search from the board ``sources`` to the nearest frontier cell. Write the plan and return its length, 0 if there is none.
+    """Search the shortest path from the board ``sources`` to a frontier cell. Return its length, or 0 without a path.
 
-    Ties: cells of equal distance are expanded in the order ``search.order``, and their neighbours in the order
-    ``search.neighbours``.
+    Write the commands of the path to ``search.plan``. The search expands cells of equal path length in the order ``search.order``,
+    and visits their neighbours in the order ``search.neighbours``.
     """
     planes, width = search.planes, field.width
     goals, wave = planes[GOALS], planes[WAVE]
-    reach = field.rows if field.layers > 1 else 1  # rows from a cell to its farthest neighbour
+    reach = field.rows if field.layers > 1 else 1  # number of rows between a cell and its farthest neighbour
     bottom, top = reach, field.layers * field.rows - 1 - reach
     for k in range(width):
         search.columns[k] = ZERO

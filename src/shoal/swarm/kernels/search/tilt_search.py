@@ -1,4 +1,4 @@
-"""Search under the rule tilt, where a command slides a particle to the end of its corridor: over stop cells, with a queue."""
+"""Breadth-first search under the rule tilt, where a command slides a particle until a wall stops it. The nodes are stop cells."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from shoal.swarm.kernels.search.frontier_search import COLUMN_MAJOR, ahead
 
 
 class Slides(NamedTuple):
-    """Working memory of the tilt search, with one entry per cell of the window: row * columns + column."""
+    """Working memory of the tilt search. Except for ``queue``, the index of an entry is row * columns + column of a cell."""
 
-    origin: NDArray[np.int64]  # the previous stop cell; -1 if not reached, the cell itself for a source
-    command: NDArray[np.int8]  # the command from the previous stop cell
-    queue: NDArray[np.int64]  # keys in the order of expansion
+    origin: NDArray[np.int64]  # the previous stop cell on the path; -1 for a cell that is not reached, the cell itself for a source
+    command: NDArray[np.int8]  # the command from the previous stop cell to the cell
+    queue: NDArray[np.int64]  # ranks of cells, in the order of expansion
 
 
 @in_place_kernel
@@ -31,7 +31,7 @@ def key_of(row, column, field, columns, order):
 
 @in_place_kernel
 def cell_of(key, field, columns, order):
-    """Return the cell (row, column) of a rank. This is the inverse of `key_of`."""
+    """Return the cell (row, column) with a given rank in the order of expansion. This function is the inverse of `key_of`."""
     layer, rest = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
         return layer * field.rows + rest % field.rows, rest // field.rows
@@ -40,7 +40,10 @@ def cell_of(key, field, columns, order):
 
 @in_place_kernel
 def slide(field, row, column, command, mapping):
-    """Slide through known free cells; return (row, column, goal): the end, and whether it reaches the frontier."""
+    """Slide a particle through known free cells. Return (row, column, goal).
+
+    ``row`` and ``column`` are the stop cell of the slide. ``goal`` tells whether the slide reaches the frontier.
+    """
     goal = False
     while True:
         r, c = ahead(row, column, command, field.rows)
@@ -52,7 +55,7 @@ def slide(field, row, column, command, mapping):
 
 @in_place_kernel
 def enqueue_sources(field, search, slides, sources):
-    """Start the queue with the cells of a board. Return their number."""
+    """Start the queue with the cells of the board ``sources``. Return the number of cells."""
     columns = field.width * 64
     for i in range(slides.origin.shape[0]):
         slides.origin[i] = -1
@@ -70,7 +73,7 @@ def enqueue_sources(field, search, slides, sources):
 
 @in_place_kernel
 def write_plan(search, slides, cell, command):
-    """Write the commands from the source to ``cell`` and then ``command``. Return their number."""
+    """Write to the plan the commands from the source to ``cell``, followed by ``command``. Return the number of commands."""
     length, at = 1, cell
     while slides.origin[at] != at:
         length += 1
@@ -84,7 +87,7 @@ def write_plan(search, slides, cell, command):
 
 @in_place_kernel
 def sort(keys, first, last):
-    """Sort keys[first:last] in place (Shell's method, because a library sort takes seconds to compile)."""
+    """Sort keys[first:last] in place by Shell's method, because Numba needs seconds to compile a library sort."""
     gap = (last - first) // 2
     while gap > 0:
         for i in range(first + gap, last):
@@ -99,7 +102,7 @@ def sort(keys, first, last):
 
 @in_place_kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):
-    """Search the fewest tilts from the board ``sources`` to a frontier cell. Return the length of the plan, 0 if there is none."""
+    """Search the fewest tilts from the board ``sources`` to a frontier cell. Return the number of tilts, or 0 without a path."""
     columns = field.width * 64
     first, last = 0, enqueue_sources(field, search, slides, sources)
     while first < last:

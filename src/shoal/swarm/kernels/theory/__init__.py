@@ -1,1 +1,1 @@
-"""Random samples of particles on a line, and minimum numbers of commands per direction."""
+"""Kernels for theory: random samples of particles on a line, and minimum numbers of commands for lower bounds."""

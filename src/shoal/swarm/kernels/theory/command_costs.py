@@ -1,7 +1,7 @@
-"""Minimum numbers of commands of each direction that a particle needs to reach cells: the parts of lower bounds.
+"""Minimum numbers of commands in one direction that particles need to reach cells. Lower bounds for episodes use these numbers.
 
-Cells are plain arrays, row by row with a rim: cell + offset is the next cell. A wall may be entered, which probes it, but no path
-continues from there.
+The grids are flat arrays with a rim: the index of the next cell is the index of a cell plus an offset. A particle may try to enter
+a wall, which classifies the wall, but no path continues from a wall.
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ FAR = 1 << 30
 
 @in_place_kernel
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
-    """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` (and any others) reach every wanted cell.
+    """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` are enough to reach every wanted cell.
 
-    For each a in turn, b is the largest number of commands ``forth`` that any cell needs with at most a commands ``back``.
+    Commands of all other directions cost nothing. For each number a in turn, b is the largest number of commands ``forth`` that any
+    wanted cell needs with at most a commands ``back``.
     """
     best = FAR
     for cell in range(costs.shape[0]):
@@ -40,10 +41,10 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Lower ``costs``, int64, to the fewest commands ``paid`` with which each cell can be reached without the command ``barred``.
+    """Lower ``costs`` to the fewest commands ``paid`` with which a path without the command ``barred`` reaches each cell.
 
-    ``costs`` contains each cell's initial cost, FAR if a path cannot begin there. Other commands cost nothing. A ``paid`` of -1
-    means all commands, a ``barred`` of -1 none.
+    At the start, ``costs``, int64, contains the initial cost of each cell, or FAR if a path cannot begin at the cell. Other
+    commands cost nothing. If ``paid`` is -1, all commands cost 1. If ``barred`` is -1, a path may use all commands.
     """
     level = 0
     while True:

@@ -1,4 +1,4 @@
-"""Random placements of particles on a line, and their numbers of moves."""
+"""Random placements of particles on a line, and the numbers of moves for each placement."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ COLUMNS = 7
 
 @in_place_kernel
 def place(draws, cells, words, complement):
-    """Fill ``words`` with the subset of 0 .. cells-1 that Floyd's algorithm makes from ``draws``, or with its complement.
+    """Fill ``words`` with a random subset of the cells 0 .. cells-1 by Floyd's algorithm, or with the complement of the subset.
 
-    ``draws[i]`` must be uniform on 0 .. cells - draws.size + i. Then all subsets are equally likely.
+    The random number ``draws[i]`` must be uniform on 0 .. cells - draws.size + i. All subsets of ``draws.size`` cells are then
+    equally likely.
     """
     for i in range(words.shape[0]):
         words[i] = ZERO
@@ -34,7 +35,7 @@ def place(draws, cells, words, complement):
 
 @in_place_kernel
 def measure(words, cells, row):
-    """Write the columns of one placement; ``docs/concepts/line.md`` has the formulas."""
+    """Write one table row with the numbers of moves and the gaps of a placement. ``docs/concepts/line.md`` has the formulas."""
     before, last, widest, most, bent = 0, 0, 0, 0, False
     for i in range(words.shape[0]):
         word = words[i]
@@ -46,7 +47,7 @@ def measure(words, cells, row):
             else:
                 gap = position - last - 1
                 widest = max(widest, gap)
-                # While moving left, all particles to the right of the first gap move one cell further, so this gap becomes one cell
+                # The last move to the left also moves the particles to the right of the first gap, so this gap becomes one cell
                 # smaller.
                 if gap > 0 and not bent:
                     bent = True
@@ -65,7 +66,7 @@ def measure(words, cells, row):
 
 @in_place_kernel
 def trials(draws, cells, words, complement, table):
-    """Place and measure once for each row of ``draws``. Each result is a row of ``table``."""
+    """Place the particles and measure the placement once for each row of ``draws``. Write each result to a row of ``table``."""
     for trial in range(draws.shape[0]):
         place(draws[trial], cells, words, complement)
         measure(words, cells, table[trial])
