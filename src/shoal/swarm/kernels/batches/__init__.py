@@ -1,1 +1,1 @@
-"""Kernels for many worlds at once: starts, steps with one command per world, and observations as bytes."""
+"""Kernels for many worlds at once: starts, steps with one command for each world, and observations as bytes."""

@@ -1,4 +1,4 @@
-"""Observations of many worlds besides planes: windows, sums over the particles, and paths to the frontier."""
+"""Observations of many worlds: windows around cells, sums over the particles, and paths to the frontier."""
 
 from __future__ import annotations
 
@@ -10,15 +10,16 @@ from shoal.swarm.kernels.batches.worlds import field_of_world
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest, popcount
 from shoal.swarm.kernels.search.frontier_search import ahead, nearest
 
-PROBING, MOVING = 0, 1  # number of measures per command
-SUM, SQUARES = 0, 1  # number of measures per axis
+PROBING, MOVING = 0, 1  # indices of the measures for each command
+SUM, SQUARES = 0, 1  # indices of the measures for each axis
 
 
 @in_place_kernel
 def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
-    """Write the cells around a layer, row and column of each world to ``out``, uint8, (worlds, planes, layers, rows, columns).
+    """Write to ``out`` the cells around a centre cell of each world; uint8, shape (worlds, planes, layers, rows, columns).
 
-    Cells beyond the boards, which are ``columns`` wide, appear as obstacles.
+    The centre of a window is given as layer, row and column. Cells beyond the ``columns`` columns of the boards appear as
+    obstacles, as do cells beyond their layers and rows.
     """
     depth, height, side = out.shape[2], out.shape[3], out.shape[4]
     for i in range(first, last):
@@ -45,12 +46,12 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
 
 @in_place_kernel
 def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
-    """Compute sums over the particles of each world.
+    """Compute sums over the particles of each world, and write the sums to three arrays.
 
-    The kernel fills three arrays. ``commands``, int64, (worlds, commands, 2): the number of particles that would enter a frontier
-    cell, and the number whose next cell is not a known obstacle and holds no particle. ``axes``, (worlds, 3, 2): the sums of
-    layers, rows and columns, and of their squares. ``totals``, (worlds, 3): the numbers of particles, of frontier cells, and of
-    known or frontier cells.
+    ``commands``, int64, (worlds, commands, 2): the number of particles that would enter a frontier cell, and the number of
+    particles whose next cell is not a known obstacle and holds no particle. ``axes``, (worlds, 3, 2): the sums of the particles'
+    layers, rows and columns, and the sums of the squares. ``totals``, (worlds, 3): the number of particles, the number of frontier
+    cells, and the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
     for i in range(first, last):
@@ -85,9 +86,9 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
 
 @in_place_kernel
 def find_nearest(worlds, chosen, work, search, found, first, last):
-    """Write length, first command and end of each world's shortest path to the frontier to ``found``, int64, (worlds, 5).
+    """Write to ``found`` the length, first command and end of the shortest path to the frontier in each world; int64, (worlds, 5).
 
-    The end is given as layer, row and column. Without a path, all values are 0.
+    The end of a path is given as layer, row and column. Without a path, all values are 0.
     """
     for i in range(first, last):
         field = field_of_world(worlds, chosen[i], work)

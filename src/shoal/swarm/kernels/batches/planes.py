@@ -1,4 +1,4 @@
-"""Boards as bytes: one plane of 0 and 1 per kind of cell, as input for learning."""
+"""Boards as bytes, as input for learning: one plane of values 0 and 1 for each kind of cell."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PARTICLES, FREE, OBSTACLES, FRONTIER, UNKNOWN, MAP = 0, 1, 2, 3, 4, 5
 
 @in_place_kernel
 def word_of(worlds, world, word, plane):
-    """Return one word of the board that a plane represents."""
+    """Return one word (64 cells) of the board that a plane shows."""
     if plane == PARTICLES:
         return worlds.occupied[world, word]
     if plane == FREE:
@@ -29,7 +29,7 @@ def word_of(worlds, world, word, plane):
 
 @in_place_kernel
 def write_planes(worlds, chosen, planes, out, first, last):
-    """Write planes of the worlds ``chosen[first:last]`` to ``out``, uint8, (worlds, planes, layers x rows, columns)."""
+    """Write planes of the worlds ``chosen[first:last]`` to ``out``, uint8, shape (worlds, planes, layers x rows, columns)."""
     rows, columns = out.shape[2], out.shape[3]
     whole = columns // 64
     for i in range(first, last):
@@ -52,7 +52,7 @@ def write_planes(worlds, chosen, planes, out, first, last):
 
 @in_place_kernel
 def count_particles(counts, cells):
-    """Write the number of particles in each cell, at most 255."""
+    """Write the number of particles in each cell to ``cells``, at most 255."""
     for row in range(cells.shape[0]):
         for column in range(cells.shape[1]):
             cells[row, column] = min(counts[row, column], 255)
@@ -60,10 +60,10 @@ def count_particles(counts, cells):
 
 @in_place_kernel
 def mark_commands(worlds, chosen, merge, masks, first, last):
-    """Mark in ``masks``, (worlds, commands), the commands for which some particle can move according to the belief.
+    """Mark in ``masks``, shape (worlds, commands), the commands for which the belief allows at least one particle to move.
 
-    A particle can move if its next cell is not a known obstacle and, except for ``merge``, holds no particle. No particle is in the
-    rim, so particles that a shift carries into another row block nothing.
+    The belief allows a particle to move if the next cell is not a known obstacle and, except for ``merge``, holds no particle. No
+    particle is in the rim, so a shift never carries a particle into another row.
     """
     width, size = worlds.width, worlds.occupied.shape[1]
     layer = width * worlds.rows

@@ -1,6 +1,7 @@
 """Many worlds, whose boards are stored one after the other. Each thread processes a range of the selected worlds.
 
-All worlds have boards of one shape. A smaller map occupies the first rows and columns, and particles cannot leave it.
+The boards of all worlds have one shape. A smaller map occupies the first rows and columns of its board, and its particles cannot
+leave these rows and columns.
 """
 
 from __future__ import annotations
@@ -17,12 +18,12 @@ from shoal.swarm.kernels.dynamics.steps import step
 
 
 class Worlds(NamedTuple):
-    """The boards of all worlds, changed in place."""
+    """The boards of all worlds. Kernels change the boards in place."""
 
-    free: NDArray[np.uint64]  # (maps, words): the true free cells
-    inside: NDArray[np.uint64]  # (maps, words): the window of each map, including a rim of one cell
-    map_of: NDArray[np.int64]  # (worlds,): row of the two arrays above
-    occupied: NDArray[np.uint64]  # (worlds, words), like the next three; see Field
+    free: NDArray[np.uint64]  # (maps, words): the true free cells of each map
+    inside: NDArray[np.uint64]  # (maps, words): the cells of each map, including a rim of one cell
+    map_of: NDArray[np.int64]  # (worlds,): row of ``free`` and ``inside`` for each world
+    occupied: NDArray[np.uint64]  # (worlds, words), as for open, known and frontier; see Field
     open: NDArray[np.uint64]
     known: NDArray[np.uint64]
     frontier: NDArray[np.uint64]
@@ -33,14 +34,14 @@ class Worlds(NamedTuple):
 
 
 class Steps(NamedTuple):
-    """The effect of the last command and the state of the episode, one entry per world, changed in place."""
+    """The effect of the last command and the state of the episode in each world. Kernels change the arrays in place."""
 
     commands: NDArray[np.int8]
     classified: NDArray[np.int32]
     frontier: NDArray[np.int32]
     travelled: NDArray[np.int64]
     moves: NDArray[np.int64]
-    limits: NDArray[np.int64]  # maximum number of moves
+    limits: NDArray[np.int64]  # maximum number of moves of each episode
     complete: NDArray[np.bool_]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
@@ -48,7 +49,7 @@ class Steps(NamedTuple):
 
 @in_place_kernel
 def field_of_world(worlds, world, work):
-    """Return the boards of one world. ``work`` provides two rows of working memory for blocks."""
+    """Return the boards of one world as a `Field`. ``work`` provides two rows of working memory."""
     return Field(
         worlds.free[worlds.map_of[world]], worlds.occupied[world], worlds.open[world], worlds.known[world], worlds.frontier[world],
         work[0], work[1], worlds.counts[world], worlds.layers, worlds.rows, worlds.width,
@@ -57,7 +58,7 @@ def field_of_world(worlds, world, work):
 
 @in_place_kernel
 def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
-    """Carry out the command of each of the worlds ``chosen[first:last]``, repeated as given by ``repeat``."""
+    """Carry out the command of each of the worlds ``chosen[first:last]``, with the numbers of repetitions in ``repeat``."""
     for i in range(first, last):
         world = chosen[i]
         steps.travelled[world] = 0
@@ -74,7 +75,7 @@ def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last)
 
 @in_place_kernel
 def note_end(steps, world):
-    """Record whether an episode has ended."""
+    """Record whether the episode of a world has ended."""
     steps.complete[world] = steps.terminated[world] = steps.frontier[world] == 0
     steps.truncated[world] = steps.frontier[world] > 0 and steps.moves[world] >= steps.limits[world]
 
@@ -83,8 +84,8 @@ def note_end(steps, world):
 def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
     """Start episodes in the worlds ``chosen[first:last]``.
 
-    ``cells`` contains the start cells (row and column) of all worlds in order; ``ends`` are the ends of each world's cells.
-    ``targets`` contains the cells to cover of each world, and is empty for mapping.
+    ``cells`` contains the start cells (row and column) of all worlds, one world after the other. ``ends`` contains, for each world,
+    the index after its last start cell. ``targets`` contains the cells to cover of each world, and is empty for mapping.
     """
     for i in range(first, last):
         world = chosen[i]

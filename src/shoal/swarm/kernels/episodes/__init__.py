@@ -1,1 +1,1 @@
-"""Whole episodes without noise: decisions of a policy, moves of the world, and the trace."""
+"""Kernels for whole episodes without noise: decisions of a policy, moves of the particles, and the trace."""

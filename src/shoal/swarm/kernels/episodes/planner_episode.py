@@ -1,4 +1,7 @@
-"""Whole episodes of planners, played in pieces as by `policy_episode`. The result does not depend on the division into pieces."""
+"""Whole episodes of planners. One call of `play_planner` plays a piece of an episode, as in `policy_episode`.
+
+The moves of the episode do not depend on the lengths of the pieces.
+"""
 
 from __future__ import annotations
 
@@ -11,13 +14,13 @@ from shoal.swarm.kernels.planning.rollout import choose_rollout
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
 
-GREEDY, ROLLOUT = 6, 7  # codes of planners; they continue the policy codes of `policy_episode`
-FADING = 8  # number of moves with classification over which prediction errors are averaged
+GREEDY, ROLLOUT = 6, 7  # codes of planners, which continue the policy codes of `policy_episode`
+FADING = 8  # number of moves that classify cells: the moving average of prediction errors covers about so many moves
 
 
 @in_place_kernel
 def choose(code, field, mapping, planner):
-    """Return the next command, or -1 if there is none."""
+    """Return the next command of the planner, or -1 if no command is left."""
     if code == GREEDY:
         return choose_greedy(field, planner)
     return choose_rollout(field, mapping, planner)
@@ -25,7 +28,10 @@ def choose(code, field, mapping, planner):
 
 @in_place_kernel
 def measure_surprise(field, planner):
-    """Count the new free cells, and those among them that were predicted as walls or not predicted."""
+    """Count the new free cells, and among them the surprises: cells that were not predicted to be free. Update the mean.
+
+    ``memory.surprise`` is the moving average of the share of surprises.
+    """
     memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
     found, surprises = 0, 0
     for i in range(before.shape[0]):
@@ -38,7 +44,7 @@ def measure_surprise(field, planner):
 
 @in_place_kernel
 def observe_outcome(field, mapping, planner, command, done):
-    """Let a planner observe the effect of its last command."""
+    """Update the memory of a planner with the effect of its last command."""
     memory = planner.memory
     memory.quiet = 0 if done > 0 else memory.quiet + 1
     if mapping and done > 0:
@@ -48,7 +54,7 @@ def observe_outcome(field, mapping, planner, command, done):
 
 @in_place_kernel
 def play_planner(code, field, rule, mapping, planner, trace):
-    """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED)."""
+    """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED)."""
     memory = planner.memory
     for move in range(trace.commands.shape[0]):
         if memory.remaining == 0:

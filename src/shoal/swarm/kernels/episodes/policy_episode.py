@@ -1,8 +1,8 @@
-"""Whole episodes in compiled code: decisions of a policy, moves of the world, and the trace.
+"""Whole episodes in compiled code: decisions of a policy, moves of the particles, and the trace.
 
-``play`` runs for a limited number of moves and can be called again, because ``PolicyState`` contains the policy's whole memory. So
-a caller can show progress, be interrupted between two calls, and enlarge traces. The result does not depend on the division into
-calls.
+Each call of ``play`` plays a limited number of moves. The next call continues the episode, because ``PolicyState`` contains the
+whole memory of the policy. Between two calls, the caller can show the progress, stop the episode, or enlarge the trace. The moves
+of the episode do not depend on the number of calls.
 """
 
 from __future__ import annotations
@@ -38,48 +38,48 @@ MEMORY = record_type(
     np.int64,
     "remaining",  # number of frontier cells
     "plan_length", "plan_at",
-    "row", "column",  # the elected particle, or the particle driven by depth-first
+    "row", "column",  # cell of the driven particle: the elected particle, or the particle of depth-first
     "target_row", "target_column",
     "trail_length", "backtracking",
     "phase", "second", "gain",  # for the policy sweep only
-    "idle",  # number of consecutive runs of commands without any effect
-    # commands left of the run, its direction, and number of previous runs in the same direction
+    "idle",  # number of consecutive runs of equal commands without any effect
+    # for the present run of equal commands: commands left, direction, number of previous runs in this direction
     "run_left", "run_command", "streak",
-    "last_run",  # steps of an adaptive plan's last run, if already chosen
-    "learnt",  # cells classified in this run
+    "last_run",  # number of commands in the last run of an adaptive plan, or 0 if not yet chosen
+    "learnt",  # number of cells that the present run has classified
     "scanned",  # whether a scan followed the last command
-    "changed",  # whether this run has moved particles or classified cells
+    "changed",  # whether the present run has moved particles or classified cells
 )  # fmt: skip
-PATIENCE = 1_000  # number of runs without effect after which the policy is stopped
+PATIENCE = 1_000  # maximum number of consecutive runs of commands without any effect, before the episode ends as stalled
 
 
 class PolicyState(NamedTuple):
-    """A policy's memory between two moves, and its working memory."""
+    """The memory of a policy between two moves, and working memory."""
 
     memory: Any  # a record of MEMORY
     search: Search
     scanning: Scanning
-    space: Slides | ElectSpace | DepthFirstSpace | None  # own memory of the policy
+    space: Slides | ElectSpace | DepthFirstSpace | None  # memory that only this policy needs
 
 
 class ElectSpace(NamedTuple):
-    """Working memory of elect-particle."""
+    """Working memory of the policy elect-particle."""
 
-    single: NDArray[np.uint64]  # a board for one cell
+    single: NDArray[np.uint64]  # a set of cells that contains only the cell of the elected particle
 
 
 class DepthFirstSpace(NamedTuple):
-    """The memory of depth-first."""
+    """The memory of the policy depth-first."""
 
-    visited: NDArray[np.uint64]  # a board: the cells visited by the driven particle
+    visited: NDArray[np.uint64]  # the set of cells that the driven particle has visited
     commands: NDArray[np.int8]  # the commands from the start cell to the cell of the driven particle
 
 
 @in_place_kernel
 def decide_elect(field, mapping, policy_state):
-    """Plan a path from the elected particle to the frontier cell nearest to it.
+    """Plan a path from the elected particle to the nearest frontier cell. Return the length of the path.
 
-    If no frontier cell is left in its part of the free space, the particle nearest to the frontier is elected instead.
+    If the elected particle cannot reach a frontier cell, the particle nearest to the frontier becomes the elected particle.
     """
     memory, search = policy_state.memory, policy_state.search
     row, column = memory.row, memory.column
@@ -100,7 +100,10 @@ def decide_elect(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_depth_first(field, mapping, policy_state):
-    """Probe an unknown neighbour, otherwise enter an unvisited cell, otherwise go back one step."""
+    """Plan one command for depth-first: into the first neighbouring cell that is unknown or unvisited, or one step back.
+
+    Return the number of planned commands, 0 or 1.
+    """
     memory, plan = policy_state.memory, policy_state.search.plan
     put(policy_state.space.visited, field.width, memory.row, memory.column)
     memory.backtracking = 0
@@ -119,9 +122,11 @@ def decide_depth_first(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_sweep(field, mapping, policy_state):
-    """Move left to the wall. Then alternate up and right until nothing moves, and down and left on the way back.
+    """Plan one command of the policy sweep. Return the number of planned commands, 0 or 1.
 
-    Repeat the way there and back while it classifies cells.
+    The policy first moves left until no particle moves. Then the policy alternates up and right until right moves no particle. On
+    the way back, the policy alternates down and left until left moves no particle. The policy repeats the way there and back while
+    the moves classify cells.
     """
     memory, plan = policy_state.memory, policy_state.search.plan
     if memory.phase == 3:
@@ -139,19 +144,22 @@ def decide_sweep(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_closest(field, mapping, policy_state):
-    """Plan the path of the nearest particle to the nearest frontier cell."""
+    """Plan the shortest path of a particle to a frontier cell. Return the length of the path, or 0 without a path."""
     return nearest(field, policy_state.search, field.occupied)
 
 
 @in_place_kernel
 def decide_tilts(field, mapping, policy_state):
-    """Plan the fewest tilts that bring a particle to the frontier."""
+    """Plan the fewest tilts that bring a particle to the frontier. Return the number of tilts, or 0 without a path."""
     return nearest_by_tilts(field, policy_state.search, policy_state.space, field.occupied, mapping)
 
 
 @in_place_kernel
 def follow(field, policy_state, command):
-    """Update the driven particle: it is now the particle in the cell that it should have entered. Return whether there is one."""
+    """Update the driven particle: it becomes the particle in the cell ahead. Return whether the cell ahead holds a particle.
+
+    If the cell ahead is empty, the driven particle has not moved.
+    """
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
     if not has(field.occupied, field.width, row, column):
@@ -162,12 +170,12 @@ def follow(field, policy_state, command):
 
 @in_place_kernel
 def notice_no_command(field, policy_state, command, travelled, done):
-    """Do nothing, for policies without memory of their last command."""
+    """Do nothing, for policies that keep no memory of their last command."""
 
 
 @in_place_kernel
 def notice_elect(field, policy_state, command, travelled, done):
-    """Update the elected particle, and request a new plan once its target is classified."""
+    """Update the elected particle. If its target cell is classified, request a new plan."""
     memory = policy_state.memory
     follow(field, policy_state, command)
     if not has(field.frontier, field.width, memory.target_row, memory.target_column):
@@ -176,7 +184,7 @@ def notice_elect(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_depth_first(field, policy_state, command, travelled, done):
-    """Update the path of the driven particle."""
+    """Update the path of the driven particle, and the set of visited cells."""
     memory, trail = policy_state.memory, policy_state.space
     if not follow(field, policy_state, command):
         return
@@ -190,7 +198,7 @@ def notice_depth_first(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_sweep(field, policy_state, command, travelled, done):
-    """Start the next phase if no particle moves any more."""
+    """Update the phase of the policy sweep. A phase ends when the last command of its cycle has moved no particle."""
     memory = policy_state.memory
     memory.gain += done
     if memory.phase == 0 or memory.second == 1:
@@ -203,7 +211,11 @@ def notice_sweep(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def end_run(field, policy_state, scan_planner, given):
-    """Return whether to scan after a run. The answer is yes unless an adaptive policy already knew the outcome."""
+    """Return whether a scan follows a run of equal commands.
+
+    If the scans are given, ``given`` decides. An adaptive policy does not scan after a run that has classified no cell. All other
+    scan rules scan after each run.
+    """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:
         return given
@@ -216,20 +228,21 @@ def end_run(field, policy_state, scan_planner, given):
 
 
 def player(decide, notice):
-    """Return the kernels begin_run and play of a policy, compiled with only the policy's own two kernels.
+    """Return the kernels begin_run and play for one policy, compiled with only the kernels ``decide`` and ``notice`` of the policy.
 
-    Each policy below has its own ``play``. The codes MANUAL (a given plan) and RANDOM (drawn commands) work with any of them.
+    Each policy of this module has its own ``play``. The codes MANUAL (a given plan) and RANDOM (commands drawn in advance) work
+    with every ``play``.
     """
 
     @in_place_kernel
     def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-        """Choose the next run. Return whether there is one."""
+        """Choose the next run of equal commands. Return whether a next run exists."""
         memory, plan, scanning = policy_state.memory, policy_state.search.plan, policy_state.scanning
         if memory.plan_at >= memory.plan_length:
             memory.plan_at, memory.last_run = 0, 0
             if code == RANDOM:
                 plan[0], memory.plan_length = draw, 1
-            elif code == MANUAL:  # the whole plan existed from the start
+            elif code == MANUAL:  # at the end of a given plan, no further command exists
                 memory.plan_length = 0
             elif scan_planner is None:
                 memory.plan_length = decide(field, mapping, policy_state)
@@ -250,7 +263,7 @@ def player(decide, notice):
         else:
             memory.streak = memory.streak + 1 if command == memory.run_command else 0
             limit, steps = interval(scanning.kind, scanning.step, memory.streak), stretch(plan, at, length)
-            # A run must not skip a change of direction. The last part of a plan leads into unknown cells and may be longer.
+            # A run must end at each change of direction. The last run of a plan may continue into unknown cells.
             steps = limit if at + steps == length and code != MANUAL else min(limit, steps)
             memory.plan_at += steps
         memory.run_left, memory.run_command, memory.learnt, memory.changed = steps, command, 0, 0
@@ -258,11 +271,11 @@ def player(decide, notice):
 
     @in_place_kernel
     def play(code, field, rule, mapping, policy_state, scan_planner, trace):
-        """Run until the trace is full or the episode ends; return (moves played, RUNNING, COMPLETE or STALLED).
+        """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED).
 
         ``scan_planner`` is None unless scans are ADAPTIVE. For RANDOM, ``trace.commands`` contains the commands, drawn in advance.
-        If scans are GIVEN, ``trace.scanned`` contains them. The effect of a run is observed only at its scan, because no decision
-        is made within a run.
+        If scans are GIVEN, ``trace.scanned`` contains the scans. The policy learns the effect of a run of equal commands only from
+        the scan after the run.
         """
         memory = policy_state.memory
         for move in range(trace.commands.shape[0]):
@@ -301,35 +314,35 @@ _play_sweep = player(decide_sweep, notice_sweep)[1]
 
 @in_place_kernel
 def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
-    """Choose the next run of closest-frontier, or of an adaptive scan rule. Return whether there is one."""
+    """Choose the next run of equal commands, for closest-frontier or an adaptive scan rule. Return whether a next run exists."""
     return _begin_closest(code, field, rule, mapping, policy_state, scan_planner, draw)
 
 
 @in_place_kernel
 def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Run closest-frontier, a given plan, or commands drawn in advance; see `play`."""
+    """Play the policy closest-frontier, a given plan, or commands drawn in advance. See `player` for the arguments."""
     return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Run closest-frontier under the rule tilt; see `play`."""
+    """Play the policy closest-frontier under the rule tilt. See `player` for the arguments."""
     return _play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_elect(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Run elect-particle; see `play`."""
+    """Play the policy elect-particle. See `player` for the arguments."""
     return _play_elect(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Run depth-first; see `play`."""
+    """Play the policy depth-first. See `player` for the arguments."""
     return _play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Run sweep; see `play`."""
+    """Play the policy sweep. See `player` for the arguments."""
     return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)

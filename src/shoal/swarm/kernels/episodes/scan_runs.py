@@ -10,21 +10,21 @@ from shoal.swarm.kernels.prediction.lookahead import Lookahead, explore, write_p
 from shoal.swarm.kernels.search.frontier_search import nearest
 
 EQUAL, DOUBLING, HYPER, ADAPTIVE, GIVEN = 0, 1, 2, 3, 4
-_LAST_DOUBLING, _LAST_HYPER = 40, 12  # longer than any map is wide
+_LAST_DOUBLING, _LAST_HYPER = 40, 12  # number of runs after which the next run is longer than any map is wide
 
 
 class Scanning(NamedTuple):
-    """The scan rule."""
+    """The scan rule of an episode."""
 
-    kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN: scans as in the log
-    step: int  # number of commands between two scans, for EQUAL
+    kind: int  # EQUAL, DOUBLING, HYPER, ADAPTIVE, or GIVEN (the scans of a stored episode)
+    step: int  # for EQUAL: number of commands between two scans
 
 
 class ScanPlanner(NamedTuple):
     """Knowledge and working memory of an adaptive policy.
 
-    For all other policies, this argument is None. Then the kernels of the adaptive policy, which are as large as all the rest, are
-    not compiled.
+    Other policies pass None instead of a ``ScanPlanner``. With None, Numba does not compile the kernels of the adaptive policy,
+    which are as large as all other kernels of an episode together.
     """
 
     gain: ExpectedGain
@@ -33,10 +33,10 @@ class ScanPlanner(NamedTuple):
 
 @in_place_kernel
 def interval(kind, step, streak):
-    """Return the length of a run after ``streak`` runs in the same direction.
+    """Return the number of commands in a run that follows ``streak`` runs in the same direction.
 
-    In one direction, EQUAL scans after k, 2k, 3k, ... commands for the step k; DOUBLING after 1, 2, 4, 8, ...; and HYPER after 1,
-    4, 27, ..., i^i.
+    In one direction, EQUAL with the step k scans after k, 2k, 3k, ... commands. DOUBLING scans after 1, 2, 4, 8, ... commands.
+    HYPER scans after 1, 4, 27, ..., i^i commands.
     """
     if kind == EQUAL:
         return step
@@ -59,11 +59,14 @@ def stretch(plan, at, length):
 
 @in_place_kernel
 def decide_adaptive(field, rule, mapping, search, scan_planner):
-    """Plan a path through known cells and a last run; return (length of the plan, steps of its last run, 0 if not yet known).
+    """Plan a path through known cells and a last run of equal commands into unknown cells.
 
-    A candidate is a run, or a path followed by one more command. The plan is the candidate with the highest expected number of
-    classified cells per cost, or the path to the nearest frontier cell if that has a higher one. For coverage, where
-    nothing is unknown, the plan is this path alone, without a scan.
+    Return (length of the plan, number of commands in the last run). The second number is 0 if the length of the last run is not yet
+    known.
+
+    A candidate is a run of equal commands, or a path followed by one more command. The plan is the candidate with the highest
+    expected number of classified cells per cost. If the path to the nearest frontier cell has a higher expected number per cost,
+    the plan is this path. In coverage, no cell is unknown, so the plan is always the path to the nearest frontier cell.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0
@@ -76,7 +79,7 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
         if reached > rate:
             command, steps, rate = direction, length, reached
     length = 0
-    if rate * (scan + 2 * move) < 1:  # otherwise the path to the nearest frontier cell cannot be better
+    if rate * (scan + 2 * move) < 1:  # for a higher rate, the path to the nearest frontier cell cannot be better
         length = nearest(field, search, field.occupied)
         if length == 0:
             return 0, 0
@@ -93,7 +96,10 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
 
 @in_place_kernel
 def last_run(field, mapping, plan, at, length, scan_planner):
-    """Return the steps of the last run of an adaptive plan. It is longer than planned if that classifies more cells per cost."""
+    """Return the number of commands in the last run of an adaptive plan.
+
+    The last run becomes longer than planned if more commands classify more cells per cost.
+    """
     steps = stretch(plan, at, length)
     if mapping:
         gains_of_runs(field, scan_planner.gain, plan[at])
