@@ -40,7 +40,7 @@ def dilate(words, within, out, first, last, field):
     """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board ``words``.
 
     The kernel processes the words from ``first`` to ``last - 1``. The slices avoid tests for negative indices in the loops, so that
-    the compiler can vectorize the loops.
+    the compiler can use vector instructions.
     """
     width = field.width
     here, left, right = words[first:last], words[first - 1 : last - 1], words[first + 1 : last + 1]
