@@ -304,7 +304,7 @@ class SearchEpisode(Episode):
 
     @classmethod
     def load(cls, path: str | os.PathLike[str], *, trust: bool = False) -> SearchEpisode:
-        """Read an episode. Tours and allocations given as MODULE:ATTRIBUTE are accepted only if ``trust`` is true.
+        """Read an episode. The method refuses tours and allocations given as MODULE:ATTRIBUTE, unless ``trust`` is true.
 
         Raises
         ------

@@ -36,8 +36,7 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     Raises
     ------
     InvalidInputError
-        If the robots cannot do the task in the region of the problem, or if the problem sets faults, message loss or a network for
-        a search without simulation.
+        If the robots cannot do the task in the region, or if a problem without simulation sets faults, message loss or a network.
     UnknownNameError
 
     Examples

@@ -32,11 +32,11 @@ class Allocation:
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to its first cell. A robot of speed 1 searches one cell per unit of time.
     lower_bound : float
-        Lower bound on the makespan of any allocation: the number of necessary cell visits divided by the search rate of all robots.
-        The search rate of a robot is its speed times its footprint width in cells.
+        Time below which no allocation can finish: the number of necessary cell visits divided by the search rate of all robots. The
+        search rate of a robot is its speed times its footprint width in cells.
     work : tuple of tuple of Arc
-        All arcs that each robot searches. If several robots must search each cell, a robot first searches its own arcs and then
-        the arcs of the next robots along the tour.
+        All arcs that each robot searches. If several robots must search each cell, a robot searches the arcs of the next robots
+        along the tour after its own arcs.
     """
 
     allocator: str
@@ -118,7 +118,7 @@ def allocate(
 def arcs_of(
     tour_cost: TourCost, allocator: str, starts: ArrayLike, rates: ArrayLike, widths: ArrayLike
 ) -> tuple[tuple[Arc, ...], ...]:
-    """Return the arcs that `allocate` assigns to each robot. Completion times are not computed."""
+    """Return the arcs that `allocate` assigns to each robot, without computing completion times."""
     return _shared(tour_cost, allocator, *_team(tour_cost, starts, rates, None, widths))
 
 
@@ -139,7 +139,7 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
 def _team(
     tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
-    """Check the robots and sort them by their start cells on the tour. Return the robots, and the indices that sort them."""
+    """Check the robots, and sort them by their start cells. Return the sorted robots, and the indices that sort robots."""
     n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():

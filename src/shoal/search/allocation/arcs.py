@@ -35,9 +35,9 @@ class Arc:
         return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
 
     def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return the sections of the arc that lie in the bitset ``wanted``, in the order of the search.
+        """Return the sections of the arc that lie in the bitset ``wanted`` on a tour of n cells, in the order of the search.
 
-        A section is a pair (first cell, number of cells). The tour has n cells.
+        A section is a pair (first cell, number of cells).
 
         Examples
         --------
@@ -69,8 +69,8 @@ class Arc:
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
     """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
-    If the cell ``start`` is given, the function also computes the path from ``start`` to ``first``, which may lead around walls.
-    The result is the straight distance or the length of the path, whichever is larger.
+    With a cell ``start``, the function also computes the path from ``start`` to ``first``, which may lead around walls. The result
+    is the straight distance or the length of the path, whichever is larger.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

@@ -47,7 +47,7 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres. This side is the unit of path lengths in cells."""
+        """Side of the smallest cells in metres, which is also the unit of path lengths in cells."""
         return min(layer.size for layer in self.layers)
 
     @property

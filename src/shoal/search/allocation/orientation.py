@@ -73,7 +73,7 @@ class GridTour:
     tour : Tour
     paths : RegionPaths or LayeredPaths
     compared : tuple of Candidate
-        The compared candidates, from the fastest to the slowest. The tuple of candidates is empty if nothing was compared.
+        The compared candidates, from the fastest to the slowest, or an empty tuple if the planner compared nothing.
     layers : tuple of GridTour
         The cells and the tour of each layer, if the search has several layers. Equal layers are one shared object.
     """
@@ -119,7 +119,7 @@ def grid_tour(
     offset : float
         Shift of the rows of cells across their direction, as a fraction of the row width.
     turn_cost : float
-        Cost of a turn in cells. A cost of 0 is replaced by `TURN`.
+        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     stepwise : bool
         Whether robots move only from a cell to a neighbouring cell. Robots that move from cell to cell look at each cell from
         inside it.
@@ -198,8 +198,8 @@ def best_grid_tour(
 ) -> GridTour:
     """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
-    First, the function estimates the cost of each pair of an angle and a shift from the number and lengths of the rows. For the
-    four pairs with the lowest estimates, the function then computes complete tours. In large regions, the function computes
+    First, the function estimates the cost of each pair of an angle and a shift, from the number and the lengths of the rows. Then
+    the function computes complete tours for the four pairs with the lowest estimates. In large regions, the function computes
     complete tours for fewer than four pairs.
 
     Parameters
@@ -210,7 +210,7 @@ def best_grid_tour(
     tours : sequence of str
         Names of the tours to compare.
     turn_cost : float
-        Cost of a turn in cells. A cost of 0 is replaced by `TURN`.
+        Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     angle : float, optional
         Angle of the rows of cells in degrees. With a given angle, the function compares only tours.
     stepwise, transit : bool
@@ -235,7 +235,7 @@ def best_grid_tour(
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
-    """Return pairs of an angle and a shift of the rows of cells, sorted by the estimated cost of the search."""
+    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of the search."""
     simple = area.simplify(size / 4)
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
@@ -263,7 +263,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     """Return the estimated cost, in cells, of driving along all rows of cells.
 
     The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and two turns for each row. A
-    transfer costs one row width, or more where the border slants.
+    transfer between two rows costs one row width, or more where the border slants.
     """
     import shapely
 

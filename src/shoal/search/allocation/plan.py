@@ -152,20 +152,20 @@ class SearchPlan:
         return numbers_of(arcs, len(self.tour_cost))
 
     def stops(self, robot: int) -> NDArray[np.int64]:
-        """Return the stops from which a robot sees its part, as tour indices; int64, shape (k,). Robots count from 0."""
+        """Return the stops from which robot number ``robot`` (from 0) sees its part, as tour indices; int64, shape (k,)."""
         cells = self.numbers(self.allocation.work[robot])
         width = int(self.widths[robot])
         return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
     def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
-        """Return the cells that a robot sees from each of its stops, as tour indices. Robots count from 0."""
+        """Return the cells that robot number ``robot`` (from 0) sees from each of its stops, as tour indices."""
         width = int(self.widths[robot])
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
-        """Return the path of a robot from its start through the cells with the given tour indices. Robots count from 0.
+        """Return the path of robot number ``robot`` (from 0) from its start through the cells with the given tour indices.
 
-        For each given cell, ``detours`` lists the cells that the robot crosses before this cell without searching them.
+        The argument ``detours`` lists, for each given cell, the cells that the robot crosses on its way to the given cell.
         """
         if any(detours):
             return self._route_round(robot, np.asarray(numbers, dtype=np.int64), detours)

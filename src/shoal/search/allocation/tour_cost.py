@@ -36,8 +36,8 @@ class TourCost:
     turn_cost : float
         Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
-        Length of the path from each cell to the next cell of the tour, in cell sides. The last entry is the length of the path back
-        to the first cell. By default, all paths along the tour are straight.
+        Length of the path from each cell to the next cell of the tour, in cell sides. The last entry belongs to the path from the
+        last cell back to the first. By default, all paths along the tour are straight.
     distances : Distances, optional
         Distances between any two cells. By default, distances are the lengths of straight lines.
     footprint : Footprint, optional
@@ -108,7 +108,7 @@ class TourCost:
     def costs(self) -> Floats:
         """Cost, in cells, of moving to each cell from the previous cell of the tour and searching it; float64, shape (N,).
 
-        The cost of a cell is the length of the path to this cell in cell sides, at least 1, plus the cost of turns on the path.
+        The cost of a cell is the length of the path to it in cell sides, at least 1, plus the cost of turns on the path.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)

@@ -1,9 +1,9 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
 The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The next stop is
-always the cell with the largest ratio between the number of newly visible cells and the cost of the path to the cell. The robot
-prefers stops along the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour,
-the path therefore runs in circles inside the robot's part.
+always the cell with the largest number of newly visible cells per cost of the path to the cell. The robot prefers stops along the
+border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour, the path therefore runs
+in circles inside the robot's part.
 """
 
 from __future__ import annotations

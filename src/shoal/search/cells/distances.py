@@ -260,8 +260,7 @@ class RegionDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        Each distance is the straight distance plus the detour around walls. The length of the detour comes from a path from cell to
-        cell.
+        Each distance is the straight distance plus a detour: the extra length of the path from cell to cell around walls.
         """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T

@@ -124,7 +124,7 @@ class RegionFootprint(MaskFootprint):
         return super()._look(cell, width)
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Return whether the piece of ``other`` lies in the footprint, and is connected inside the footprint to the robot."""
+        """Return whether the own piece of the cell ``other`` lies in the footprint, with a path to it inside the footprint."""
         import shapely
 
         if not self._single[other]:

@@ -1,4 +1,4 @@
-"""Routing: short paths between points of a region that do not leave the region."""
+"""Routing: short paths inside a region, from one point of the region to another."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ class RegionPaths:
 
         If the straight line between the points stays inside the region, the path is this line. If the straight line leaves the
         region, the path is the shortest path around nearby corners. With more than 1000 nearby corners, the path is a shortened
-        path from cell to cell, which is rarely much longer than the shortest path.
+        path from cell to cell, and rarely much longer than the shortest path.
 
         Raises
         ------

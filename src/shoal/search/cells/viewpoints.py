@@ -82,9 +82,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    If a piece contains the centre of its cell, its viewpoint is this centre. For a piece without the centre of its cell, the
-    function looks for points of the piece that see the whole piece, and chooses the point nearest to the centre. If no point sees
-    the whole piece, the piece gets several viewpoints.
+    If a piece contains the centre of its cell, its viewpoint is this centre. If a piece does not contain the centre of its cell,
+    its viewpoint is the point nearest to the centre that sees the whole piece. If no point sees the whole piece, the piece gets
+    several viewpoints.
 
     Parameters
     ----------

@@ -41,9 +41,9 @@ def inside(region: SearchRegion, starts: Points, ends: Points) -> NDArray[np.boo
 class VisibilityGraph:
     """The corners of a region at which shortest paths can bend, and the pairs of corners that see each other.
 
-    Shortest paths bend only at corners where the inner angle of the region is above 180 degrees. A path that bends only at corners
-    of `SearchRegion.bends` is preferred to a shorter path around other corners. When a path search first reaches a corner, it
-    computes and caches the corners that are visible from this corner.
+    Shortest paths bend only at corners where the inner angle of the region is above 180 degrees. The path search prefers a path
+    that bends only at corners of `SearchRegion.bends` to a shorter path around other corners. When a path search first reaches a
+    corner, it computes and caches the corners that are visible from this corner.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ class VisibilityGraph:
         return self._shortest(start, end, candidates) if found is None else found
 
     def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
-        """Find the shortest path that bends only at the candidate corners by A*. If no path exists, return None.
+        """Find the shortest path that bends only at candidate corners, with the algorithm A*. If no path exists, return None.
 
         The function tests in growing groups which corners are visible from the start, beginning with the most promising corners.
         """
@@ -172,8 +172,7 @@ def _chain(came: NDArray[np.int64], node: int) -> list[int]:
 def _inward_corners(area: Any) -> Points:
     """Return the corners of a polygon at which shortest paths can bend; float64, shape (3, n, 2).
 
-    The result holds three arrays: the corners, the previous corner on the border for each of them, and the next corner on the
-    border for each of them.
+    The result holds three arrays: the corners, the vertex before each corner on the border, and the vertex after each corner.
     """
     import shapely
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 Floats = NDArray[np.float64]
 
 WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
-"""The six types of Dubins curves, written with L (left), S (straight) and R (right). The shortest path has one of these types."""
+"""The six types of shortest paths with a minimum turning radius, spelled with L (left), S (straight) and R (right)."""
 
 SHARPEST = pi / 6  # largest bend of an approximated path at a vertex
 _ROUND = 2 * pi

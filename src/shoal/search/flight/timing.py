@@ -52,8 +52,9 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
     longer, the duration of the leg is that of the climb or descent. Each horizontal change of direction by more than one degree
-    adds the duration of a turn, and so does each change between vertical and horizontal motion. The start and the stop at the ends
-    of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as short legs.
+    adds the duration of a turn. A change between vertical and horizontal motion also adds the duration of a turn. The start and the
+    stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
+    short legs.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Add vertical climbs before the legs of a path, and vertical descents after its legs. Return points and altitudes.
+    """Add vertical climbs before the legs of a path and vertical descents after them. Return its points and altitudes.
 
     Examples
     --------

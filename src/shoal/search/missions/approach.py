@@ -210,8 +210,8 @@ class Clearance:
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
     """Return the smallest and largest height above ground of vehicles that follow missions, or None if no vehicle flies.
 
-    The function evaluates the height of the ground at every waypoint, at every grid line of the terrain that a leg crosses, and at
-    points in between.
+    The function evaluates the height of the ground at every waypoint, at every crossed grid line of the terrain, and at points in
+    between.
 
     Parameters
     ----------

@@ -158,8 +158,7 @@ def check_missions(
     """Read mission files, and measure how much of a region the vehicles see.
 
     The check does not depend on the planner, because it uses only the waypoints in the files and Shapely's areas. The check counts
-    the area that vehicles see between the first and the last waypoint of each mission, but not on the paths from home and back
-    home.
+    the area that vehicles see between the first and last waypoint of each mission, not on the paths from and to home.
 
     Parameters
     ----------
@@ -190,8 +189,8 @@ def check_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the folder has no mission files (of the given format), if a robot has no footprint, or if only the region or only the
-        missions are in degrees.
+        If the folder has no mission files (of the given format), or if a robot has no footprint. The function also raises the error
+        if only the region or only the missions are in degrees.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(
@@ -294,7 +293,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the first point at which a leg that starts inside the region leaves it; float64, shape (1, 3).
 
-    The point gets the altitude of the leg's start.
+    The result has the altitude of the leg's start.
     """
     import shapely
 
@@ -310,7 +309,7 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
     """Return the angle of the rows of cells: the direction with the largest total length of legs, from 0 to below 90 degrees.
 
-    If the angle differs from a multiple of 0.1 degrees only because files round coordinates, the result is this multiple.
+    If rounded coordinates explain the difference from a multiple of 0.1 degrees, the result is this multiple.
 
     Examples
     --------

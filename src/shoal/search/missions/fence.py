@@ -15,7 +15,7 @@ ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
 """Maximum number of corners of a fence, over all its rings, that each autopilot stores.
 
-The number for ArduPilot was tested on a Cube autopilot. The number for PX4 is the maximum number of MAVLink items of a fence.
+The limit for ArduPilot was tested on a Cube autopilot. The limit for PX4 is the maximum number of MAVLink items of a fence.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -28,7 +28,7 @@ class Fence:
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        The ring that vehicles must not leave. The first corner is not repeated at the end.
+        The ring that vehicles must not leave, without its first corner again at the end.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
         Rings that vehicles must not enter.
     """

@@ -179,7 +179,7 @@ def _listed(folder: str | os.PathLike[str]) -> set[str]:
 
 
 def mission_files(folder: str | os.PathLike[str]) -> list[Path]:
-    """Return the mission files in a folder, sorted by format and name. The file ``uncovered.geojson`` does not count."""
+    """Return all mission files in a folder except ``uncovered.geojson``, sorted by format and name."""
     order = list(_formats_by_suffix())
     try:
         found = [path for path in Path(folder).iterdir() if path.suffix.lower() in order and path.is_file()]

@@ -311,7 +311,8 @@ def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden:
     """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
 
     For rovers, the function also checks whether the paths from home and back home leave the allowed area. The result tells which
-    legs a fixed wing flies outside the region during the search. The function adds no diagnostics for legs in the result.
+    legs a fixed wing flies outside the region during the search. The function adds no diagnostics for legs that a fixed wing flies
+    outside the region.
     """
     import shapely
 

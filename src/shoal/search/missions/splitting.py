@@ -83,11 +83,11 @@ def missions_of(
         Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
         items for PX4 and 700 items for ArduPilot.
     tolerance : float
-        Maximum distance in metres between an omitted point and a straight leg. With the tolerance 0, the function omits only points
-        exactly on a leg.
+        Maximum distance in metres between an omitted point and a straight leg. With the tolerance 0, the function omits a point
+        only if it lies exactly on a leg.
     ways : callable, optional
         Function ``ways(start, end)`` that computes the path between home and a point of the route, such as
-        `shoal.search.RegionPaths.leg`. The path is an array of shape (n, 2) with both ends of the path. The bends of the path
+        `shoal.search.RegionPaths.leg`. A path is an array of points, shape (n, 2), including both ends. The bends of the path
         become waypoints. By default, the path between home and the route is straight.
     landing : array_like of float, shape (2,), optional
         Landing point of the last sortie in metres. By default, the last sortie ends at home.
@@ -274,8 +274,9 @@ def merged(points: Points, tolerance: float) -> Points:
 
     The algorithm starts a cone at each kept point. The cone contains all directions in which a straight line passes every later
     point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all previous points of
-    the cone. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, An efficient
-    algorithm for the piecewise linear approximation of planar curves, 1978. The function keeps points at which the path turns back.
+    the cone. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, "An efficient
+    algorithm for the piecewise linear approximation of planar curves", 1978. The function keeps points at which the path turns
+    back.
 
     Parameters
     ----------
@@ -323,7 +324,7 @@ class _Cone:
         self.low, self.high = -math.pi, math.pi
 
     def takes(self, x: float, y: float) -> bool:
-        """Add a point to the cone if a leg from the apex may end at this point. Return whether the point was added."""
+        """Add a point to the cone if a leg from the apex may end at this point. Return whether the cone now contains the point."""
         east, north = x - self.x, y - self.y
         distance = math.hypot(east, north)
         if distance < self.far:

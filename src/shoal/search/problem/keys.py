@@ -11,7 +11,7 @@ _SHORTEST, _LONGEST = 16, 4096  # bytes
 
 
 def read_key(path: str) -> bytes:
-    """Read a key from a file. Line ends before and after the key are removed.
+    """Read a key from a file. The function removes line ends before and after the key.
 
     Raises
     ------

@@ -115,7 +115,7 @@ def _forgeries(copies: list[Copy], link: Link, rng: Generator, probability: floa
 
 
 class _Model(NamedTuple):
-    """A kind of network model: the function that carries the copies of a message, and the names and ranges of its parameters."""
+    """A kind of network model: the function that carries messages, the names of its parameters, and their ranges."""
 
     carry: Callable[..., list[Copy]]
     form: str
@@ -166,7 +166,7 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
         The network models, with times in units of the time in which a robot of speed 1 searches one cell. With the text "" or
         "perfect", every message arrives without delay.
     loss : float
-        Probability that a message is lost, in addition to the models in the text.
+        Probability that a message is lost, in addition to the losses of the models in ``text``.
 
     Raises
     ------

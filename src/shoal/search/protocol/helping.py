@@ -3,7 +3,7 @@
 The remaining cells of a robot's part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched,
 and its first cell is called its front. If a robot is already searching a run from its front, a helper enters the run further along,
 and searches in the same direction. The helper chooses its entry so that it and the robot at the front finish at the same time.
-Every helper computes the choices of all helpers in one fixed order. Therefore two helpers rarely choose the same cell.
+Every helper computes the choices of all helpers in one fixed order, so that two helpers rarely choose the same cell.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Stretch:
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the cell that the robot searches next to help, in its own part or in the part of a dead or late robot.
+    """Return the next cell that an idle robot searches as help, in its own part or in the part of a dead or late robot.
 
     If the robot cannot help, the result is None.
     """
@@ -126,7 +126,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run in which a helper saves the most time, and the number of cells that it skips at the front of the run.
+    """Return the run in which a helper saves the most time, and the number of cells that the helper skips at its front.
 
     If the helper saves no time in any run, the result is None.
     """

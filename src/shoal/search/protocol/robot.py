@@ -9,7 +9,7 @@ idle, that robot searches the cells of the silent robots from the other side.
 
 A robot without work waits while other robots work. A waiting robot resumes at the last moment at which it can still search all
 unsearched cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot
-first divides the tour. Therefore a single surviving robot searches all cells in the time of one round, even if all messages and all
+first divides the tour. Thus a single surviving robot searches all cells in the time of one round, even if all messages and all
 other robots are lost. Paper H, p. 4 to 7, demands a complete search as long as one robot is alive.
 
 A robot that finds a blocked cell reports this cell, and all robots then avoid it. Robots leave out cells that none of them can
@@ -261,7 +261,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Let the robot go to a cell, or home to recharge if its energy is too low for the way to the cell and from there home."""
+    """Let the robot go to a cell. If its energy is too low for the way to the cell and then home, it goes home to recharge."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -303,8 +303,8 @@ def _hops(robot: Robot, cell: int) -> bool:
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
     """Return a cell with which the robot helps other robots, or None and the time until which the robot waits.
 
-    If the robot cannot wait any longer, the result is ``mine``, the next cell of its own work, or else the next unsearched cell.
-    The robot helps only if it can still search all remaining cells alone before its deadline.
+    If the robot cannot wait any longer, the result is the next cell of its own work (``mine``), or the next unsearched cell. The
+    robot helps only if it can still search all remaining cells alone before its deadline.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

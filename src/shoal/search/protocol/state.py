@@ -116,7 +116,7 @@ class Robot:
     target : int or None
         The target cell, to which the robot is moving.
     aim : int or None
-        The cell that the robot wants to see. A robot with a wide footprint may see this cell from another cell, its target.
+        The cell that the robot wants to see. A robot with a wide footprint may see the cell ``aim`` from another cell, its target.
     through : tuple of int
         The cells of the path to the target cell, if the region may contain unknown obstacles.
     cost : float
@@ -134,8 +134,8 @@ class Robot:
     closed : mapping of int to int
         Bitset of the cells that each robot reports as blocked, by the number of the robot.
     passed : int
-        Bitset of the cells known to be free because the robot has entered them or has passed one of their corners. Robots use this
-        bitset only if the region may contain unknown obstacles.
+        Bitset of the cells known to be free because the robot has entered them or has passed one of their corners. Robots use the
+        bitset ``passed`` only if the region may contain unknown obstacles.
     avoided : int
         Bitset of the cells that the robot avoids until the time ``avoided_until``, because another robot was in them.
     count : int

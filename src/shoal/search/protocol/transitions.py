@@ -12,7 +12,7 @@ LOOK = 1.0  # cells: cost of approaching an obstacle from the centre of the prev
 
 
 def sensed(robot: Robot, event: Sensed) -> Robot:
-    """Update the state of a robot that has searched a cell. All cells that it sees from this cell count as searched."""
+    """Update the state of a robot after a search. All cells that the robot sees from its cell count as searched."""
     cell, found = event.cell, robot.found
     seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}

@@ -60,10 +60,10 @@ def open_region(
     name : str, optional
         Name of the region. By default, the region has the name of its source, or "polygon" for polygons given in Python.
     no_go : optional
-        No-go zones in the unit of the region (longitude and latitude, or metres): a region file, points of shape (n, 2), a Shapely
-        polygon, or a sequence of no-go zones. The file of the region itself may also contain no-go zones.
+        No-go zones in the unit of the region (degrees or metres): a region file, points of shape (n, 2), a Shapely polygon, or a
+        sequence of zones. The file of the region itself may also contain no-go zones.
     layer : str, optional
-        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires this name.
+        Name of the layer to read from a GeoPackage. A GeoPackage with several layers requires a layer name.
     across_zones : bool
         Whether to accept a region that lies in two UTM zones. Shoal supports regions in two UTM zones, but other programs may not.
     inner : "no-go" or "search", optional
@@ -193,7 +193,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return the indices of the polygons that lie mostly inside another polygon. Equal polygons do not count."""
+    """Return the indices of the polygons that lie mostly inside another polygon. Of two equal polygons, neither counts."""
     import shapely
 
     inside: set[int] = set()

@@ -106,8 +106,8 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, if the ring is open but must be closed, if it has fewer than 3 different vertices, if all its
-        vertices lie on one line, or if it crosses itself.
+        If a coordinate is not finite, or if the ring is open but must be closed. A ring with fewer than 3 different vertices, a
+        ring along one line, and a ring that crosses itself also raise the error.
     """
     points = ring.points
     ring.check_vertices(np.isfinite(points).all(axis=1), "finite coordinates")
@@ -165,8 +165,8 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
     Raises
     ------
     InvalidInputError
-        If `check_ring` refuses a ring, if a hole lies outside the outer ring, or if a hole crosses another ring or shares a side
-        with another ring.
+        If `check_ring` refuses a ring, or if a hole lies outside the outer ring, crosses another ring, or shares a side with
+        another ring.
     """
     from shapely import Polygon
     from shapely.validation import explain_validity

@@ -23,7 +23,8 @@ class LocalFrame:
     The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. Lengths in the frame are
     longer by the fraction (east / R)² / 2, where ``east`` is the distance to the east or west of the origin, and R is the radius of
     the Earth. According to PROJ, lengths at latitudes from 0 to 80 degrees are longer by at most 4.9e-6 (5 mm per kilometre) within
-    20 km of the origin. Lengths are longer by at most 3.1e-5 within 50 km of the origin, and by at most 1.2e-4 within 100 km.
+    20 km of the origin. Lengths in the frame exceed lengths on Earth by at most 3.1e-5 within 50 km of the origin, and by at most
+    1.2e-4 within 100 km.
 
     Parameters
     ----------
@@ -93,7 +94,7 @@ class LocalFrame:
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
 
     def _check_near(self, points: Points, given: Points, unit: str) -> None:
-        """Refuse points in metres that are too far from the origin. The error message shows the points ``given`` by the user."""
+        """Refuse points in metres that are too far from the origin. The error message shows the user's original point."""
         near = np.hypot(*points.T) <= 2 * REACH
         if not near.all():
             raise InvalidInputError(

@@ -171,7 +171,7 @@ def region_of(
     Parameters
     ----------
     area : shapely Polygon or MultiPolygon
-        The polygon or polygons of the region. Overlapping polygons are united.
+        The polygon or polygons of the region. The function unites overlapping polygons.
     frame : LocalFrame, optional
         Local frame on Earth. By default, the region has no position on Earth.
     no_go : shapely Polygon or MultiPolygon, optional

@@ -17,7 +17,7 @@ from shoal.search.simulation.trace import RobotLog, SearchTrace
 
 
 def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]) -> tuple[AreaCoverage, ...]:
-    """Return the coverage of each layer by the given robots, from the lowest layer to the highest. Robots count from 0."""
+    """Return the coverage of each layer by the robots with given numbers (from 0), from the lowest layer to the highest."""
     layers, found = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):

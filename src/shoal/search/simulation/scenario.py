@@ -38,7 +38,7 @@ class Scenario:
     ----------
     brief : Brief
     starts : tuple of int
-        Tour index of each robot's start cell. The first entry belongs to robot 1.
+        Tour index of each robot's start cell. The first start cell belongs to robot 1.
     rates : tuple of float
         Speed of each robot, relative to the common speed.
     network : RadioNetwork
@@ -50,8 +50,8 @@ class Scenario:
     false_alarm : float
         Probability that a robot reports a target in a cell without a target.
     obstacles : tuple of int
-        Tour indices of blocked cells, which robots discover when they reach them. Obstacles require that robots move from cell to
-        cell.
+        Tour indices of blocked cells. A robot discovers a blocked cell when it reaches the cell. Obstacles require that robots move
+        from cell to cell.
     widths : tuple of int
         Width of each robot's footprint, as an odd number of cells.
     signed : bool

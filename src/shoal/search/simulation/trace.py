@@ -41,9 +41,9 @@ class RobotLog:
     found : tuple of (int, tuple of int)
         Findings that the robot knew at the end: pairs of a cell and the robots that found something in this cell.
     detours : tuple of tuple of int
-        The cells that the robot passed on its way to each stop. If robots do not move from cell to cell, the tuple is empty.
+        The cells that the robot passed on its way to each stop. If robots do not move from cell to cell, ``detours`` is empty.
     obstructed : tuple of (float, int)
-        Pairs of a time and the cell in which the robot then discovered an obstacle.
+        Pairs of a time and a cell: at this time, the robot discovered an obstacle in this cell.
     """
 
     cells: NDArray[np.int64]

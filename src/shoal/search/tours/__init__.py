@@ -85,7 +85,7 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return the tour maker with a name or a text ``module:attribute``. A tour maker object is returned unchanged.
+    """Return the tour maker with a name or a text ``module:attribute``. The function returns a tour maker object unchanged.
 
     Raises
     ------

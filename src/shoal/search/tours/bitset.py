@@ -36,7 +36,9 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a bitset at or after the cell ``first`` on a closed tour of n cells; None for an empty bitset.
+    """Return the first cell of a bitset, counted from the cell ``first`` on a closed tour of n cells.
+
+    If the bitset is empty, the result is None.
 
     Examples
     --------

@@ -15,10 +15,10 @@ MOST_RUNS = 1500
 class BoustrophedonTour(TourByOrder):
     """A tour that crosses each run without interruption, with about two turns for each run.
 
-    A run is a sequence of consecutive cells in one row. At first, the runs have the order of the boustrophedon decomposition of
-    Choset, "Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Two kinds of exchanges
+    A run is a sequence of consecutive cells in one row. The runs first get the order of Choset's boustrophedon decomposition
+    ("Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000). Two kinds of exchanges
     shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange moves up to
-    three runs to another place on the tour. The closing edge of the tour counts as a connection.
+    three runs to another place on the tour. The step from the last run back to the first run also counts as a connection.
     """
 
     name = "boustrophedon"

@@ -17,8 +17,8 @@ class CombTour(TourByOrder):
     """Straight lanes back and forth, with one column (or one row) beside the lanes that leads back to the start.
 
     In a rectangle of at least 2 x 2 cells, all steps lead to neighbouring cells, except for one diagonal step if both sides are
-    odd. If both sides of the rectangle are odd, the tour zigzags through the last two lanes. In a single row of cells, the closing
-    edge is as long as the row.
+    odd. If both sides of the rectangle are odd, the tour zigzags through the last two lanes. In a single row of cells, the step
+    from the last cell back to the first is as long as the row.
 
     On a shape that is not a rectangle, the tour is the shortest of three tours. One of the three tours is the comb of the bounding
     rectangle without the cells outside the shape. Two of the three tours sweep the shape back and forth: one along rows, and one

@@ -17,8 +17,8 @@ class HilbertTour(TourByOrder):
     The lower left corner of the square is the lower left corner of the cells' bounding box. In 3 dimensions, the square is a cube.
 
     As in paper H, the tour is closed: it continues from its last cell to its first cell. In a full square, the step from the last
-    cell to the first cell is one cell side shorter than a side of the square. If the cells do not fill the square, the tour visits
-    the cells in the order of the curve, and some steps cross positions without a cell.
+    cell to the first cell is one cell side shorter than a side of the square. If the cells do not fill the square, the tour keeps
+    the order of the curve, and some steps cross positions without a cell.
     """
 
     name = "hilbert"

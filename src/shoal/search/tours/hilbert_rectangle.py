@@ -13,8 +13,8 @@ class HilbertRectangleTour(TourByOrder):
     """Two generalized Hilbert curves side by side through the smallest box around the True cells, closed by one step.
 
     In a rectangle of at least 2 x 2 cells, all steps lead to neighbouring cells, except for one diagonal step if both sides are
-    odd. In a three-dimensional box with odd sides, some steps are diagonals of a square. In a single row of cells, the closing edge
-    is as long as the row.
+    odd. In a three-dimensional box with odd sides, some steps are diagonals of a square. In a single row of cells, the step from
+    the last cell back to the first is as long as the row.
     """
 
     name = "hilbert-rectangle"

@@ -35,7 +35,7 @@ def joined(
     floors : sequence of int, optional
         Number of the layer of each tour. By default, the tours get the numbers 0, 1, 2, ...
     turn : float
-        Cost of a turn, in the unit of the viewpoints. If the cost is above 0, the function cuts tours at turns where possible.
+        Cost of a turn, in the unit of the viewpoints. If a turn costs more than 0, the function cuts tours at turns where possible.
 
     Returns
     -------

@@ -12,8 +12,8 @@
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
 no-go zone if its name or its kind marks it as one ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or layer can
-also mark the polygon. If a file contains a polygon, the reader ignores points and lines. Overlapping polygons are united. The
-module `shoal.search.regions.limits` lists the maximum sizes of files.
+also mark the polygon. If a file contains a polygon, the reader ignores points and lines. The reader unites overlapping polygons.
+The module `shoal.search.regions.limits` lists the maximum sizes of files.
 """
 
 from __future__ import annotations

@@ -37,7 +37,7 @@ def read_geopackage(path: Path, *, layer: str | None, every: bool = False) -> Re
     ----------
     path : path
     layer : str, optional
-        Name of the layer. The name is required if several layers could contain the region.
+        Name of the layer. A layer name is required if several layers could contain the region.
     every : bool
         Whether to read all layers, as for a file of no-go zones.
 

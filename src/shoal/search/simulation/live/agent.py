@@ -191,7 +191,7 @@ class Agent:
             self._leave()  # during the motion the robot occupies no cell
 
     def _set_out_for_obstacle(self, obstacle: int, way: tuple[int, ...]) -> None:
-        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and back to this cell."""
+        """Start a leg to the cell before an obstacle. The leg includes the way to the obstacle and back."""
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)

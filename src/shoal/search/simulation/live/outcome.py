@@ -28,9 +28,10 @@ class LiveEvent:
     found : bool
         Whether the robot found something in the cell.
     place : tuple of float
-        Position of the robot in cell sides, as in `TourCost.points`. The position of an event by the supervisor is empty.
+        Position of the robot in cell sides, as in `TourCost.points`. For an event by the supervisor, the position is an empty
+        tuple.
     reason : str
-        Reason of an event "failed".
+        For an event "failed", the reason for which the process failed.
     through : tuple of int
         The cells that the robot has passed since its last search, if robots move from cell to cell.
     around : tuple of int
@@ -67,7 +68,7 @@ class LiveOutcome:
         Reason for which the process of a robot ended too early: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
         Number of messages sent, received, lost and dropped by all robots. Robots drop messages that come from no robot of the
-        search or contain impossible values. Messages of a killed robot after its last report are not counted.
+        search or contain impossible values. Messages that a killed robot sends after its last report do not count.
     channel : str
         Channel of the messages: "multicast" or "unicast".
     port : int
