@@ -2,7 +2,7 @@
 
 A footprint is a square whose side is an odd number of cells. The robot stands in the central cell of its footprint. A cell's own
 piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if the own piece of that cell
-lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls therefore block the view.
+lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls block the view of a robot.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class RegionFootprint(MaskFootprint):
         return super()._look(cell, width)
 
     def _clear(self, cell: int, other: int) -> bool:
-        """Return whether the own piece of the cell ``other`` lies in the footprint, with a path to it inside the footprint."""
+        """Return whether the own piece of the cell ``other`` lies in the footprint and can be reached inside the footprint."""
         import shapely
 
         if not self._single[other]:

@@ -51,7 +51,7 @@ def staggered(
     """Choose an altitude layer and a start delay for each vehicle, so that all vehicles in flight keep the separation.
 
     The longest flight starts first, in the lowest layer. Every other flight uses the layer in which it can end earliest. A new
-    layer must save at least a twentieth of the longest flight's duration, because the climb to a higher layer takes longer.
+    layer must save at least a twentieth of the longest flight's duration, because a higher layer costs a longer climb.
 
     Parameters
     ----------

@@ -212,7 +212,7 @@ def _crossings(along: Floats, places: Points) -> Floats:
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
     """Return the lowest heights along a path that respect limits of climb and descent and are nowhere below given heights.
 
-    Where the given heights rise or fall too steeply, the path climbs earlier or descends later.
+    Where the given heights rise or fall too steeply, the path climbs earlier, or descends later, than the given heights.
 
     Parameters
     ----------

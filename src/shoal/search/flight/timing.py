@@ -51,7 +51,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     """Return the trajectory of a vehicle that follows a path.
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
-    longer, the duration of the leg is that of the climb or descent. Each horizontal change of direction by more than one degree
+    longer than the horizontal motion, it gives the duration of the leg. Each horizontal change of direction by more than one degree
     adds the duration of a turn. A change between vertical and horizontal motion also adds the duration of a turn. The start and the
     stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
     short legs.

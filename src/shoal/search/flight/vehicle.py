@@ -259,8 +259,8 @@ class Vehicle(Problem):
     def row_spacing(self) -> float | None:
         """Distance between neighbouring rows of cells in metres, or None without a camera or a detector.
 
-        For a camera, the row spacing is the width of an image minus the overlap, but at most the length of an image. A larger row
-        spacing would leave gaps at the ends of rows, where the region may extend half a row spacing further.
+        For a camera, the row spacing is the width of an image minus the overlap, but at most the length of an image. With a row
+        spacing above the length of an image, the camera would miss parts of the region at the ends of rows.
         """
         if self.image_size is None:
             return self.detector_width

@@ -42,7 +42,7 @@ class MissionCheck:
     format : str
         Format of the mission files whose coverage was checked.
     files : tuple of str
-        Names of the checked files: all readable mission files of this format.
+        Names of the checked files: all readable mission files of the format ``format``.
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage

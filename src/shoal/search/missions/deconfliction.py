@@ -55,8 +55,8 @@ def plan_missions(
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave the area
-        inside the margin as far as necessary.
+        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave
+        the area inside the margin by any distance.
     ending : "return", "land" or "loiter", optional
         Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. Without
         a separation, `missions_of` chooses the default. In a return, vehicles might not keep the separation, because the autopilot

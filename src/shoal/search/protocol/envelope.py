@@ -63,7 +63,7 @@ class Receiver:
     robots, cells : int
         Number of robots, whose numbers begin with 1, and number of cells, whose numbers begin with 0.
     most : int
-        Maximum length of a message in bytes. The receiver refuses longer messages without reading them.
+        Maximum length of a message in bytes. The receiver refuses messages above the maximum length without reading them.
     window : int
         Maximum difference in milliseconds between a message's stamp and the receiver's clock.
     """

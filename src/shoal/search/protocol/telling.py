@@ -20,7 +20,7 @@ _RELAYED = 6  # heartbeats of other robots per beacon, if there are at most four
 
 
 def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
-    """Return the state of a robot after it has sent a beacon, and the beacon."""
+    """Return the state of a robot that has sent a beacon, and this beacon."""
     n, known = len(robot.brief.tour_cost), (robot.searched, robot.found, robot.closed)
     before: tuple[Mapping[int, int], ...] = robot.told[0] if len(robot.told) == _AGAIN else ({}, {}, {})
     window = _window(robot, n)

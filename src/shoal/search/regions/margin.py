@@ -1,4 +1,4 @@
-"""Margins: the distance that robots keep from a region's border and no-go zones, and the area that robots then can see."""
+"""Margins: the distance that robots keep from borders and no-go zones, and the area that robots can see with a margin."""
 
 from __future__ import annotations
 

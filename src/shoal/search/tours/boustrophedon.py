@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 from shoal.search.tours.base import TOURS, TourByOrder
 
 MOST_RUNS = 1500
-"""Maximum number of runs whose order Shoal improves. A tour of more runs keeps the order of the boustrophedon decomposition."""
+"""Maximum number of runs whose order Shoal improves.
+
+A tour with more runs keeps the order of the boustrophedon decomposition.
+"""
 
 
 @TOURS.register("boustrophedon")

@@ -28,8 +28,8 @@ class HilbertRectangleTour(TourByOrder):
 def closed_path(shape: tuple[int, ...]) -> NDArray[np.int64]:
     """Return the cells of a full box in the order of its closed generalized Hilbert curve; int64, shape (N, dimensions).
 
-    The curve runs out through one half of the box, and back through the other half. Both ways lead along the longest even side of
-    the box, or along its longest side if all sides are odd.
+    The curve runs out through one half of the box, and back through the other half. The way out and the way back lead along the
+    longest even side of the box, or along its longest side if all sides are odd.
     """
     from shoal.search.kernels.rectangle import walk_box
 

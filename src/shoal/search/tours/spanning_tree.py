@@ -22,10 +22,10 @@ class SpanningTreeTour:
 
     The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in pairs of cells beside its
     edges, and full blocks that are not aligned with the other blocks. The additions of the first stage need no detour. In the
-    second stage, the tour connects the cycles of cells that are still separate, where a single cell counts as a cycle. To connect
-    two cycles, the tour replaces one edge of each cycle by two steps from cycle to cycle. Of the two steps between two cycles, one
-    leads to a neighbouring cell. The other of these two steps may be longer: a diagonal to a single cell, or the way back from a
-    narrow dead end.
+    second stage, the tour connects cycles of cells that are still separate. A single cell counts as a cycle. To connect two cycles,
+    the tour replaces one edge of each cycle by two steps from cycle to cycle. Of the two steps between two cycles, one leads to a
+    neighbouring cell. The second of the two steps may be longer: a diagonal to a single cell, or the way back from a narrow dead
+    end.
     """
 
     name = "spanning-tree"

@@ -25,7 +25,7 @@ PARTS = (".shp", ".shx", ".prj", ".dbf", ".cpg")
 def read_zipped_shapefile(path: Path) -> RegionOutlines:
     """Return the polygons in the Shapefile of a zip archive, which must contain exactly one Shapefile.
 
-    The function unpacks the files of the Shapefile under new names. Therefore no path in the archive can lead to another folder.
+    The function unpacks the files of the Shapefile under new names, so that no path in the archive can lead to another folder.
 
     Raises
     ------

@@ -47,7 +47,8 @@ def run_live(
     scenario : Scenario
         The search. The supervisor kills the process of a crashed robot with SIGKILL. Each radio discards received messages with the
         probability of the network model ``loss``. If ``brief.hello`` is ``0.3 * speed`` or more, robots listen for at least 0.3 s,
-        and find each other even on a busy machine. With a shorter ``brief.hello``, the search takes longer but is still complete.
+        and find each other even on a busy machine. With a ``brief.hello`` below ``0.3 * speed``, the search may take longer, but is
+        still complete.
     speed : float
         Speed of a robot of speed 1, in cells per second of real time.
     channel : str
