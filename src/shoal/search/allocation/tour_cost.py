@@ -46,7 +46,7 @@ class TourCost:
         Number of changes of direction in each cell and on the path to the next cell. By default, each cell in which the tour turns
         by more than one degree counts as one change.
     least : float, optional
-        Minimum cost of searching all cells, in cells. The default minimum is the number of cells.
+        Minimum cost of searching all cells, in cells. By default, the minimum cost is the number of cells.
     reckoned : bool
         Whether the allocators use the lengths of paths around walls. If false, the allocators use straight distances.
 
