@@ -256,7 +256,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
 
 
 def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return the parts of the Dubins curves of each link, or infinite lengths for unused headings; shape (n, count, count, 6, 3)."""
+    """Return parts of all Dubins curves of each link, with infinite lengths for unused headings; shape (n, count, count, 6, 3)."""
     ends = []
     for some in (links, links + 1):
         place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
