@@ -50,7 +50,10 @@ for _kind in ("numba:compile", "numba:compiler_lock"):
 
 
 def cached(compiled: Any) -> Any:
-    """Connect a compiled function to the archives and the cache if the function's source is a file. Return the function."""
+    """Connect a compiled function to the archives and the cache, and return the function.
+
+    A function whose source is not a file gets no cache.
+    """
     if Path(compiled.py_func.__code__.co_filename).is_file():
         compiled._cache = _KernelCache(compiled.py_func)
     return compiled
@@ -110,7 +113,7 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel that hold constants. Loading other environments would only cost imports."""
+    """Return the environments of a kernel that hold constants. Loading environments without constants would only cost imports."""
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 
 

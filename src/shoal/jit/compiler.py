@@ -1,9 +1,9 @@
 """Compilation of kernels: a kernel is either an entry, which Python calls, or a part of another kernel.
 
 Numba only infers the types of a part and translates the part to LLVM code. LLVM optimizes an entry once, together with all parts of
-the entry. Without this module, Numba would optimize each kernel again at every level of calls. Numba would also make machine code,
-a Python wrapper and a cache file for each kernel. This additional work would take two thirds of Numba's compilation time. The
-measurements are in docs/adr/0012-kernels-compiled-once.md.
+the entry. Without this module, Numba would optimize each kernel again at every level of calls. Without this module, Numba would
+also make machine code, a Python wrapper and a cache file for each kernel. The repeated optimization and the additional files would
+take two thirds of Numba's compilation time. The file docs/adr/0012-kernels-compiled-once.md contains the measurements.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _OPTIONS = {"nopython": True, "nogil": True, "error_model": "numpy", "no_cfunc_w
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _EntryLowering(NativeLowering):
-    """Translate a kernel that Python calls to LLVM code."""
+    """The lowering pass for a kernel that Python calls. The pass translates the kernel to LLVM code."""
 
     _name = "entry_lowering"
     library_class: type[Any] = Entry
@@ -40,7 +40,7 @@ class _EntryLowering(NativeLowering):
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class _PartLowering(_EntryLowering):
-    """Translate a kernel that other kernels call to LLVM code."""
+    """The lowering pass for a kernel that other kernels call. The pass translates the kernel to LLVM code."""
 
     _name = "part_lowering"
     library_class = LinkedPart
@@ -95,14 +95,17 @@ class _PartCompiler(_EntryCompiler):
 
 
 class _Dispatcher(CPUDispatcher):
-    """Numba's dispatcher without the search for Numba extensions. Numba searches even when Numba only loads a compiled function."""
+    """Numba's dispatcher without the search for Numba extensions.
+
+    Numba's own dispatcher searches for extensions even if it only loads a compiled function.
+    """
 
     def _compilation_chain_init_hook(self) -> None:
         pass
 
 
 class _PartDispatcher(_Dispatcher):
-    """The dispatcher of a kernel that other kernels call. A literal number in a call does not cause another compilation."""
+    """The dispatcher of a kernel that other kernels call. A literal number as an argument does not cause another compilation."""
 
     def get_call_template(self, args: Any, kws: Any) -> Any:
         plain = {name: types.unliteral(one) for name, one in kws.items()}
@@ -117,7 +120,7 @@ class CompiledForms:
 
     @cached_property
     def entry(self) -> Any:
-        """The compiled function that Python calls."""
+        """The compiled form of the kernel that Python calls."""
         return cached(_Dispatcher(self._function, targetoptions=self._options, pipeline_class=_EntryCompiler))
 
     @cached_property
@@ -127,5 +130,8 @@ class CompiledForms:
 
     @property
     def part_type(self) -> Any:
-        """The Numba type of the part. The type has only a weak reference to the part, so ``CompiledForms`` keeps the part."""
+        """The Numba type of the part, which is the form of the kernel that other kernels contain.
+
+        The Numba type has only a weak reference to the part. ``CompiledForms`` therefore keeps the part alive.
+        """
         return types.Dispatcher(self._part)

@@ -1,4 +1,4 @@
-"""Kernels as Python calls them. Shoal loads the machine code of a kernel from the cache, without Numba.
+"""Kernels in the form that Python calls. Shoal loads the machine code of a kernel from the cache, without Numba.
 
 Shoal imports Numba and compiles a kernel only if the cache does not contain the kernel.
 """
@@ -18,9 +18,9 @@ _lock = threading.RLock()
 
 
 class Kernel:
-    """A function that Shoal compiles at its first call. A call from Python runs the kernel's own machine code.
+    """A function that Shoal compiles at its first call. A call from Python runs the function's own machine code.
 
-    If another kernel calls the kernel, the code of the kernel becomes a part of the code of the caller.
+    If another kernel calls the function, the code of the function becomes a part of the code of the caller.
     """
 
     def __init__(self, function: Callable[..., Any], **options: bool) -> None:
@@ -52,7 +52,7 @@ class Kernel:
 
     @property
     def entry(self) -> Any:
-        """The compiled function that Python calls."""
+        """The compiled form of the kernel that Python calls."""
         return self._forms.entry
 
     @property
@@ -65,10 +65,11 @@ class Kernel:
 
 
 def _named_apart(function: Callable[..., Any]) -> None:
-    """Make the name of a kernel that is defined inside a function unique, by the names of the kernels that it encloses.
+    """Make the name of a kernel unique if the kernel is defined inside a function.
 
-    The linker finds machine code by name. For kernels with equal names, Numba adds a number that starts again in each process.
-    Without unique names, the linker could confuse a kernel from the cache with a kernel that the process has compiled.
+    The unique name contains the names of the objects that the kernel encloses. The linker finds machine code by name. For kernels
+    with equal names, Numba adds a number that starts again in each process. Without unique names, the linker could confuse a kernel
+    from the cache with a kernel that the process has compiled.
     """
     if "<locals>" in function.__qualname__:
         made_of = [cell.cell_contents for cell in function.__closure__ or ()]

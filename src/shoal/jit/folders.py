@@ -59,7 +59,10 @@ def _is_usable(folder: Path) -> bool:
 
 @cache
 def _private_folder() -> Path | None:
-    """Return a folder for temporary files, or None. Only this user can write to the folder, because Shoal runs the code in it."""
+    """Return a private folder for temporary files, or None if no safe folder exists.
+
+    Only the current user can write to the private folder, because Shoal runs the code in the folder.
+    """
     user = os.getuid() if hasattr(os, "getuid") else 0
     folder = Path(tempfile.gettempdir()) / f"shoal-kernels-{user}"
     try:
@@ -74,7 +77,7 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder ``kernels`` around a kernel. The kernel is out of date after any change in this folder."""
+    """Return the folder ``kernels`` that contains a kernel. After a change in this folder, the compiled kernel is out of date."""
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 

@@ -1,6 +1,7 @@
 """Two forms of kernel code: an entry, which Python calls, and a part, which other kernels call.
 
-Numba only links a part into the code of other kernels. LLVM optimizes an entry together with all parts of the entry.
+Numba links a part into the code of other kernels, without optimization. LLVM optimizes an entry together with all parts of the
+entry.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from numba.core.codegen import JITCodeLibrary
 class LinkedPart(JITCodeLibrary):
     """The code of a kernel that other kernels call.
 
-    Numba never optimizes this code alone, and never generates machine code for it alone.
+    Numba never optimizes a part alone, and never generates machine code for a part alone.
     """
 
     def _optimize_final_module(self) -> None:
@@ -29,7 +30,7 @@ class Entry(JITCodeLibrary):
     """The code of a kernel that Python calls. No other code links to an entry, so Shoal keeps only the entry's machine code."""
 
     lowered = b""
-    """LLVM code of the entry and of all its parts, before optimization. The code does not depend on features of the processor."""
+    """LLVM code of the entry and of all its parts, before optimization. LLVM code does not depend on features of the processor."""
 
     def _optimize_final_module(self) -> None:
         self.lowered = self._final_module.as_bitcode()

@@ -3,7 +3,7 @@
 Type inference and translation to LLVM code take three quarters of the compilation time, and do not depend on the processor. LLVM
 optimizes the lowered code for the user's processor. Shoal uses an archive only if its kernels, the version of Numba and the
 platform are unchanged. Without a usable archive, Shoal compiles a kernel from its source at the kernel's first call. ``make
-kernels`` writes the archives. The measurements are in docs/adr/0013-kernels-lowered-ahead.md.
+kernels`` writes the archives. The file docs/adr/0013-kernels-lowered-ahead.md contains the measurements of the compilation time.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from shoal.jit.folders import stamp
 
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
-"""All kernels compiled so far, by part and name, while ``make kernels`` runs. At other times, None."""
+"""Lowered code of the kernels compiled so far, by part and name. The value is None, except while ``make kernels`` runs."""
 
 
 def _fitting(part: Path) -> bytes:

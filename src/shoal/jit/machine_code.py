@@ -1,6 +1,6 @@
-"""Machine code from the cache. Shoal loads and calls it without Numba, whose import takes longer than most commands.
+"""Loading and calling of machine code from the cache without Numba. The import of Numba takes longer than most commands of Shoal.
 
-The machine code needs LLVM's loader and the modules of Numba that are written in C.
+The machine code of kernels needs LLVM's loader and the modules of Numba that are written in C.
 """
 
 from __future__ import annotations
@@ -48,9 +48,10 @@ class MachineCode:
 
 
 def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
-    """Return a key for each argument that determines the compiled code, such as the dtype and the memory order of an array.
+    """Return one key for each argument of a kernel. All keys together determine the compiled code.
 
-    Every call of a kernel runs this function, so the function is short.
+    For example, the key of an array contains the dtype and the memory order of the array. Every call of a kernel runs this
+    function, so the function is short.
 
     Raises
     ------
@@ -78,10 +79,11 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
 
 
 def compiled_form(kinds: Any) -> Any:
-    """Return a key for the compiled code. Argument types for which Numba compiles equal code have equal keys.
+    """Return a key for the code that Numba compiles for given argument types.
 
-    The key leaves out array flags that do not change the code. An array that is contiguous in row-major order and in column-major
-    order counts as an array in row-major order. A Python number counts as the NumPy number with equal bits.
+    Argument types for which Numba compiles equal code have equal keys. The key leaves out array flags that do not change the code.
+    An array that is contiguous in row-major order and in column-major order counts as an array in row-major order. A Python number
+    counts as the NumPy number with equal bits.
     """
     if not isinstance(kinds, tuple):
         return _SAME.get(kinds, kinds)

@@ -10,7 +10,7 @@ _times = threading.local()
 
 
 class Compiling:
-    """A block that loads or compiles kernels. The time of a block inside another block counts only once."""
+    """A ``with`` block that loads or compiles kernels. The time of a block inside another block counts only once."""
 
     def __enter__(self) -> None:
         _times.depth = getattr(_times, "depth", 0) + 1

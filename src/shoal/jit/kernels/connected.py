@@ -12,12 +12,12 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
     """Label the connected components of the free cells. Return the labels of all cells and the number of components.
 
     The result equals the result of `scipy.ndimage.label`. Shoal does not use SciPy here, because the import of `scipy.ndimage`
-    takes longer than a whole command should.
+    takes longer than a whole command of Shoal should take.
 
     Parameters
     ----------
     free : ndarray of bool, shape (H, W) or (D, H, W)
-        The map; True for free cells.
+        Map with True for free cells.
     corners : bool
         Whether two cells that share only a corner are connected.
 
@@ -44,10 +44,10 @@ def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[
 
 @in_place_kernel
 def label_parts(free, offsets, labels, stack):
-    """Label the connected components of the free cells 1, 2, ..., in the order of their first cells. Return their number.
+    """Label the connected components of the free cells with 1, 2, 3 and so on. Return the number of components.
 
-    All entries of ``labels`` must be 0. The array ``stack`` must have space for all free cells. No cell at the border of the grid
-    may be free.
+    The labels have the order of the first cells of the components. All entries of ``labels`` must be 0. The array ``stack`` must
+    have space for all free cells. No cell at the border of the grid may be free.
     """
     parts = 0
     for first in range(free.shape[0]):

@@ -74,8 +74,8 @@ def add_lengths(kind, work, sharpness, blur, order):
 def assess(x, slack, sharpness, blur, kind, work, order):
     """Return the objective: the smoothed length of the chain times ``sharpness``, plus the logarithmic barrier of the limits.
 
-    With a slack, the objective contains the slack instead of the length. With ``order`` 1, write the derivatives of the objective
-    to ``work.derivatives``.
+    If ``slack`` is not NaN, the objective contains the slack instead of the length of the chain. With ``order`` 1, write the
+    derivatives of the objective to ``work.derivatives``.
     """
     derivatives = work.derivatives
     if order > 0:
@@ -141,7 +141,7 @@ def newton_direction(derivatives, lower, direction, n):
 
 @in_place_kernel
 def descend(phase, sharpness, blur, kind, work, enough):
-    """Improve the chain in ``work.wide`` in place by Newton's method. The initial chain must satisfy all limits.
+    """Improve the chain in ``work.wide`` in place by Newton's method. At the start, the chain must satisfy all limits.
 
     With ``phase``, the last entry of ``work.wide`` is the slack, and the method ends when the slack is below ``-enough``. Without
     ``phase``, the method ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
@@ -197,11 +197,12 @@ def count_limits(kind):
 
 @in_place_kernel
 def settle(x, enough, sharpnesses, bound, kind, work):
-    """Move the chain x in place until it satisfies all limits, if possible by ``enough``, and then shorten it. Return its length.
+    """Move the chain x in place until x satisfies all limits, and then shorten x. Return the length of x.
 
-    The length is infinite if no chain satisfies all limits. On flat walls, the length is also infinite if no chain is shorter than
-    ``bound``. Each entry of ``sharpnesses`` starts a round of Newton's method. The last sharpness determines how close to its
-    limits the chain may come.
+    If possible, x satisfies all limits by at least ``enough`` before the kernel shortens x. The length is infinite if no chain
+    satisfies all limits. On flat walls, the length is also infinite if no chain is shorter than ``bound``. Each entry of
+    ``sharpnesses`` starts a round of Newton's method. The last entry of ``sharpnesses`` determines how close to its limits the
+    chain may come.
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)

@@ -1,10 +1,11 @@
 """The elements of a chain of wall contacts, and its limits and lengths with their derivatives.
 
-A chain has cycles m = 0 .. M-1. In cycle m, particle ``touchers[m]`` (0 or 1) moves to the contact c[m] on wall ``walls[m]``. Then
-the wall holds this particle, the toucher, and a move of the other particle changes the position difference D[m] to D[m+1]. D[0] is
-the difference of the starts, and D[M] is the difference of the goals. The unknowns are D[1] .. D[M-1] and the contacts, each as d-1
-coordinates on its wall, in d dimensions. A limit is a constraint: a value that must be positive. The minimized function contains
-the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a displacement.
+A chain has M cycles with the numbers m = 0, ..., M-1. In cycle m, particle ``touchers[m]`` (0 or 1) moves to the contact c[m] on
+wall ``walls[m]``. The wall then holds particle ``touchers[m]`` while the other particle moves and changes the position difference
+D[m] to D[m+1]. D[0] is the difference of the starts, and D[M] is the difference of the goals. The unknowns are the contacts, as
+coordinates on their walls, and the position differences D[1] to D[M-1]. A limit is a constraint: a value that must be positive. The
+minimized function contains the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a
+displacement.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ Shape = namedtuple("Shape", "frames normals offsets circle near")
 """The walls, as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
 
 Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push")
-"""The kind of a chain: touchers and walls of its cycles, start, goal, shape of the workspace, and friction. ``margin`` is the
-smallest distance of the other particle from walls. ``push`` is the smallest component of an adjustment into the toucher's wall."""
+"""The kind of a chain: touchers and walls of its cycles, start, goal, shape, and friction. ``margin`` is the smallest distance that
+the particle without contact keeps from walls. ``push`` is the smallest component of an adjustment into the wall."""
 
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
@@ -33,8 +34,8 @@ Work = namedtuple(
 """Working memory. ``contacts``, (cycles, d + 1, d): each contact's position, derivatives by its coordinates and, on the circle,
 second derivative by the arc. ``delta``, (cycles + 1, d): position differences. ``span``, (1 + unknowns, d): a vector and its
 derivatives by the unknowns ``index``. ``first``, ``second``: derivatives of a limit. ``sums``: sums over walls of normal / limit,
-normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``: Cholesky factor.
-``direction``: Newton step. ``tried``, ``wide``: chains with their slack."""
+normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``: Cholesky factor
+of the Hessian. ``direction``: Newton step. ``tried``, ``wide``: two chains, each with its slack as the last entry."""
 
 
 def new_work(cycles: int, d: int) -> Work:
@@ -89,7 +90,7 @@ def begin(work, points, row, factor):
 def combine(work, one, a, other, b, left, p, right, q):
     """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector in ``work.span``, and write its derivatives.
 
-    Return the number of unknowns. A negative index omits a term.
+    Return the number of unknowns on which the vector depends. A negative index omits its term.
     """
     contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -157,7 +158,7 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Return ``-log(value + slack)``, or infinity if the logarithm is undefined, and add its derivatives.
 
-    The last unknown is the slack, if not NaN. Only a ``curved`` value uses ``second``. A constant value may be as low as
+    ``slack`` is the last unknown, or NaN without slack. ``second`` counts only if ``curved``. A constant value is at least
     ``-forgiven``.
     """
     steep = 0.0
@@ -245,7 +246,7 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert derivatives with respect to a point (``sums``) to derivatives with respect to its unknowns, and add the results.
+    """Convert the derivatives ``sums`` with respect to a point to derivatives with respect to the unknowns, and add the results.
 
     ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the derivatives with respect to the slack.
     """
@@ -271,7 +272,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Return the negative logarithm of the limit that keeps a point, ``work.span[0]`` (contains c[one]), inside the circle."""
+    """Return the negative logarithm of the limit that keeps the point ``work.span[0]`` inside the circle by the margin."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
@@ -287,7 +288,7 @@ def add_round(kind, work, used, one, forgiven, slack, order):
 
 @in_place_kernel
 def add_hold(kind, work, m, sign, slack, order):
-    """Add the limits of a wall that holds the toucher while D[m] becomes D[m+1]: the push into the wall, and the friction cone."""
+    """Return the negative logarithms of two limits of cycle m: the adjustment pushes into the wall and inside the friction cone."""
     contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     begin(work, work.delta, m, 0.0)

@@ -1,8 +1,8 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
 The tuple `Walls` describes flat walls and a circle. A point p is inside flat wall w if ``normals[w] @ p >= offsets[w]``. The circle
-(x, y, radius) bounds the first two coordinates of p. The radius is 0 if the workspace has no circle. The array ``gain`` contains
-(g, gx, gy, ...). A particle at p moves by ``g + (gx, gy, ...) @ p`` times the input.
+(x, y, radius) bounds the first two coordinates of a particle. The radius is 0 if the workspace has no round wall. The array
+``gain`` contains (g, gx, gy, ...). A particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
 """
 
 from __future__ import annotations
@@ -45,7 +45,10 @@ def circle_distance(point, circle):
 
 @in_place_kernel
 def touches(point, wall, walls, near):
-    """Return whether the distance of a particle from a wall is at most ``near``. The last wall index means the circle."""
+    """Return whether the distance of a particle from a wall is at most ``near``.
+
+    The wall index after the last flat wall means the circle.
+    """
     if wall == walls.normals.shape[0]:
         return walls.circle[2] > 0 and circle_distance(point, walls.circle) <= near
     return dot(walls.normals[wall], point) - walls.offsets[wall] <= near
@@ -83,9 +86,9 @@ def is_held(point, move, walls):
 def velocity_at(point, move, walls, velocity):
     """Write the velocity of a particle per unit of input to ``velocity``.
 
-    Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. Let N u and T u
-    be the components of the move u along a wall's normal and along the wall. A particle pushed into the wall slides by ``|T u| -
-    friction |N u|``. The particle does not slide if this length is negative or if another wall blocks the slide.
+    Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. A particle
+    pushed into a wall slides by ``along - friction * into``, where ``along`` and ``into`` are the components of the move along and
+    into the wall. The particle does not slide if ``along - friction * into`` is negative, or if another wall blocks the slide.
     """
     for i in range(move.shape[0]):
         velocity[i] = move[i]
@@ -121,7 +124,7 @@ def velocity_at(point, move, walls, velocity):
 def first_contact(point, velocity, walls, sliding):
     """Return how far a particle can move before it meets a wall, in multiples of ``velocity``, and the index of this wall.
 
-    The search leaves out the wall ``sliding``, along which the particle slides.
+    The function ignores the wall ``sliding``, along which the particle slides.
     """
     normals, offsets, circle = walls.normals, walls.offsets, walls.circle
     length = norm(velocity)
@@ -182,7 +185,7 @@ def snap(point, wall, walls):
 def advance(point, move, walls, velocity):
     """Move one particle in place. Return the fraction of the input after which a wall first held or braked the particle, or 1.
 
-    The array ``velocity`` is working memory.
+    The result is 1 if the particle was free during the whole move. The array ``velocity`` is working memory.
     """
     if norm(move) == 0:
         return 1.0

@@ -1,10 +1,11 @@
-"""The position difference nearest to the goals' that one cycle can make: algorithms 2 and 3 of paper W, corrected, with friction.
+"""The position difference that one cycle can make nearest to the difference of the goals: algorithms 2 and 3 of paper W, corrected.
 
 A cycle changes the position difference of two particles from D to D': a wall holds one particle (the toucher) while the other
 particle moves. The sign s is 1 if the first particle is the toucher, and -1 if the second particle is the toucher. A cycle with the
-contact c on a wall must meet two conditions. First, the points c + sD and c + sD' must lie inside the workspace. Second, the wall
-must hold the toucher: the vector s(D' - D) must lie in the friction cone of the wall. On a polygon P, all possible points sD' form
-one convex polygon: the union of P shifted by -c for all possible contacts c, cut by the friction cone.
+contact c on a wall must meet two conditions. First, the other particle must be inside the workspace before and after its move, at
+the points c + sD and c + sD'. Second, the wall must hold the toucher: the vector s(D' - D) must lie in the friction cone of the
+wall. On a polygon P, all possible vectors sD' from the toucher to the other particle form one convex polygon. The polygon of all
+vectors sD' is the union of P shifted by -c for all possible contacts c, cut by the friction cone.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-"""The walls and constants of cycles. The walls have the form of `NormalizedWalls`.
+"""The walls and constants of cycles.
 
-The constants are: the friction coefficient, the smallest distance of the other particle from the walls (``margin``), and the
-smallest component of an adjustment into the toucher's wall (``push``).
+The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin`` is the smallest distance that the
+particle without contact keeps from walls. ``push`` is the smallest component of an adjustment into the wall that holds the toucher.
 """
 
 ANGLES = 96
@@ -31,10 +32,10 @@ DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygon
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range of contacts on a wall for which the other particle is inside by ``margin``, from the wall's midpoint.
+    """Return the range (low, high) of contacts on a wall for which the particle without contact is inside by ``margin``.
 
-    The range starts at the distance ``low`` from the wall's midpoint and ends at ``high``. In an empty range, ``low`` is greater
-    than ``high``.
+    ``low`` and ``high`` are positions along the wall, measured from the wall's midpoint. In an empty range, ``low`` is greater than
+    ``high``.
     """
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
@@ -78,7 +79,10 @@ def copy_rows(source, count, target):
 
 @in_place_kernel
 def nearest_in(corners, count, point, found):
-    """Write the point of a convex counter-clockwise polygon that is nearest to ``point`` to ``found[3:5]``. Return the distance."""
+    """Write to ``found[3:5]`` the point of a convex counter-clockwise polygon that is nearest to ``point``.
+
+    Return the distance of the two points.
+    """
     inside, best = count > 2, np.inf
     for i in range(count):
         k = i + 1 if i + 1 < count else 0
@@ -100,10 +104,9 @@ def nearest_in(corners, count, point, found):
 
 @in_place_kernel
 def cycle_outline(delta, sign, wall, model, corners, spare):
-    """Write the polygon of all points sD' for one wall and toucher to ``corners``. Return the number of corners, 0 without a cycle.
+    """Write to ``corners`` the polygon of all vectors from the toucher to the other particle after a cycle on one wall.
 
-    D' is the position difference after the cycle. The sign s is 1 if particle 1 is the toucher, and -1 if particle 2 is the
-    toucher.
+    Return the number of corners, or 0 if no cycle is possible.
     """
     frames, reaches, normals, offsets = model.frames, model.reaches, model.normals, model.offsets
     friction, margin, push = model.friction, model.margin, model.push
@@ -263,11 +266,12 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
     """Write the largest depths that one more cycle can make to ``best``, shape (2, contacts); -1 for an impossible contact.
 
-    A depth is the distance of the other particle from the wall of a contact. Take a cycle with the contact c of particle s, and
-    then a contact d of particle t. After the cycle, the position difference is D = s (q - c), where q is the position of the other
-    particle and s is 1 or -1. The depth at the contact d is t N . D, where N is the normal of the wall of d and t is 1 or -1. The
-    point q must lie inside the workspace, and at most ``depths[s, c]`` below the wall of c. The point d + t D must also lie inside
-    the workspace. The possible points q therefore form a polygon, and the largest depth occurs at one of its corners.
+    A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle with particle
+    s at the contact c and a following contact d of particle t. The signs s and t are 1 for particle 1, and -1 for particle 2. After
+    the cycle, the position difference is D = s (q - c), where q is the position of the particle without contact. At the contact d,
+    the depth is t (N @ D), where N is the inward normal of the wall. The point q must lie inside the polygon, and at most
+    ``depths[s, c]`` below the wall of the contact c. The point d + t D must also lie inside the polygon. Because the possible
+    points q form a convex polygon, the largest depth occurs at a corner.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):

@@ -1,9 +1,10 @@
-"""Limits of the position difference Δ of two particles that wall reactions with friction can reach: a barrier in polar coordinates.
+"""The position differences Δ of two particles that wall reactions with friction can reach, limited by a barrier curve.
 
-Let N be the inward normal of a wall. If the wall holds or brakes the first particle, the reaction of the wall changes Δ by a vector
-within the angle atan(friction) of -N. If the wall holds or brakes the second particle, the reaction changes Δ by a vector within
-the angle atan(friction) of N. Whether a particle can touch a wall depends on Δ. If Δ keeps its direction, particles can touch each
-wall up to some length |Δ|. The code measures angles of wall reactions from the direction of -Δ, counter-clockwise.
+If a wall holds or brakes the first particle, its reaction changes Δ by a vector within the angle atan(friction) of the wall's
+outward normal. If a wall holds or brakes the second particle, its reaction changes Δ by a vector within the angle atan(friction) of
+the wall's inward normal. Whether a particle can touch a wall depends on Δ. If Δ keeps its direction, particles can touch each wall
+up to some length of Δ. The code computes the barrier in polar coordinates, and measures angles of wall reactions from the direction
+of -Δ, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 def touchable(angle, step, most, model, ends, turns):
     """For a direction of Δ, write the maximum length |Δ| for each wall and particle, and the angles of the wall reactions.
 
-    Up to the maximum length, the particle can touch the wall. The array ``ends`` contains the maximum lengths, 0 for never. The
-    array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch it with some Δ within half of
-    the angle ``step`` of the direction.
+    Up to the maximum length, the particle can touch the wall. The array ``ends`` contains the maximum lengths, with 0 for a wall
+    that the particle can never touch. The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle
+    can touch the wall for some Δ whose direction differs by at most half of the angle ``step``.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -58,9 +59,10 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest length |Δ| after and before wall reactions turn Δ by one step, if |Δ| is at most ``radius`` at first.
+    """Return the largest length of Δ after wall reactions have turned Δ by one step, and the largest length before the turn.
 
-    Wall reactions can increase |Δ| without a turn only where the reactions do not all point into one half-plane.
+    At first, the length of Δ is at most ``radius``. Wall reactions can lengthen Δ without turning Δ only where the reactions do not
+    all point into one half-plane.
     """
     rows = ends.shape[0]
     before = radius
@@ -83,7 +85,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the wall reactions that are possible at a point of a ray of Δ."""
+    """Return the smallest and the largest angle of the wall reactions that are possible for a given length of Δ."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:

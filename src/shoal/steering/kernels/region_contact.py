@@ -9,13 +9,12 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import PUSHED, TOUCH
 
 Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
-"""The boundary of a region, with one entry for each edge of the boundary, except ``size`` and ``boxes``.
+"""The boundary of a region. Every field except ``size`` and ``boxes`` has one entry for each edge of the boundary.
 
-The fields are: x and y of both ends of each edge, with the free side on the left of the edge; inward unit normals; lengths; the
-indices of the previous and the next edge (``links``); whether the corner at the beginning of an edge is ``reflex`` (wider than 180
-degrees); the size of the region; and bounding boxes of runs of consecutive edges (smallest x, largest x, smallest y, largest y).
-The boxes save tests of most edges.
-"""
+``ends``: x and y of both ends of each edge, with the free side on the left of the edge. ``normals``: inward unit normals.
+``lengths``: lengths of the edges. ``links``: indices of the previous and the next edge. ``reflex``: whether the corner at the
+beginning of an edge is wider than 180 degrees. ``size``: size of the region. ``boxes``: bounding boxes of groups of consecutive
+edges, as smallest x, largest x, smallest y and largest y. With the boxes, most edges need no test."""
 
 GAP = 1e-12  # fraction of the region's size: extension of edges, so that no particle passes between two edges
 
@@ -45,7 +44,7 @@ def is_on(x, y, edge, ends, normals, lengths, touch):
 
 @in_place_kernel
 def pushes(move, edge, normals, length):
-    """Return whether a move does not lead away from an edge."""
+    """Return whether a move leads towards an edge or along the edge."""
     return normals[edge, 0] * move[0] + normals[edge, 1] * move[1] <= PUSHED * length
 
 
@@ -53,9 +52,9 @@ def pushes(move, edge, normals, length):
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
     """Return whether the edge ``other`` at a reflex corner releases a particle that the edge ``edge`` would hold.
 
-    At the corner, the edge ``other`` releases the particle if the move leads away from this edge. Farther from the corner, the wall
-    between the two edges may be thinner than ``touch``. In a wall thinner than ``touch``, only the edge with the particle in front
-    counts.
+    At the corner, the edge ``other`` releases the particle if the move leads away from the edge ``other``. Farther from the corner,
+    the wall between the two edges may be thinner than ``touch``. At a wall thinner than ``touch``, only the edge on the particle's
+    side counts.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -66,7 +65,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return (first, last + 1) for a group of consecutive edges, or (0, 0) if the group is far from a straight path."""
+    """Return the index range (first, last + 1) of a group of consecutive edges, or (0, 0) if the group is far from a path."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -99,8 +98,9 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
     """Return the fraction of a move after which a free particle meets an edge, the edge, and the position along the edge.
 
-    Without such an edge, the index of the edge is -1. An edge that the particle touches at the start does not stop the particle. A
-    reflex corner on the path does not stop the particle if one of the two edges of the corner lets the particle continue.
+    If the particle meets no edge, the index of the edge is -1. An edge that the particle touches at the start does not stop the
+    particle. A reflex corner on the path does not stop the particle if one of the two edges of the corner lets the particle
+    continue.
     """
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)

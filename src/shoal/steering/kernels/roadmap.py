@@ -103,8 +103,9 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
     """Add to ``nodes`` extreme position differences that cycles can reach from the position difference ``delta``.
 
     With ``back``, add extreme position differences from which cycles can reach ``delta``. A position difference is extreme if it is
-    longer than all earlier nodes in about the same direction. With ``back``, an extreme position difference is shorter than all
-    these nodes. The array ``records`` holds the most extreme length in each range of directions. Return the new number of nodes.
+    longer than all earlier nodes in about the same direction. With ``back``, a position difference is extreme if it is shorter than
+    all earlier nodes in about the same direction. The array ``records`` holds the most extreme length in each range of directions.
+    Return the new number of nodes.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))

@@ -2,8 +2,8 @@
 
 An offset is the position of a particle minus the position of its goal. A translation changes all offsets by the same vector.
 Therefore, a translation can complete the task if all offsets are equal. Most manoeuvres bring one particle to a wall, and then make
-the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres make only one component of the two
-offsets equal. Other manoeuvres are random moves, which may find solutions that no plan anticipates.
+the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres make only one component of two
+particles' offsets equal. Other manoeuvres are random moves, which may find solutions that no plan anticipates.
 """
 
 from __future__ import annotations
@@ -23,12 +23,11 @@ The flag ``flat`` is true if all walls are straight and hold particles without s
 """
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")
-"""Arrays with one row for each node of the search tree, by node number.
+"""Arrays with one row for each node of the search tree.
 
-The fields are: positions of all particles (``states``), parent nodes, moves from the parent to the node (``made``) and their
-numbers (``counts``), numbers of moves from the root (``depths``), estimates of the distance from the goals (``keys``), and numbers
-of attempts to grow the tree from the node (``tries``).
-"""
+``states``: positions of all particles. ``parents``: parent nodes. ``made``: moves from the parent to the node. ``counts``: numbers
+of moves from the parent. ``depths``: numbers of moves from the root. ``keys``: estimates of the distance from the goals. ``tries``:
+numbers of attempts to grow the tree from the node."""
 
 STEPS = 8  # maximum number of moves of one manoeuvre
 EQUAL = 1e-11  # fraction of the workspace size: two offsets with a smaller difference count as equal
@@ -135,7 +134,7 @@ def differing(state, goal, size):
 
 @kernel
 def wall_point(point, world, rng, place, normal):
-    """Draw a random point of a wall and write it to ``place``. Write the inward normal of the wall at this point to ``normal``.
+    """Draw a random point of a wall. Write the point to ``place``, and the wall's inward normal at the point to ``normal``.
 
     On straight edges, a quarter of the drawn points are the nearest points of an edge to the particle at ``point``.
     """
@@ -177,8 +176,8 @@ def draw_move(rng, size):
 def adjustment(state, goal, held, normal, rng, size):
     """Return a move that brings the offset of a random particle closer to the offset of the particle ``held``, or a random move.
 
-    An offset is the position of a particle minus the position of its goal. Some moves make the two offsets equal, and other moves
-    make only one component of the two offsets equal.
+    An offset is the position of a particle minus the position of its goal. Some moves make the offsets of two particles equal, and
+    other moves make only one component of the offsets equal.
     """
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
@@ -203,7 +202,10 @@ def adjustment(state, goal, held, normal, rng, size):
 
 @kernel
 def manoeuvre(state, goal, world, rng, size, moves):
-    """Make a random manoeuvre of one or a few moves, which changes ``state`` in place. Return the number of moves."""
+    """Make a random manoeuvre of one or a few moves, which changes ``state`` in place.
+
+    Return the number of moves in the manoeuvre.
+    """
     choice = rng.random()
     if choice < 0.2:  # a move in any direction; half of these moves end before the first contact
         x, y = draw_move(rng, size)

@@ -6,9 +6,9 @@ particle, the toucher, while the other particle moves by ``s (Dg - D)``. The sig
 the second-last move is the distance from the toucher to its wall plus ``|Dg - D|``. The last move brings both particles to their
 goals.
 
-The last two moves are feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the
-part of the second-last move for which the other particle has no space. If no random plan is feasible, the search repairs the plans
-with the smallest shortage by small changes of their moves.
+The last two moves are feasible if the particle that is not the toucher meets no wall during the second-last move. The *shortage* of
+a plan is the part of the second-last move for which the particle that is not the toucher has no space. If no random plan is
+feasible, the search repairs the plans with the smallest shortage by small changes of their moves.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write trial lengths of moves in a direction, from the first wall contact of a particle to the contact of the other one.
+    """Write trial lengths of moves in a direction, from one particle's first wall contact to the other one's first wall contact.
 
-    Return the number of lengths. A particle that a wall holds has already met its wall. A move that ends before the first contact
-    does not change the position difference.
+    Return the number of trial lengths. The first wall contact of a particle that a wall holds has the length 0. A move that ends
+    before the first wall contact does not change the position difference.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -54,9 +54,10 @@ def lengths_along(points, direction, shares, walls, lengths):
 def shortage(points, goal, toucher, walls, direction):
     """Return the shortage of the second-last move with the given toucher, and the length of the second-last move.
 
-    The shortage is the part of the second-last move for which the other particle has no space. The shortage is negative if the
-    other particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of the second-last
-    move. Both results are 0 if the position difference of the particles already equals the difference of the goals.
+    The shortage is the part of the second-last move for which the particle that no wall holds has no space. The shortage is
+    negative if this particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of the
+    second-last move. Shortage and length are 0 if the position difference of the particles already equals the difference of the
+    goals.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -116,7 +117,10 @@ def total_length(moves):
 
 @kernel
 def holds_nearby(start, goal, toucher, trial, nudges, walls):
-    """Return whether a plan also ends at the goals after small changes of its last trial move, so that it does not need luck."""
+    """Return whether a plan also ends at the goals after small changes of its last trial move.
+
+    The test rejects plans that depend on rounding errors.
+    """
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
     state, move, spare = start.copy(), np.empty(start.shape[1]), np.empty(start.shape[1])
@@ -136,7 +140,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
     """Search for plans of three moves: try first moves from the start, and compute the last two moves for each first move.
 
     Write the shortest plan to ``best_moves``. Return how many times the search has found a plan shorter than all earlier plans. The
-    search ends when this number reaches ``enough``.
+    search ends when it has found ``enough`` plans, each shorter than all earlier plans.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -196,8 +200,8 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 def least_shortage(start, goal, trial, walls, state, direction):
     """Return the smaller shortage of the two possible touchers after all moves of a plan except the last two moves.
 
-    The shortage is the part of the second-last move for which the other particle has no space. Write the positions of the particles
-    before the second-last move to ``state``.
+    The shortage is the part of the second-last move for which the particle that no wall holds has no space. Write the positions of
+    the particles before the second-last move to ``state``.
     """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
@@ -211,8 +215,8 @@ def least_shortage(start, goal, trial, walls, state, direction):
 def repair(start, goal, walls, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
 
-    The shortage is the part of the second-last move for which a particle has no space. With a negative shortage, the last two moves
-    are feasible.
+    The shortage is the part of the second-last move for which the particle that no wall holds has no space. With a negative
+    shortage, the last two moves are feasible.
     """
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
@@ -241,7 +245,7 @@ def repair(start, goal, walls, trial):
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
     """Write a trial move for each row of ``picks``, which contains random numbers for a direction and a length.
 
-    Return whether the trial moves exist.
+    Return whether a trial move exists for every row of ``picks``.
     """
     copy(start, state)
     for m in range(picks.shape[0]):
@@ -261,7 +265,7 @@ def search_guided(start, goal, directions, shares, picks, nudges, enough, walls,
 
     Return how many times the search has found a plan shorter than all earlier plans. The array ``picks``, int64, has the shape
     (tries, wide, moves - 2, 2). Each try draws ``wide`` random plans, and repairs the plan with the smallest shortage. The search
-    ends when it has found ``enough`` plans.
+    ends when it has found ``enough`` plans, each shorter than all earlier plans.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)

@@ -20,16 +20,16 @@ from shoal.steering.kernels.sampling import step, wall_point
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
 
-The fields are: the kind of step (CONTACT, ADJUSTMENT or TRANSLATION), the particle that moves to a wall or is held by a wall, the
-target, for a contact the direction of the wall, and the move of the step in the last simulation.
-"""
+``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: the particle that moves to a wall, or the particle that a wall holds.
+``targets``: the target of each step. ``along``: for a contact, the direction of the wall. ``moves``: the move of each step in the
+last simulation."""
 
 Noise = namedtuple("Noise", "starts errors deviation cycle")
-"""Scenarios of noise, to judge a plan by simulation.
+"""Scenarios of noise, with which simulations judge a plan.
 
-The fields are: possible start positions, float64, shape (scenarios, 2, 2); errors of moves, shape (scenarios, moves, 2); the
-standard deviation of the errors; and the number of moves that correct a wrong position difference and then reach the goals.
-"""
+``starts``: possible start positions, float64, shape (scenarios, 2, 2). ``errors``: errors of moves, shape (scenarios, moves, 2).
+``deviation``: standard deviation of the errors. ``cycle``: number of moves that correct a wrong position difference and then reach
+the goals."""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 WIDEST, FINEST = 0.3, 1e-6  # fractions of the workspace size: largest and smallest typical change of a target
@@ -89,7 +89,7 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
 
 @kernel
 def moves_left(state, goal, tolerance, noise, world, move):
-    """Estimate how many more moves bring both particles to their goals. The positions in ``state`` are overwritten."""
+    """Estimate how many more moves bring both particles to their goals. The function overwrites the positions in ``state``."""
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -205,10 +205,10 @@ def aim_near(steps, k, width, rng, state):
 def change(steps, count, start, goal, world, rng, odds, over, state, move, normal):
     """Change a plan at random, in place. Return the new number of steps.
 
-    The array ``odds`` contains the cumulative probabilities of six kinds of change. The first kind changes one or two targets. The
-    second kind removes a step. The third kind replaces a contact, perhaps with the other particle as the toucher. The fourth kind
-    inserts a contact, so that the other particle is the toucher in the next adjustment. The fifth kind inserts a contact and an
-    adjustment. The sixth kind inserts a translation. A toucher is the particle that a wall holds.
+    The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters one or two targets. Change 2
+    removes a step. Change 3 replaces a contact, perhaps with the other particle as the toucher. Change 4 inserts a contact, so that
+    the other particle is the toucher in the next adjustment. Change 5 inserts a contact and an adjustment. Change 6 inserts a
+    translation. A toucher is the particle that a wall holds.
     """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
@@ -271,9 +271,10 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 
 @kernel
 def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
-    """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``. Return its number of steps and its cost.
+    """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``.
 
-    The cost is infinite if the initial plan does not end at the goals. No plan has more than ``most`` steps.
+    Return the number of steps and the cost of the best plan. The cost is infinite if the initial plan does not end at the goals. No
+    plan has more than ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)
@@ -299,6 +300,6 @@ def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, wor
 
 @kernel
 def step_all(states, moves, world):
-    """Make one move in each of many simulated worlds, in place. In each world, all particles receive the world's own move."""
+    """Make one move in each of many simulated worlds, in place. In each world, all particles receive the same move."""
     for s in range(states.shape[0]):
         step(states[s], moves[s], world)

@@ -13,7 +13,7 @@ def record_type(number: type[np.generic], *names: str) -> np.dtype[Any]:
 
 
 def new_record(kind: np.dtype[Any], **values: float) -> Any:
-    """Return a record with the given values. Every other field is 0.
+    """Return a record with the given values. Fields without a given value are 0.
 
     Examples
     --------

@@ -18,8 +18,8 @@ SUM, SQUARES = 0, 1  # indices of the measures for each axis
 def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
     """Write to ``out`` the cells around a centre cell of each world; uint8, shape (worlds, planes, layers, rows, columns).
 
-    The centre of a window is given as layer, row and column. Cells beyond the ``columns`` columns of the boards appear as
-    obstacles, as do cells beyond their layers and rows.
+    The centre of a window is given as layer, row and column. Cells outside the boards appear as obstacles. The boards have
+    ``columns`` columns.
     """
     depth, height, side = out.shape[2], out.shape[3], out.shape[4]
     for i in range(first, last):
@@ -50,8 +50,8 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
 
     ``commands``, int64, (worlds, commands, 2): the number of particles that would enter a frontier cell, and the number of
     particles whose next cell is not a known obstacle and holds no particle. ``axes``, (worlds, 3, 2): the sums of the particles'
-    layers, rows and columns, and the sums of the squares. ``totals``, (worlds, 3): the number of particles, the number of frontier
-    cells, and the number of cells that are known or in the frontier.
+    layers, rows and columns, and the sums of their squares. ``totals``, (worlds, 3): the number of particles, the number of
+    frontier cells, and the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
     for i in range(first, last):

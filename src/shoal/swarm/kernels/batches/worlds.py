@@ -1,7 +1,7 @@
 """Many worlds, whose boards are stored one after the other. Each thread processes a range of the selected worlds.
 
-The boards of all worlds have one shape. A smaller map occupies the first rows and columns of its board, and its particles cannot
-leave these rows and columns.
+The boards of all worlds have one shape. A map smaller than its board occupies the first rows and columns of the board. Particles
+cannot leave their map.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Whole episodes of planners. One call of `play_planner` plays a piece of an episode, as in `policy_episode`.
 
-The moves of the episode do not depend on the lengths of the pieces.
+The moves of an episode do not depend on the lengths of the pieces in which the kernel plays the episode.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def choose(code, field, mapping, planner):
 
 @in_place_kernel
 def measure_surprise(field, planner):
-    """Count the new free cells, and among them the surprises: cells that were not predicted to be free. Update the mean.
+    """Count the new free cells and the surprises, which are new free cells that were not predicted to be free.
 
     ``memory.surprise`` is the moving average of the share of surprises.
     """
@@ -54,7 +54,10 @@ def observe_outcome(field, mapping, planner, command, done):
 
 @in_place_kernel
 def play_planner(code, field, rule, mapping, planner, trace):
-    """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED)."""
+    """Continue an episode until the trace is full or the episode ends.
+
+    Return the number of moves played, and the status RUNNING, COMPLETE or STALLED.
+    """
     memory = planner.memory
     for move in range(trace.commands.shape[0]):
         if memory.remaining == 0:

@@ -1,8 +1,8 @@
 """Whole episodes in compiled code: decisions of a policy, moves of the particles, and the trace.
 
-Each call of ``play`` plays a limited number of moves. The next call continues the episode, because ``PolicyState`` contains the
-whole memory of the policy. Between two calls, the caller can show the progress, stop the episode, or enlarge the trace. The moves
-of the episode do not depend on the number of calls.
+Each call of ``play`` plays a limited number of moves. The next call of ``play`` continues the episode, because ``PolicyState``
+contains the whole memory of the policy. Between two calls of ``play``, the caller can show the progress, stop the episode, or
+enlarge the trace. The moves of an episode do not depend on the number of calls of ``play``.
 """
 
 from __future__ import annotations
@@ -156,9 +156,9 @@ def decide_tilts(field, mapping, policy_state):
 
 @in_place_kernel
 def follow(field, policy_state, command):
-    """Update the driven particle: it becomes the particle in the cell ahead. Return whether the cell ahead holds a particle.
+    """Make the particle in the cell ahead the driven particle, which is the particle that the policy guides.
 
-    If the cell ahead is empty, the driven particle has not moved.
+    Return whether the cell ahead holds a particle.
     """
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
@@ -175,7 +175,7 @@ def notice_no_command(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_elect(field, policy_state, command, travelled, done):
-    """Update the elected particle. If its target cell is classified, request a new plan."""
+    """Update the elected particle. If the target cell is classified, request a new plan."""
     memory = policy_state.memory
     follow(field, policy_state, command)
     if not has(field.frontier, field.width, memory.target_row, memory.target_column):
@@ -198,7 +198,7 @@ def notice_depth_first(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_sweep(field, policy_state, command, travelled, done):
-    """Update the phase of the policy sweep. A phase ends when the last command of its cycle has moved no particle."""
+    """Update the phase of the policy sweep. A phase ends when its command left or right moves no particle."""
     memory = policy_state.memory
     memory.gain += done
     if memory.phase == 0 or memory.second == 1:
@@ -213,8 +213,8 @@ def notice_sweep(field, policy_state, command, travelled, done):
 def end_run(field, policy_state, scan_planner, given):
     """Return whether a scan follows a run of equal commands.
 
-    If the scans are given, ``given`` decides. An adaptive policy does not scan after a run that has classified no cell. All other
-    scan rules scan after each run.
+    In a replay of given scans, the result is ``given``. An adaptive policy does not scan after a run that has classified no cell.
+    All other scan rules scan after each run.
     """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:
@@ -271,11 +271,12 @@ def player(decide, notice):
 
     @in_place_kernel
     def play(code, field, rule, mapping, policy_state, scan_planner, trace):
-        """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED).
+        """Continue an episode until the trace is full or the episode ends.
 
-        ``scan_planner`` is None unless scans are ADAPTIVE. For RANDOM, ``trace.commands`` contains the commands, drawn in advance.
-        If scans are GIVEN, ``trace.scanned`` contains the scans. The policy learns the effect of a run of equal commands only from
-        the scan after the run.
+        Return the number of moves played, and the status RUNNING, COMPLETE or STALLED. For all scan rules except ADAPTIVE,
+        ``scan_planner`` is None. For RANDOM, ``trace.commands`` contains the commands, drawn in advance. If scans are GIVEN,
+        ``trace.scanned`` contains the scans. The policy learns the effect of a run of equal commands only from the scan after the
+        run.
         """
         memory = policy_state.memory
         for move in range(trace.commands.shape[0]):

@@ -35,8 +35,8 @@ class ScanPlanner(NamedTuple):
 def interval(kind, step, streak):
     """Return the number of commands in a run that follows ``streak`` runs in the same direction.
 
-    In one direction, EQUAL with the step k scans after k, 2k, 3k, ... commands. DOUBLING scans after 1, 2, 4, 8, ... commands.
-    HYPER scans after 1, 4, 27, ..., i^i commands.
+    In one direction, the rule EQUAL with the step k scans after k, 2k, 3k, ... commands. The rule DOUBLING scans after 1, 2, 4, 8,
+    ... commands. The rule HYPER scans after 1, 4, 27, ..., i^i commands.
     """
     if kind == EQUAL:
         return step
@@ -61,12 +61,13 @@ def stretch(plan, at, length):
 def decide_adaptive(field, rule, mapping, search, scan_planner):
     """Plan a path through known cells and a last run of equal commands into unknown cells.
 
-    Return (length of the plan, number of commands in the last run). The second number is 0 if the length of the last run is not yet
-    known.
+    Return the length of the plan and the number of commands in its last run. The number of commands is 0 if the length of the last
+    run is not yet known.
 
     A candidate is a run of equal commands, or a path followed by one more command. The plan is the candidate with the highest
-    expected number of classified cells per cost. If the path to the nearest frontier cell has a higher expected number per cost,
-    the plan is this path. In coverage, no cell is unknown, so the plan is always the path to the nearest frontier cell.
+    expected number of classified cells per cost. If the path to the nearest frontier cell classifies more cells per cost, the plan
+    is the path to the nearest frontier cell. In coverage, no cell is unknown, so the plan is always the path to the nearest
+    frontier cell.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0

@@ -3,9 +3,9 @@
 The scan rule and the length of the path limit the number of commands between two scans.
 
 A cell counts as progress when it is classified for the first time, even if the belief about the cell changes later. The guard gives
-the path to a target a budget of moves, which grows with the length of the path. Without progress within the budget, the guard gives
-up the target cell for the rest of the episode. Every episode ends, because each cell can count as progress only once, and can be
-given up only once.
+the path to a target cell a budget of moves, which grows with the length of the path. Without progress within the budget of moves,
+the guard gives up the target cell for the rest of the episode. Every episode ends, because each cell can count as progress only
+once, and can be given up only once.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class ProgressGuard(NamedTuple):
 
 @in_place_kernel
 def find_frontier(field, given_up):
-    """Write the frontier: unclassified cells beside cells classified as free, except cells given up. Return their number."""
+    """Write the frontier: unclassified cells beside cells classified as free, except cells given up.
+
+    Return the number of frontier cells.
+    """
     cells, width, size = field.open, field.width, field.open.shape[0]
     layer = width * field.rows
     count = 0
@@ -69,7 +72,7 @@ def find_frontier(field, given_up):
 
 @in_place_kernel
 def refresh(noisy, field, guard):
-    """Write the boards of the belief. Return the number of cells that are classified for the first time."""
+    """Write the belief to the boards of ``field``. Return the number of cells that are classified for the first time."""
     classify(noisy, field.open, field.known, field.occupied, field.width)
     fresh = 0
     for i in range(field.known.shape[0]):
@@ -83,8 +86,8 @@ def refresh(noisy, field, guard):
 def wake(field, search, guard):
     """Plan one command if no cell is classified as free yet. Return the number of planned commands, 0 or 1.
 
-    Successive calls use the directions in turn. With frequent errors, several scans may pass before the first cell is classified as
-    free.
+    Successive calls of `wake` use all directions in turn. With frequent errors, several scans may pass before the first cell is
+    classified as free.
     """
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
@@ -134,10 +137,10 @@ def choose(field, search, guard, most):
 
 @in_place_kernel
 def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
-    """Continue an episode until the trace is full or the episode ends. Return (moves played, RUNNING, COMPLETE or STALLED).
+    """Continue an episode until the trace is full or the episode ends.
 
-    A scan follows after at most ``every`` commands, and after command number ``limit``. The trace has space for at most ``limit``
-    commands.
+    Return the number of moves played, and the status RUNNING, COMPLETE or STALLED. A scan follows after at most ``every`` commands,
+    and after command number ``limit``. The trace has space for at most ``limit`` commands.
     """
     memory = guard.memory
     for move in range(trace.commands.shape[0]):

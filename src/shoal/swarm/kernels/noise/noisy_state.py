@@ -1,8 +1,8 @@
 """Particles with noise (they slip, and scans may show them wrongly), and the Bayes filter for noisy scans.
 
-All arrays are flat, over the workspace with a border of three cells. The inner border is the rim, whose cells particles try to
-enter like other walls. The two outer borders are never free, so kernels need no bounds test for neighbours. For each command,
-kernels process the cells ahead of a cell before the cell.
+All arrays are flat arrays over the workspace, extended by a border of three cells on each side. The innermost layer of the border
+is the rim. Particles can try to enter rim cells like other walls. The two outer layers of the border are never free, so kernels
+need no bounds test for neighbours. For each command, kernels process the cell ahead of a cell before the cell itself.
 
 For each cell, the belief contains the log-odds that the cell is free, and the probability that the cell holds a particle. A move
 with its scan updates the log-odds and the probabilities in two passes. The first pass predicts where particles may have moved. The
@@ -51,13 +51,13 @@ class NoisyState(NamedTuple):
 
 @in_place_kernel
 def chance(logit):
-    """Return the probability that belongs to log-odds."""
+    """Convert log-odds to a probability."""
     return 1.0 / (1.0 + np.exp(-logit))
 
 
 @in_place_kernel
 def first_and_step(size, offset):
-    """Return (first cell, step) for a loop over all cells that processes the cells ahead before the cells behind."""
+    """Return (first cell, step) of a loop over all cells that processes the cell ahead of each cell before the cell itself."""
     if offset > 0:
         return size - 1, -1
     return 0, 1
@@ -100,7 +100,10 @@ def look(noisy, rng):
 
 @in_place_kernel
 def first_belief(noisy):
-    """Initialize the belief from the first scan. Each detection is a particle in the cell or a misplaced particle."""
+    """Initialize the belief from the first scan.
+
+    A detection in a cell means a particle in the cell or a misplaced particle of a neighbouring cell.
+    """
     misplace, miss = noisy.rates.misplace, noisy.rates.miss
     hit = (1.0 - miss) * (1.0 - misplace)
     odds = (hit + CLUTTER) / ((1.0 - miss) * misplace + CLUTTER)
@@ -142,7 +145,7 @@ def spread_noisy(noisy, command):
 
 @in_place_kernel
 def stray(noisy, at, but):
-    """Return the probability that a scan shows a particle of a neighbouring cell in the cell ``at``.
+    """Return the probability that a scan misplaces a particle of a neighbouring cell into the cell ``at``.
 
     The neighbouring cell ``but`` does not count.
     """
@@ -240,8 +243,8 @@ def learn_noisy(noisy, command):
 def classify(noisy, open_words, known_words, occupied_words, width):
     """Write three boards of the belief: free cells, classified cells, and cells that probably hold a particle.
 
-    A classified cell is known to be free or known to be an obstacle, with log-odds beyond the bound. A cell that probably holds a
-    particle has a probability above 0.5.
+    A classified cell is known to be free or known to be an obstacle, with log-odds beyond ``noisy.rates.bound``. A cell that
+    probably holds a particle has a probability above 0.5.
     """
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
     pad = 0 if noisy.layers == 1 else 2

@@ -1,11 +1,12 @@
 """Breadth-first search on sets of cells: the nearest frontier cell, and the commands that bring a particle to this cell.
 
-A board is a set of cells, packed into words of 64 bits. All cells at one path length from the particles form a level of the search,
-and a level is a board. The dilation of a level, limited to known free cells, gives the next level. One dilation costs about as much
-time as one move. The particles follow the whole path before the next search, so planning costs no more time than moving.
+A board is a set of cells, packed into words of 64 bits. All cells with the same path length from the particles form a level of the
+search, which is stored as a board. The dilation of a level, limited to known free cells, gives the next level. One dilation costs
+about as much time as one move. The particles follow the whole path before the next search, so planning costs no more time than
+moving.
 
-To trace the path back, the search stores each cell's path length modulo 3, in three boards. Therefore, the memory does not grow
-with the length of the path.
+To trace the path back, the search stores each cell's path length modulo 3, in three boards. Therefore, the memory of the search
+does not grow with the length of the path.
 """
 
 from __future__ import annotations
@@ -83,7 +84,7 @@ def start_planes(planes, sources):
 def expand(field, planes, first, last, level):
     """Replace the level in WAVE by the next level of the search. Return whether the next level is empty.
 
-    The kernel processes the words from ``first`` to ``last - 1``. No other word may contain cells of the next level.
+    The kernel processes the words from ``first`` to ``last - 1``. The other words must not contain cells of the next level.
     """
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
@@ -122,7 +123,7 @@ def row_range(words, width, first, last):
 def common_columns(one, other, columns):
     """Add to ``columns``, a row of words, the columns in which two boards have a common cell.
 
-    Instead of whole boards, the arguments may be equal ranges of rows.
+    The arguments ``one`` and ``other`` may also be equal ranges of rows of two boards.
     """
     width = columns.shape[0]
     if width < 8:  # a row is too short for vector instructions, so the outer loop is over the words of a row
@@ -140,9 +141,9 @@ def common_columns(one, other, columns):
 
 @in_place_kernel
 def first_cell(field, search, one, other):
-    """Return (row, column) of the first common cell of two boards, in the order of expansion. There must be a common cell.
+    """Return (row, column) of the first common cell of two boards, in the order of expansion.
 
-    ``search.columns`` must contain the columns of all common cells.
+    The two boards must have a common cell. ``search.columns`` must contain the columns of all common cells.
     """
     width, rows, layers = field.width, field.rows, field.layers
     if search.order == COLUMN_MAJOR:
@@ -174,7 +175,7 @@ def first_cell(field, search, one, other):
 
 @in_place_kernel
 def ahead(row, column, command, rows):
-    """Return the cell (row, column) that is one step from the cell (row, column) in the direction of a command."""
+    """Return the cell that is one step from the cell (row, column) in the direction of a command."""
     if command == LEFT:
         return row, column - 1
     if command == RIGHT:
@@ -223,8 +224,8 @@ def trace_back(field, search, row, column, level):
 def find_goals(field, search, sources, first, last):
     """Fill GOALS with the known free cells beside the frontier, in the words ``first`` to ``last - 1``.
 
-    Return whether a source cell is beside the frontier. The loop processes blocks that fit into the processor's cache, so that it
-    compares new words with the sources before they leave the cache.
+    Return whether a source cell is beside the frontier. The loop processes blocks of words that fit into the processor's cache. The
+    comparison with the sources therefore finds each block still in the cache.
     """
     goals, width = search.planes[GOALS], field.width
     found = False
@@ -240,7 +241,7 @@ def find_goals(field, search, sources, first, last):
 
 @in_place_kernel
 def nearest(field, search, sources):
-    """Search the shortest path from the board ``sources`` to a frontier cell. Return its length, or 0 without a path.
+    """Return the length of the shortest path from the board ``sources`` to a frontier cell, or 0 without a path.
 
     Write the commands of the path to ``search.plan``. The search expands cells of equal path length in the order ``search.order``,
     and visits their neighbours in the order ``search.neighbours``.

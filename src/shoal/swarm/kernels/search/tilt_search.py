@@ -1,4 +1,7 @@
-"""Breadth-first search under the rule tilt, where a command slides a particle until a wall stops it. The nodes are stop cells."""
+"""Breadth-first search for the rule tilt, under which a command slides a particle until a wall stops it.
+
+The nodes of the search are stop cells.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ from shoal.swarm.kernels.search.frontier_search import COLUMN_MAJOR, ahead
 
 
 class Slides(NamedTuple):
-    """Working memory of the tilt search. Except for ``queue``, the index of an entry is row * columns + column of a cell."""
+    """Working memory of the tilt search. In ``origin`` and ``command``, the index of a cell is row * columns + column."""
 
     origin: NDArray[np.int64]  # the previous stop cell on the path; -1 for a cell that is not reached, the cell itself for a source
     command: NDArray[np.int8]  # the command from the previous stop cell to the cell
@@ -55,7 +58,7 @@ def slide(field, row, column, command, mapping):
 
 @in_place_kernel
 def enqueue_sources(field, search, slides, sources):
-    """Start the queue with the cells of the board ``sources``. Return the number of cells."""
+    """Start the queue with the cells of the board ``sources``. Return the number of queued cells."""
     columns = field.width * 64
     for i in range(slides.origin.shape[0]):
         slides.origin[i] = -1
@@ -102,7 +105,10 @@ def sort(keys, first, last):
 
 @in_place_kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):
-    """Search the fewest tilts from the board ``sources`` to a frontier cell. Return the number of tilts, or 0 without a path."""
+    """Return the smallest number of tilts from the board ``sources`` to a frontier cell, or 0 without a path.
+
+    Write the commands of the tilts to ``search.plan``.
+    """
     columns = field.width * 64
     first, last = 0, enqueue_sources(field, search, slides, sources)
     while first < last:

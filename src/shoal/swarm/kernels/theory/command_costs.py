@@ -41,10 +41,10 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Lower ``costs`` to the fewest commands ``paid`` with which a path without the command ``barred`` reaches each cell.
+    """Reduce ``costs`` to the smallest number of commands ``paid`` on any path to each cell without the command ``barred``.
 
-    At the start, ``costs``, int64, contains the initial cost of each cell, or FAR if a path cannot begin at the cell. Other
-    commands cost nothing. If ``paid`` is -1, all commands cost 1. If ``barred`` is -1, a path may use all commands.
+    At the start, ``costs``, int64, contains the initial cost of each cell, or FAR if a path cannot begin at the cell. Commands
+    other than ``paid`` cost nothing. If ``paid`` is -1, all commands cost 1. If ``barred`` is -1, a path may use all commands.
     """
     level = 0
     while True:

@@ -35,7 +35,10 @@ def place(draws, cells, words, complement):
 
 @in_place_kernel
 def measure(words, cells, row):
-    """Write one table row with the numbers of moves and the gaps of a placement. ``docs/concepts/line.md`` has the formulas."""
+    """Write one table row with the numbers of moves and the gaps of a placement.
+
+    The formulas are in ``docs/concepts/line.md``.
+    """
     before, last, widest, most, bent = 0, 0, 0, 0, False
     for i in range(words.shape[0]):
         word = words[i]
