@@ -1,11 +1,10 @@
 """The elements of a chain of wall contacts, and its limits and lengths with their derivatives.
 
-A chain has M cycles with the numbers m = 0, ..., M-1. In cycle m, particle ``touchers[m]`` (0 or 1) moves to the contact c[m] on
-wall ``walls[m]``. The wall then holds particle ``touchers[m]`` while the other particle moves and changes the position difference
-D[m] to D[m+1]. D[0] is the difference of the starts, and D[M] is the difference of the goals. The unknowns are the contacts, as
-coordinates on their walls, and the position differences D[1] to D[M-1]. A limit is a constraint: a value that must be positive. The
-minimized function contains the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a
-displacement.
+A chain has cycles with the numbers m = 0, ..., M-1. In cycle m, particle ``touchers[m]`` moves to the contact c[m] on wall
+``walls[m]``. The wall then holds particle ``touchers[m]`` while the other particle moves and changes the position difference D[m]
+to D[m+1]. D[0] is the difference of the starts, and D[M] is the difference of the goals. The unknowns are the contacts, as
+coordinates on their walls, and D[1] to D[M-1]. A limit is a constraint: a value that must be positive. The minimized function
+contains the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a displacement.
 """
 
 from __future__ import annotations
