@@ -51,10 +51,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 
     The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8, shape (5, H, W) or (5, L, H, W),
-    with the planes `PLANES`. The entry ``position`` holds the row and the column of the robot's cell, after the layer if the grid
-    has several layers. The entry ``heard`` holds, for each robot, the number of steps since a message last brought new data about
-    the robot. In ``heard``, the agent's own robot has the value 0, and a robot without any message has the value -1. The entry
-    ``told`` holds, for each robot, the number of cells that the robot has reported as searched. The entry ``energy`` is the
+    with the planes that `PLANES` names. The entry ``position`` holds the row and the column of the robot's cell, after the layer if
+    the grid has several layers. The entry ``heard`` holds, for each robot, the number of steps since a message last brought new
+    data about the robot. In ``heard``, the agent's own robot has the value 0, and a robot without any message has the value -1. The
+    entry ``told`` holds, for each robot, the number of cells that the robot has reported as searched. The entry ``energy`` is the
     remaining fraction of the robot's energy, and the entry ``time`` is the number of steps since the start. When a robot fails, its
     agent is terminated and leaves ``agents``. All agents are terminated when all reachable cells are searched. All agents are
     truncated after ``max_steps`` steps.
@@ -277,7 +277,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, 2 + k for robot k, 2 + k + robots for dead robot k.
+        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, 2 + k for robot k of n, 2 + k + n for dead robot k.
 
         If the grid has several layers, the array stacks them vertically, with the lowest layer on top and an empty row between two
         layers.

@@ -65,6 +65,7 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         gymnasium.error.ResetNeeded
             If the method is called before a reset, or after the end of an episode.
         gymnasium.error.InvalidAction
+            If the action is outside the action space.
         """
         check_running(self._running)
         rewards, self._effects = self._worlds.step(self._checked(action))

@@ -94,6 +94,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         gymnasium.error.ResetNeeded
             If the method is called before a reset, or if an episode has ended and the autoreset mode is "Disabled".
         gymnasium.error.InvalidAction
+            If an action is outside the action space.
         """
         check_running(self._begun)
         resetting = None

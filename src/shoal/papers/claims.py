@@ -1,10 +1,10 @@
 """Claims: the statement of a paper, Shoal's result, and a verdict (agrees, differs or not comparable).
 
-The same rule decides all claims. The rounding of a paper's printed value gives a range of values. The statistical error of Shoal's
-result gives a confidence interval. A claim agrees if the confidence interval of Shoal's result lies in the range of the printed
-value. A claim differs if the confidence interval of Shoal's result and the range of the printed value are disjoint. If the
-confidence interval and the range of the printed value overlap partly, the claim is not comparable, because a decision needs more
-trials. A claim is also not comparable if its printed value depends on unpublished data.
+One rule determines the verdicts on all claims. The rounding of a paper's printed value gives a range of values. The statistical
+error of Shoal's result gives a confidence interval. A claim agrees if the confidence interval of Shoal's result lies in the range
+of the printed value. A claim differs if the confidence interval of Shoal's result and the range of the printed value are disjoint.
+If the confidence interval and the range of the printed value overlap partly, the claim is not comparable, because a decision needs
+more trials. If the printed value of a claim depends on unpublished data, the claim is not comparable.
 """
 
 from __future__ import annotations
@@ -114,10 +114,10 @@ def _range_words(least: float, most: float) -> str:
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
     """Return the claim that Shoal's curve of means agrees with a published curve within a relative margin.
 
-    For each number of particles, the comparison uses the logarithm of the ratio of both means, with the errors of both curves. For
-    agreement, the 95 % interval of the mean ratio over all numbers of particles must lie within the margin. For agreement, the
-    interval of the ratio at each single number of particles must also overlap the margin. The intervals at single numbers of
-    particles are so wide that chance refutes only one in twenty correct curves.
+    For each number of particles, the comparison uses the logarithm of the ratio of both means, with the errors of both curves. The
+    curves agree if the 95 % interval of the mean ratio over all numbers of particles lies within the margin, and if the interval of
+    the ratio at each single number of particles overlaps the margin. The intervals at single numbers of particles are so wide that
+    chance refutes only one in twenty correct curves.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def verdict_of(claims: Iterable[Claim]) -> Verdict:
     """Return the common verdict on all claims of a figure.
 
     The verdict is "differs" if at least one claim differs. If no claim differs, the verdict is "agrees" if at least one claim
-    agrees. In all other cases, the verdict is "not comparable".
+    agrees. If no claim differs and no claim agrees, the verdict is "not comparable".
     """
     answers = [claim.verdict for claim in claims]
     return next((one for one in (Verdict.DIFFERS, Verdict.AGREES) if one in answers), Verdict.NOT_COMPARABLE)

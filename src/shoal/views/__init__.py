@@ -34,10 +34,9 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. For ``kind="frontier"``, also a list of swarm episodes, whose median the figure
-        shows.
+        An episode of swarm, steering or search. The kind "frontier" accepts a list of swarm episodes, and shows their median.
     kind : str, optional
-        Kind of the figure. The default is the first kind in this list for the part of the episode:
+        Kind of the figure; by default, the first kind that the following list names for the part of the episode:
 
         - swarm: "map" shows the map after ``moves`` moves (an option; by default, after all moves), and "frontier" shows the number
           of frontier cells over the moves.

@@ -280,7 +280,7 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the diagnostics to print: the first few of each kind for each mission, and the number of further diagnostics."""
+    """Return the diagnostics to print: the first few of each kind for each mission, and the number of omitted diagnostics."""
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()

@@ -76,7 +76,7 @@ def drive(
 ) -> None:
     """Control a rig (an apparatus with particles) and map its space. At the end and after Ctrl-C, Shoal stops the rig.
 
-    The options --particles, --placement, --start and --rule apply to a simulated rig. A real rig reports its own values. The
+    The options --particles, --placement, --start and --rule apply to a simulated rig; a real rig reports its own values. The
     options --slip, --misplace and --miss state the error probabilities of a rig, and a simulated rig makes such errors. The page
     docs/concepts/rigs.md describes the messages between Shoal and a rig.
     """

@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm; shoal replay also uses the functions for printing and writing."""
+"""shoal map, shoal cover: run a swarm; shoal replay uses the module's functions for printing and writing."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def schedule(
 ) -> None:
     """Find the scan schedule with the smallest worst-case cost ratio for finding a wall at an unknown distance.
 
-    The output also contains the worst-case cost ratios of five classic scan schedules.
+    For comparison, the output contains the worst-case cost ratios of five classic scan schedules.
     """
     from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJump, Powers, check_prices, optimal_schedule
 

@@ -169,7 +169,7 @@ def status(
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:
-    """Show the progress of the sweeps in a store. The command status also works while another process runs the sweeps."""
+    """Show the progress of the sweeps in a store. The command status works even while another process runs the sweeps."""
     from shoal.lab import Store
 
     if watch and json_:

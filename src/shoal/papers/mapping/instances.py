@@ -40,7 +40,7 @@ def square_below(n: int) -> tuple[NDArray[np.bool_], Cells]:
 
 
 def two_arms(k: int) -> tuple[NDArray[np.bool_], Cells]:
-    """Return the map of Fig. 4 of paper M (two corridors of k cells from one corner), and the start cells of two particles.
+    """Return the map of figure 4 of paper M (two corridors of k cells from one corner), and the start cells of two particles.
 
     One particle starts in the corner, and one particle starts at the end of a corridor.
     """
@@ -69,7 +69,7 @@ def square_moves(*, seed: int, n: int) -> dict[str, int]:
 
 @measuring("greedy", "depth_first", "greedy_mapping", "depth_first_mapping")
 def arm_moves(*, seed: int, k: int) -> dict[str, int]:
-    """Return the numbers of moves that two policies need on the map of Fig. 4, for coverage and for mapping.
+    """Return the numbers of moves that two policies need on the map of figure 4, for coverage and for mapping.
 
     The two policies are closest-frontier with both particles, and depth-first search with particle 2 alone.
     """

@@ -32,7 +32,7 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time, in cells, that robots need to move to the left ends of equal strips and to search them (paper H, Fig. 1).
+    """Return the time, in cells, that robots need to move to the left ends of equal strips and to search them (paper H, figure 1).
 
     The robots get their strips in the order of their start rows. A robot searches a strip of several rows back and forth. If the
     number of rows is not a multiple of the number of strips, some strips are one row wider than the others.
@@ -47,7 +47,7 @@ def spiral_time(starts: NDArray[np.int64]) -> float:
     """Return the time, in cells, until robots that spiral outwards from their starts have searched all cells.
 
     Each robot moves on its own square spiral, independently of the other robots. Where its spiral leaves the region, a robot moves
-    along the border instead. A robot needs one unit of time for each cell of its path.
+    along the border. A robot needs one unit of time for each cell of its path.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
@@ -65,8 +65,9 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
     A step out of the region leaves a robot in place.
 
-    The function simulates an unbounded walk and folds it at the border. In each coordinate, the folding makes i and 2 SIDE - 1 - i
-    the same cell. The folded walk has the same distribution as a walk that stays in place at the border.
+    The function simulates an unbounded walk and folds it at the border. In each coordinate, the folding makes i and 2 n - 1 - i the
+    same cell of a region with n cells on each side. The folded walk has the same distribution as a walk that stays in place at the
+    border.
     """
     first, begun, ahead = np.full(SIDE**2, np.inf), 0, starts.copy()
     while not np.isfinite(first).all():

@@ -79,8 +79,8 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
     Parameters
     ----------
     toucher : str
-        The particle that touches the wall: "nearer" (the particle nearer to its contact) or "second" (always particle 2). Both
-        choices give the same position differences.
+        The particle that touches the wall: "nearer" (the particle nearer to its contact) or "second" (always particle 2). The
+        choice of the touching particle does not change the position differences.
     cycles : int
         Number of cycles (contact and adjustment), at least 1.
     apart : float
@@ -96,7 +96,7 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
     Notes
     -----
-    Source: Fig. 15 in section VI of paper W.
+    Source: figure 15 in section VI of paper W.
 
     Examples
     --------

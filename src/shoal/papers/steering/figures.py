@@ -1,4 +1,4 @@
-"""The figures of paper W as Shoal computes them: reachable sets (Figs. 4, 8 and 9) and costs of plans (Figs. 14 to 16)."""
+"""The figures of paper W as Shoal computes them: reachable sets (figures 4, 8 and 9) and costs of plans (figures 14 to 16)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ EXAMPLES = (0.1, 0.3)  # distances of Fig. 9, marked in Fig. 8
 
 
 def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
-    """Return a figure of workspaces, each beside the sets of position differences that 2, 4, ... moves reach (paper W, Fig. 4).
+    """Return a figure of workspaces, each beside the sets of position differences that 2, 4, ... moves reach (paper W, figure 4).
 
     Raises
     ------
@@ -96,7 +96,7 @@ def _colour_key(figure: Figure, moves: Sequence[int]) -> None:
 
 
 def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figure:
-    """Return a figure of the sets of position differences that 2, 4, ..., ``moves`` moves reach on a disk (paper W, Fig. 9).
+    """Return a figure of the sets of position differences that 2, 4, ..., ``moves`` moves reach on a disk (paper W, figure 9).
 
     The parameter ``distances`` contains the initial distances of the particles, in diameters of the disk.
 
@@ -119,8 +119,8 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 def fraction_curves(data: DiskFractions) -> Figure:
     """Return a figure of the fraction of all position differences that moves reach on a disk, over the initial distance.
 
-    The figure corresponds to Fig. 8 of paper W. Circles mark the numbers that paper W prints. Vertical lines mark the initial
-    distances of Fig. 9 of paper W.
+    The figure corresponds to figure 8 of paper W. Circles mark the numbers that paper W prints. Vertical lines mark the initial
+    distances of figure 9 of paper W.
     """
     from matplotlib import colormaps
 
@@ -145,7 +145,7 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return a figure with maps of the costs of plans over the goal of one particle (paper W, Figs. 14 and 16).
+    """Return a figure with maps of the costs of plans over the goal of one particle (paper W, figures 14 and 16).
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _goal_key(sweep: GoalSweep) -> list[object]:
 
 
 def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
-    """Return a figure of the final distance of particles from antipodal goals over the length of the plan (paper W, Fig. 15).
+    """Return a figure of the final distance of particles from antipodal goals over the length of the plan (paper W, figure 15).
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[A
         Two approaches to antipodal goals: ``second``, in which particle 2 always touches the wall (as in paper W), and ``nearer``,
         in which the nearer particle touches the wall.
     *others : (AntipodeSwap, str)
-        Other approaches to antipodal goals, each with its name in the figure.
+        Additional approaches to antipodal goals, each with its name in the figure.
     """
     figure = new_figure(7.6, 4.4)
     axes = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Fraction of all position differences (of the Δ configuration space) that moves reach: the data for Figs. 4 and 8 of paper W.
+"""Fraction of all position differences (of the Δ configuration space) that moves reach: data for figures 4 and 8 of paper W.
 
 On a polygon, the outline of a reachable set follows from the extents of the set in many directions, as on a disk (see
 `shoal.steering.delta_space.disk_reach`).
@@ -141,7 +141,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
 
     Notes
     -----
-    Source: paper W, section IV.D and Fig. 4.
+    Source: paper W, section IV.D and figure 4.
 
     Examples
     --------

@@ -167,7 +167,7 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (eq. 9 of paper W)."""
+    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (paper W, equation 9)."""
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 

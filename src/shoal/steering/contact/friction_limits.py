@@ -38,8 +38,8 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
     position difference. A barrier is a closed curve that the position difference cannot cross. The first gauge (length measure) is
     the largest scalar product of the position difference with a wall's normal or with its opposite vector. The second gauge (length
     measure) has the convex hull of the walls' normals and the opposite vectors as its unit ball. For polygons with four sides and
-    friction coefficients up to 1, the function uses two more gauges (length measures). The function ignores each gauge (length
-    measure) that a wall reaction can increase.
+    friction coefficients up to 1, the function uses four gauges (length measures). The function ignores each gauge (length measure)
+    that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None

@@ -23,10 +23,10 @@ class RegionWorld(SteeringWorld):
     As long as the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the
     edge. At a corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. Most corners of
     obstacles have more than 180 degrees of free space. At a corner with more than 180 degrees of free space, a particle is held
-    only if both edges hold it. At a corner with more than 180 degrees of free space, a particle therefore moves whenever the space
-    in the direction of the displacement is free. During a straight move, a particle stops at the first edge that holds the
-    particle, and stays at this edge until the end of the move. A stopped particle does not stop the other particles. Particles do
-    not collide with each other.
+    only if both edges hold it. At a corner with more than 180 degrees of free space, a particle moves whenever the space in the
+    direction of the displacement is free. During a straight move, a particle stops at the first edge that holds the particle, and
+    stays at this edge until the end of the move. A stopped particle does not stop the other particles. Particles do not collide
+    with each other.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class RegionWorld(SteeringWorld):
 
     Notes
     -----
-    Source: an extension by Shoal, after the outlook of paper W, section VIII. In a convex region, the dynamics follow eq. 1 of
+    Source: an extension by Shoal, after the outlook of paper W, section VIII. In a convex region, the dynamics follow equation 1 of
     paper W, section III.
 
     Examples

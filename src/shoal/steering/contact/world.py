@@ -88,10 +88,11 @@ class SteeringWorld(ABC):
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    As long as the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall.
-    A wall therefore also holds a particle that is pushed exactly parallel to the wall. In a corner, each wall alone can hold a
-    particle. With infinite friction, a particle stops at the first wall that it meets, and stays at this wall until the end of the
-    straight move. A stopped particle without a radius does not stop the other particles.
+    With infinite friction, a wall with the inward normal N holds each particle that touches the wall, as long as the displacement u
+    satisfies ``N u <= 0``. If the displacement u is exactly parallel to a wall, ``N u`` is 0, and a wall with infinite friction
+    holds each particle that touches the wall. In a corner, each wall alone can hold a particle. With infinite friction, a particle
+    stops at the first wall that it meets, and stays at this wall until the end of the straight move. A stopped particle without a
+    radius does not stop the other particles.
 
     With finite friction, the displacement u moves a particle along a wall with the normal N and the tangent T by ``|T u| - friction
     |N u|``. If ``|T u| - friction |N u|`` is negative, the particle does not slide along the wall. The gain of a particle at the
@@ -115,13 +116,13 @@ class ContactWorld(SteeringWorld):
     Raises
     ------
     InvalidInputError
-        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace. Particles
-        with a radius raise the error if they have a gain or finite friction.
+        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace. If the
+        radius is above 0, and the friction is finite or ``gradient`` is given.
 
     Notes
     -----
-    Sources: eq. 1 in section III of paper W; for the gain, section VII.A of paper W. Finite friction, the linear gain and the
-    radius of particles are extensions by Shoal.
+    Source: equation 1 in section III of paper W, and section VII.A of paper W for the gain. Finite friction, the linear gain and
+    the radius of particles are extensions by Shoal.
 
     Examples
     --------

@@ -116,7 +116,7 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
     Notes
     -----
-    Source: paper W, section IV.F and Figs. 8 and 9.
+    Source: paper W, section IV.F and figures 8 and 9.
 
     Examples
     --------

@@ -63,9 +63,9 @@ class PolygonReach:
     def contains(self, differences: ArrayLike) -> NDArray[np.bool_]:
         """Return for each position difference, shape (..., 2), whether the particles can reach it; bool, shape (...).
 
-        For two moves, the result is exact. For more than two moves, the method knows the largest depths only at the sample points
-        `contacts`, and uses the lower of two neighbouring depths. For more than two moves, the result can therefore be wrongly
-        False near the boundary of the reachable set. The method `reaches` is exact for any number of moves.
+        For two moves, the result is exact. For more than two moves, the result can be wrongly False near the boundary of the
+        reachable set, because the method uses the lower of the largest depths at two neighbouring sample points. The method
+        `reaches` is exact for any number of moves.
         """
         import shapely
 
@@ -83,8 +83,8 @@ class PolygonReach:
     def reaches(self, after: ArrayLike) -> bool:
         """Return whether the particles can reach the position difference ``after``; exact for any number of moves.
 
-        The method tries all sequences of pairs of a wall and a touching particle. For n walls, the computing time grows as (2 n) **
-        (moves / 2). Use the method `reaches` for up to six moves.
+        The method tries all sequences of pairs of a wall and a touching particle. Use the method for up to six moves only, because
+        for n walls the computing time grows as (2 n) ** (moves / 2).
 
         Raises
         ------
@@ -166,7 +166,7 @@ def polygon_reach(workspace: ConvexWorkspace, before: ArrayLike, *, moves: int, 
 
     Notes
     -----
-    Source: paper W, section IV.C and Fig. 4, corrected.
+    Source: paper W, section IV.C and figure 4, corrected.
 
     Examples
     --------

@@ -78,9 +78,9 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
     -----
     Source: paper W, algorithms 2 and 3, corrected. Let N be the inward normal of a polygon's side. Let the sign σ be 1 if particle
     1 touches the side, and -1 if particle 2 touches the side. A cycle at a side with the normal N needs ``0 <= σN·after <=
-    σN·before`` and ``σN·before > 0``, with the sign σ of the touching particle. A cycle with the sign σ also needs a point c of the
-    side for which both ``c + σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of
-    particle 1 needs ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+    σN·before`` and ``σN·before > 0``, with the sign σ of the touching particle. A cycle with the sign σ needs a point c of the side
+    for which both ``c + σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of particle 1
+    needs ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
 
     Examples
     --------
@@ -160,7 +160,7 @@ def contact_angles(radius: float, before: Points, after: Points) -> tuple[float,
     """Return start, end and half-width in radians of the arc where particle 1 can touch a disk's wall, or None without an arc.
 
     A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. From each contact on the arc, the
-    vectors ``before`` and ``after`` both lead to points inside the disk. At each contact on the arc, the wall also holds particle 1
+    vectors ``before`` and ``after`` both lead to points inside the disk. At each contact on the arc, the wall holds particle 1
     while the position difference changes from ``before`` to ``after``.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]

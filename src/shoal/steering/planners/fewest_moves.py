@@ -28,11 +28,10 @@ class FewestMoves:
 
     Among plans with the same number of moves, the planner prefers the shortest plan.
 
-    A chain of m wall contacts takes 2 m + 1 moves. A single straight move can bring one particle to a wall and then adjust the
-    position of the other particle. For m wall contacts, fewer than 2 m + 1 moves are therefore often enough. The planner tries
-    plans of three moves in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs
-    the plans that almost succeed. The planner compares the plans from its trials with the plans of chains, and with plans that
-    begin like a chain.
+    A chain of m wall contacts takes 2 m + 1 moves. Fewer than 2 m + 1 moves are often enough for m wall contacts, because a single
+    move can bring one particle to a wall and then adjust the position of the other particle. The planner tries plans of three moves
+    in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs the plans that almost
+    succeed. The planner compares the plans from its trials with the plans of chains, and with plans that begin like a chain.
     """
 
     name = "fewest-moves"

@@ -26,7 +26,7 @@ class Planner(Protocol):
     - ``prefers``: "length" or "moves", the measure by which Shoal compares the plans for different assignments of interchangeable
       goals.
     - ``control(task, apparatus)``: a method for a closed loop, which sends moves and observes the particles instead of making a
-      plan in advance. The class `shoal.steering.simulation.apparatus.Apparatus` describes the apparatus.
+      plan in advance. The argument ``apparatus`` is a `shoal.steering.simulation.apparatus.Apparatus`.
     """
 
     name: str

@@ -52,8 +52,8 @@ class Shortening:
     def shortest(self, found: list[Points]) -> Points:
         """Return the shortest plan that random changes make from the plans ``found``.
 
-        In a first stage, the method changes up to 40 plans at random. In a second stage, the method changes the 5 shortest plans
-        further.
+        In a first stage, the method changes up to 40 plans at random. In a second stage, the method changes only the 5 shortest
+        plans.
 
         Parameters
         ----------

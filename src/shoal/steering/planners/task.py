@@ -201,7 +201,7 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def departures(self) -> list[tuple[list[Points], ChainQuery]]:
-        """Return pairs of first moves and the remaining query: no first move, or a small move of one particle off its walls."""
+        """Return pairs of initial moves (none, or one particle's small move off its walls) and the query for the remaining plan."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]

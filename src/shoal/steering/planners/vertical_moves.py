@@ -35,8 +35,8 @@ def planar_task(task: SteeringTask) -> SteeringTask:
 def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     """Add a vertical component to each move of a plan in the plane, so that both particles reach the heights of their goals.
 
-    Whether a side wall holds a particle depends only on the horizontal component of the move. The plan in the plane therefore
-    determines which fraction of each move a particle makes. The final height of each particle is a linear function of the vertical
+    The plan in the plane determines which fraction of each move a particle makes, because only the horizontal component of a move
+    determines whether a side wall holds a particle. The final height of each particle is a linear function of the vertical
     components of the moves. A linear program minimizes the sum of the absolute vertical components.
 
     Parameters

@@ -39,7 +39,7 @@ class Apparatus:
         del self.states[1:], self.inputs[:]
 
     def with_noise(self, noise: float, *, seed: int = 0) -> Apparatus:
-        """Return another apparatus with the same start positions, and with input noise of the standard deviation ``noise``."""
+        """Return a new apparatus with the same start positions, and with input noise of the standard deviation ``noise``."""
         return Apparatus(self.problem.replaced(execution=noise), self.states[0], seed=seed)
 
     def look(self) -> Points:
@@ -72,8 +72,9 @@ def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
     """Return the amplification of errors: the largest ratio of a final position error to the small error that causes it.
 
     The function displaces one particle's start along one axis by 1e-12 of the workspace's size, in either direction, and simulates
-    the moves for each displacement. In one more simulation, the contact tolerance is 1e-12 of the workspace's size instead of 1e-9.
-    The amplification of errors is large if a small change of the start causes a wall to release a particle.
+    the moves for each displacement. In the simulation of a changed contact tolerance, the contact tolerance is 1e-12 of the
+    workspace's size instead of 1e-9. The amplification of errors is large if a small change of the start causes a wall to release a
+    particle.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

@@ -29,7 +29,7 @@ class ConvexWorkspace(SteeringWorkspace):
     vertices : ndarray of float64, shape (n, 2)
         Corners of the polygon or of the prism's base, counter-clockwise; an empty array for a disk or a cylinder.
     radius : float
-        Radius of the disk or cylinder, or 0 for other kinds.
+        Radius of the disk or cylinder; 0 for a polygon or a prism.
     center : ndarray of float64, shape (2,)
         Centre of the disk or of the cylinder's base; for a polygon or a prism, the mean of ``vertices``.
     height : float

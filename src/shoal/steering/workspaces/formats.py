@@ -48,10 +48,10 @@ def open_workspace(source: str | os.PathLike[str] | dict[str, Any]) -> Workspace
         problem file, such as ``{"type": "polygon", "vertices": [...]}``. The name ``square`` means a square with the side 1 and one
         corner at the origin. The names ``triangle``, ``pentagon``, ``hexagon``, ``heptagon``, ``octagon`` and ``regular:SIDES``
         mean regular polygons around the origin, with corners on a circle of radius 0.5. The name ``disk`` means a disk of radius
-        0.5, and ``disk:RADIUS`` a disk of another radius. The suffix of a workspace file is ``.json`` (a problem file or GeoJSON),
-        ``.geojson``, ``.wkt`` or ``.svg``. In an SVG drawing, the largest closed line is the outline of the workspace, and the
-        other closed lines are obstacles. A workspace from an SVG drawing has the units of the drawing and a y axis that points
-        upwards.
+        0.5, and ``disk:RADIUS`` means a disk of the given radius. The suffix of a workspace file is ``.json`` (a problem file or
+        GeoJSON), ``.geojson``, ``.wkt`` or ``.svg``. In an SVG drawing, the largest closed line is the outline of the workspace,
+        and the other closed lines are obstacles. A workspace from an SVG drawing has the units of the drawing and a y axis that
+        points upwards.
 
     Returns
     -------

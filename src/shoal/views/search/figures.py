@@ -106,7 +106,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return a path around all points inside an odd number of closed lines, such as an outer frame without the region."""
+    """Return closed lines as one path around the points inside an odd number of lines; the first line encloses all other lines."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 

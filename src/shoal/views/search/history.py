@@ -29,7 +29,7 @@ ROBOTS = (
 def robot_colour(robot: int) -> str:
     """Return the colour of the robot with the index ``robot``, counted from 0.
 
-    More than twelve robots share the twelve colours; drawings tell robots of the same colour apart by their numbers.
+    If there are more than twelve robots, several robots have the same colour, and only their numbers distinguish them in drawings.
     """
     return ROBOTS[robot % len(ROBOTS)]
 
@@ -239,7 +239,7 @@ class SearchHistory:
 
     @property
     def sides(self) -> tuple[float, float, float, float]:
-        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside."""
+        """The left, right, bottom and top edges of the drawing in metres, including paths from launch points outside the region."""
         left, right, bottom, top = self.extent
         x, y = np.concatenate([self.on_picture(self.ways.of(robot)) for robot in range(self.n_robots)]).T
         seen = min(left, float(x.min())), max(right, float(x.max())), min(bottom, float(y.min())), max(top, float(y.max()))

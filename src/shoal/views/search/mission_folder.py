@@ -107,7 +107,8 @@ class MissionFolder:
 def write_check(result: MissionCheck, folder: Path, *, drawn: bool = True) -> list[Path]:
     """Write the report of a mission check, and return the paths of the written files.
 
-    The function also writes the uncovered area if the check has measured the coverage, and a map if ``drawn`` is true.
+    Beside the report, the function writes the uncovered area if the check has measured the coverage, and a map if ``drawn`` is
+    true.
     """
     written = [folder / "check.json"]
     write_json(written[0], result.report())

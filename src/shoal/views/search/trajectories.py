@@ -75,7 +75,7 @@ class RobotWays:
         return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return the path between two points in the form of `of`, and the distance of each path point from the start in metres."""
+        """Return the path between two points with the columns of `of`, and the distance of each point from the first, in metres."""
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
@@ -93,7 +93,7 @@ class RobotWays:
         return np.column_stack([found[:, :2], ends[nearer, 2]]), far
 
     def _rate(self, robot: int, times: Floats) -> Floats:
-        """Return the relative speed of a robot just before each time."""
+        """Return the relative speed of a robot just before each of the given times."""
         rates = np.full(len(times), self.episode.scenario.rates[robot])
         for fault in self.episode.scenario.faults:
             if isinstance(fault, Slow) and fault.robot == robot + 1:
@@ -166,6 +166,6 @@ class RobotWays:
         return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def _home(self, robot: int) -> Floats:
-        """Return the launch point of a robot, in the form of `of`."""
+        """Return the launch point of a robot, with the columns of `of`."""
         home = self.episode.plan.places[robot]
         return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)

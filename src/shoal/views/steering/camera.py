@@ -99,7 +99,7 @@ class Frame3D:
         return np.asarray(np.sum(outward * (eye - self.floor)[:, :2], axis=1) > 0)
 
     def edges(self, eye: NDArray[np.float64]) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
-        """Return the edges behind the particles and the edges in front of them, seen from ``eye``; each float64, shape (2, 3)."""
+        """Return the workspace's edges behind and in front of the particles, seen from ``eye``; each float64, shape (2, 3)."""
         facing = self.facing(eye)
         above = bool(eye[2] > self.ceiling[0, 2]) and not self.open_ends
         behind: list[NDArray[np.float64]] = []

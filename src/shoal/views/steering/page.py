@@ -94,7 +94,7 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
 
 
 def _walls(workspace: ConvexWorkspace | Region) -> dict[str, Any]:
-    """Return the walls of a workspace as data: ``rings`` (outlines), ``circle`` (x, y, radius) or None, ``height`` and ``open``."""
+    """Return a workspace's walls: ``rings`` (outlines), ``circle`` (x, y, radius) or None, ``height``, ``open`` (no end caps)."""
     circle = [*workspace.center.tolist(), workspace.radius] if isinstance(workspace, ConvexWorkspace) and workspace.round else None
     return {
         "rings": [] if circle else [ring.tolist() for ring in outlines_of(workspace)],

@@ -71,7 +71,7 @@ def map_figure(episode: SwarmEpisode, *, moves: int | None = None) -> Figure:
 
 
 def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart: Callable[[Axes], None] | None = None) -> Figure:
-    """Return a figure with several plane maps side by side, as in Fig. 1 of paper M.
+    """Return a figure with several plane maps side by side, as in figure 1 of paper M.
 
     Parameters
     ----------
@@ -134,7 +134,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 
 
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
-    """Return a figure of the number of frontier cells over the moves, as in Fig. 8 of paper M.
+    """Return a figure of the number of frontier cells over the moves, as in figure 8 of paper M.
 
     Each episode has a line, and several episodes have a median line.
 

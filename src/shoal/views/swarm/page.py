@@ -56,12 +56,12 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         - ``status`` is ``"complete"``, ``"stalled"`` or ``"limit"``; ``unreachable`` is the number of free cells that no particle
           can reach.
         - ``playing`` states whether the page starts to play at once. If a user prefers reduced motion, the page shows the end of
-          the episode instead.
-        - An episode with noise has other fields instead of ``start`` and ``targets``. ``moments`` is the base64 text of
-          `shoal.views.swarm.recording.packed_moments`, and ``looks`` explains the colour codes of the cells. ``noise`` holds the
-          probabilities of the noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether
-          classification errors are known, and ``seen`` states whether the positions of the particles are observed positions instead
-          of true positions.
+          the episode and does not play at once.
+        - Only an episode with noise has the fields from ``moments`` to ``seen``; it lacks ``start`` and ``targets``. ``moments`` is
+          the base64 text of `shoal.views.swarm.recording.packed_moments`, and ``looks`` explains the colour codes of the cells.
+          ``noise`` holds the probabilities of the noise by name, and ``goal`` is the number of cells to classify. ``truth`` states
+          whether the true map is known, so that the page can show classification errors, and ``seen`` states whether the positions
+          of the particles are observed positions instead of true positions.
     """
     return {
         "title": f"{episode.task.capitalize()} of {episode.workspace.name}",

@@ -77,7 +77,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return a figure of two distributions, as in Fig. 6 of paper M: the moves to find both ends, and to cover all cells.
+    """Return a figure of two distributions, as in figure 6 of paper M: the moves to find both ends, and to cover all cells.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float
 
     Notes
     -----
-    Source: Fig. 15 in section VI of paper W shows that particles can approach antipodal goals but not reach them. Planning
+    Source: figure 15 in section VI of paper W, which shows that particles can approach antipodal goals but not reach them. Planning
     backwards is an addition by Shoal.
     """
     if query.walls.dimensions != 2:

@@ -44,7 +44,7 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
 
 
 def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
-    """Return length and angle of the shortest position difference from which one cycle reaches length ``size`` at angle 0."""
+    """Return length and angle of the shortest position difference that one cycle changes to the length ``size`` and the angle 0."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]

@@ -68,8 +68,8 @@ class ChainPool:
     def add(self, chain: Chain) -> bool:
         """Add a chain to the pool, and return whether the pool accepted the chain.
 
-        The pool refuses a chain that is longer than `bound`. The pool also refuses a new chain that is about as long as a chain of
-        the pool and has at least as many cycles.
+        The pool refuses a chain that is longer than `bound`. The pool refuses a new chain that is about as long as a chain of the
+        pool and has at least as many cycles.
         """
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):

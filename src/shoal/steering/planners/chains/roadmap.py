@@ -25,7 +25,7 @@ _DIRECTIONS = 48  # on a disk
 
 
 def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int], ...] = MAPS, seed: int = 0) -> Chain | None:
-    """Return a chain in the plane that ends exactly with the position difference of the goals, or None if no roadmap contains one.
+    """Return a plane chain that ends exactly with the goals' position difference, or None if no roadmap contains such a chain.
 
     Notes
     -----

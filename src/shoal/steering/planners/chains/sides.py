@@ -27,7 +27,7 @@ def between_few_sides(query: ChainQuery) -> ChainQuery:
 
 
 def on_all_sides(query: ChainQuery, few: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved from the few walls of ``few`` to the nearest walls of the whole polygon.
+    """Return a chain whose contacts have moved from the walls of the query ``few`` to the nearest walls of the whole polygon.
 
     The attribute ``length`` of the result is a copy of the length of ``chain``, not the exact length after the contacts have moved.
     """
@@ -51,7 +51,7 @@ def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
 
 
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
-    """Yield chains in which one contact at the end of a polygon's side has moved ``step`` sides further.
+    """Yield chains in which one contact at the end of a polygon's side has moved by ``step`` sides.
 
     The attribute ``length`` of each yielded chain is still the length of ``chain``.
     """

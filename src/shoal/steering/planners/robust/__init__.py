@@ -32,7 +32,7 @@ class Robust:
 
     Notes
     -----
-    The planner is an addition by Shoal. The apparatus in section VII.A of paper W had a nonuniform field.
+    Source: an addition by Shoal, for apparatuses with a nonuniform field such as that in section VII.A of paper W.
     """
 
     name = "robust"
@@ -46,7 +46,7 @@ class Robust:
         """Run the closed loop, and return the moves that were sent and the resulting positions of the particles.
 
         In a world without noise, the method sends a short plan. If the short plan fails, the method puts the particles back at
-        their starts and runs the closed loop with a small assumed noise. In a world without noise, the method also stores in
+        their starts and runs the closed loop with a small assumed noise. In a world without noise, the method stores in
         ``apparatus`` a remark about the noise that the closed loop would tolerate.
         """
         if apparatus.problem.noisy:

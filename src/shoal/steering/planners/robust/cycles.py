@@ -26,8 +26,8 @@ class Cycles:
 
     The move to a wall contact aims behind the wall, so that the touching particle reaches the wall despite noise and an unknown
     gain. The loop computes each adjustment from the positions that the camera observes. Each adjustment aims at the position
-    difference that the planned chain has after its first cycle. Each adjustment also pushes the touching particle into the wall.
-    The loop estimates the gain (displacement of a particle divided by the input) from the observed motion of the particles.
+    difference that the planned chain has after its first cycle, and pushes the touching particle into the wall. The loop estimates
+    the gain (displacement of a particle divided by the input) from the observed motion of the particles.
     """
 
     def __init__(self, task: SteeringTask, apparatus: Any, noise: Any) -> None:
@@ -102,8 +102,8 @@ class Cycles:
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
         """Move a particle against a wall with an overshoot; return whether the camera then observes the particle at the wall.
 
-        If the gain is uncertain, a move from far away would need a large overshoot, which might also bring the other particle to
-        the wall. With an uncertain gain, the first move therefore ends before it reaches the wall.
+        If the gain is uncertain, the first move ends before it reaches the wall. With an uncertain gain, a move from far away would
+        need a large overshoot, which might bring the other particle to the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
