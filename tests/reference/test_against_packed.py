@@ -27,7 +27,8 @@ def random_case(rng, *, shape=None):
     """Return (free, start, connected): a random map and random start cells."""
     if shape is None:
         shape = (int(rng.integers(1, 9)), int(rng.choice(WIDTHS)))
-        shape = shape if rng.random() < 0.75 else (int(rng.integers(1, 4)), int(rng.integers(1, 5)), int(rng.choice(WIDTHS[:7])))
+        if rng.random() < 0.25:
+            shape = (int(rng.integers(1, 4)), int(rng.choice((1, 2, 3, 4, 20))), int(rng.choice(WIDTHS[:7])))
     free = rng.random(shape) < rng.choice([0.5, 0.7, 0.9, 1.0])
     free.flat[rng.integers(free.size)] = True
     cells = np.argwhere(free)

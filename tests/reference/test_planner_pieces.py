@@ -25,7 +25,7 @@ from shoal.swarm.policies.planners import learned_weights, state
 from shoal.swarm.policies.planners.state import planner_of
 from shoal.swarm.simulation.compiled import PlannerGame
 
-SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65))
+SHAPES = ((1, 9), (7, 6), (5, 62), (4, 63), (3, 64), (3, 65), (2, 127), (3, 4, 5), (2, 3, 65), (3, 16, 3))
 
 
 def scene_of(shape, seed, task="mapping", moves=6, rule="block"):
@@ -319,6 +319,16 @@ def test_network(shape):
                 cell = np.int64(64 * layout.words[1] * row + column)
                 for _ in range(2):  # the second time it is remembered
                     assert learned_prior.learned_chance(planner.learned, field.open, field.known, cell, np.int64(command)) == likely
+
+
+def test_sums_of_the_network_fit_their_types():
+    """Whatever a window shows, the first layer fits 16 bits, and the second layer fits 32 bits."""
+    stored = np.load(learned_weights.WEIGHTS)
+    first = stored["first"].astype(int).reshape(learned_prior.KINDS, learned_prior.SPAN**2, -1)
+    high = stored["first_bias"] + np.maximum(first.max(axis=0), 0).sum(axis=0)
+    low = stored["first_bias"] + np.minimum(first.min(axis=0), 0).sum(axis=0)
+    assert -(2**15) <= low.min() and high.max() < 2**15
+    assert (abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)).max() < 2**31
 
 
 def test_a_lattice_is_found_out():

@@ -87,6 +87,8 @@ def main() -> NoReturn:
     """Run the program ``shoal``: the entry point of the package."""
     # Typer uses pydantic, which otherwise reads the records of all installed packages to find extensions of itself
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
+    # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to 0.06 s; no large matrices here
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     gc.set_threshold(200_000)  # imported objects stay: scanning them again for garbage takes a sixth of a start
     with suppress(OSError):  # the folder may have been deleted
         look_in(os.getcwd())  # a user's own policy, MODULE:ATTRIBUTE, may be in the current folder

@@ -10,6 +10,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from shoal.cli.plain_values import convert_plain_values_first
 from shoal.core.version import __version__
 
 
@@ -55,6 +56,10 @@ SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 class _Command(TyperCommand):
     """A command that checks its option ``--seed``, even if the command uses no random numbers."""
 
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, including the option for help."""
+        return convert_plain_values_first(super().get_params(ctx))
+
     def invoke(self, ctx: Any) -> Any:
         """Check the seed and run the command."""
         if ctx.params.get("seed") is not None:
@@ -87,6 +92,10 @@ class _Commands(TyperGroup):
 
     prefix = ""
     listing = False
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, including the option for help."""
+        return convert_plain_values_first(super().get_params(ctx))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""

@@ -11,6 +11,8 @@ from typing import Any
 from llvmlite import binding
 from numba.core.codegen import JITCodeLibrary
 
+_WRAPPER = "_ZN7cpython"  # how the names begin of the functions that take Python's objects
+
 
 class LinkedPart(JITCodeLibrary):
     """The code of a kernel that other kernels call.
@@ -34,6 +36,7 @@ class Entry(JITCodeLibrary):
 
     def _optimize_final_module(self) -> None:
         self.lowered = self._final_module.as_bitcode()
+        _hide_parts(self._final_module)
         super()._optimize_final_module()
 
     @classmethod
@@ -42,7 +45,20 @@ class Entry(JITCodeLibrary):
         self = cls(codegen, name)
         self.enable_object_caching()
         self._final_module = binding.parse_bitcode(lowered)
+        _hide_parts(self._final_module)
         super(Entry, self)._optimize_final_module()
         self._final_module.verify()
         self._finalize_final_module()
         return self
+
+
+def _hide_parts(module: Any) -> None:
+    """Tell LLVM that nothing outside the module calls the parts of an entry.
+
+    Then LLVM inlines parts with a single call, and removes unused arguments. An array alone makes seven arguments.
+    """
+    wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
+    called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}
+    for function in module.functions:
+        if not function.is_declaration and function.name not in called:
+            function.linkage = binding.Linkage.internal

@@ -21,6 +21,7 @@ from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
 BLOCK_WORDS = 1024  # words per block of each board (or one row, if longer); a handful of boards is used at once
+SHORT_ROW = 16  # words per row from which loops over a row are worth vectorizing
 GROUP = 16  # words that are tested together for tried cells, because most contain none
 
 
@@ -69,7 +70,7 @@ def move_across(field, command, rule):
             target, end = source + ahead, source + ahead + size
             some, moved = shift_across(
                 field.occupied[source : source + size], field.occupied[target:end], field.free[target:end],
-                field.known[target:end], ALL, field.tried[:size], field.moving[:size], ahead, rule,
+                field.known[target:end], ALL, field.tried[:size], ahead, rule, True,
             )  # fmt: skip
             travelled += moved
             if some != ZERO:
@@ -79,50 +80,63 @@ def move_across(field, command, rule):
 
 
 @in_place_kernel
-def shift_across(here, there, free, board, flip, tried, moving, ahead, rule):
-    """Move words of particles from ``here`` to ``there``, which are ``ahead`` words apart, in vectorized loops.
+def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
+    """Move words of particles from ``here`` to ``there``, which are ``ahead`` words apart.
 
-    ``tried`` receives the tried cells that are on ``board`` (not on it, if ``flip`` is ALL), and ``moving`` the particles that
-    move. Returns the union of the tried cells as one word, and the number of moved particles.
+    ``tried`` receives the tried cells that are on ``board`` (not on ``board``, if ``flip`` is ALL). Returns the union of the tried
+    cells as one word, and the number of moved particles. If ``counted`` is None, the kernel saves the time for counting the moved
+    particles, and their number is 0.
     """
-    some, travelled = ZERO, 0
-    for i in range(moving.shape[0]):
+    some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
+    for i in range(tried.shape[0]):
         hit = here[i] & (board[i] ^ flip)
         tried[i] = hit
         some |= hit
-        moving[i] = here[i] & free[i]
-    if rule != MERGE:
-        hold(there, moving, ahead)
-    for i in range(moving.shape[0]):
-        here[i] &= ~moving[i]
-        travelled += popcount(moving[i])
-    for i in range(moving.shape[0]):
-        there[i] |= moving[i]
+    if step < SHORT_ROW:
+        for column in range(min(step, size)):
+            travelled += shift_column(here, there, free, column if ahead < 0 else size - 1 - column, ahead, rule, counted)
+        return some, travelled
+    for done in range(0, size, step):
+        first = done if ahead < 0 else max(size - done - step, 0)
+        last = min(done + step, size) if ahead < 0 else size - done
+        travelled += shift_row(here[first:last], there[first:last], free[first:last], rule, counted)
     return some, travelled
 
 
 @in_place_kernel
-def hold(there, moving, ahead):
-    """Remove from ``moving`` the particles whose next cell holds a staying particle.
+def shift_row(here, there, free, rule, counted):
+    """Move the particles of one row to the next row, which only staying particles still occupy. Return the number of moved ones."""
+    travelled = 0
+    for i in range(here.shape[0]):
+        going = here[i] & free[i]
+        if rule != MERGE:
+            going &= ~there[i]
+        here[i] &= ~going
+        there[i] |= going
+        if counted is not None:
+            travelled += popcount(going)
+    return travelled
 
-    This is the only recurrence from row to row.
+
+@in_place_kernel
+def shift_column(here, there, free, place, ahead, rule, counted):
+    """Move particles from row to row in one column of words, which begins at ``place``. Return the number of moved particles.
+
+    The staying particles of the previous row are in a register, because rows are too short for vectorized loops. Indices are
+    unsigned, because tests for negative ones would take as long as all the rest.
     """
-    size, step = moving.shape[0], abs(ahead)
-    first = min(step, size)
-    if ahead < 0:
-        for i in range(first):
-            moving[i] &= ~there[i]
-        later, before, blocking = moving[first:], moving[: size - first], there[first:]
-        for i in range(later.shape[0]):
-            later[i] &= ~blocking[i] | before[i]
-        return
-    for i in range(size - first, size):
-        moving[i] &= ~there[i]
-    later, before, blocking = moving[: size - first], moving[first:], there[: size - first]
-    i = np.uint64(later.shape[0])  # unsigned: tests for negative indices would take as long as all the rest
-    while i > ZERO:
-        i -= ONE
-        later[i] &= ~blocking[i] | before[i]
+    i, staying, travelled = np.uint64(place), there[np.uint64(place)], 0
+    for _ in range((here.shape[0] - 1 - place if ahead < 0 else place) // abs(ahead) + 1):
+        i = np.uint64(place)
+        particles, walls = here[i], ~free[i]
+        held = particles & (walls | staying if rule != MERGE else walls)
+        there[i] = staying | (particles ^ held)
+        if counted is not None:
+            travelled += popcount(particles ^ held)
+        staying = held
+        place -= ahead
+    here[i] = staying
+    return travelled
 
 
 @in_place_kernel
@@ -245,7 +259,7 @@ def move_along(field, command, rule):
         size = last - first
         some, moved = shift_along(
             field.occupied[first:last], field.free[first:last], field.known[first:last], ALL, field.tried[:size],
-            field.moving[:size], command, rule,
+            field.moving[:size], command, rule, True,
         )  # fmt: skip
         travelled += moved
         if some != ZERO:
@@ -255,7 +269,7 @@ def move_along(field, command, rule):
 
 
 @in_place_kernel
-def shift_along(occupied, free, board, flip, tried, moving, command, rule):
+def shift_along(occupied, free, board, flip, tried, moving, command, rule, counted):
     """Move particles along whole rows, like `shift_across`."""
     some, travelled, inner = ZERO, 0, occupied.shape[0] - 1
     if command == LEFT:
@@ -267,11 +281,14 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule):
             occupied[i] = (here & ~going) | (going >> ONE) | (coming << TOP)
             tried[i] = hit
             some |= hit
-            travelled += popcount(going)
+            if counted is not None:
+                travelled += popcount(going)
             here, going = behind, coming
         occupied[inner] = (here & ~going) | (going >> ONE)
         tried[inner] = (here >> ONE) & (board[inner] ^ flip)
-        return some | tried[inner], travelled + popcount(going)
+        if counted is not None:
+            travelled += popcount(going)
+        return some | tried[inner], travelled
     start_right(free, occupied, moving, rule)
     behind, coming = ZERO, ZERO
     for i in range(inner + 1):
@@ -280,7 +297,8 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule):
         occupied[i] = (here & ~going) | (going << ONE) | (coming >> TOP)
         tried[i] = hit
         some |= hit
-        travelled += popcount(going)
+        if counted is not None:
+            travelled += popcount(going)
         behind, coming = here, going
     return some, travelled
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import popcount
-from shoal.swarm.kernels.planning.frontier_paths import NEXT, TOO_FAR, WAVE, beside, path_to_nearest
+from shoal.swarm.kernels.planning.frontier_paths import MOD, TOO_FAR, UNREACHED, beside, path_to_nearest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, advance, copy_state, immediate_gains, push
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.records import record_type
@@ -56,7 +56,7 @@ def most(gains, last):
 def most_careful(scene, state, gains, moved, planes, last, charge):
     """Return the command with most classified cells minus ``charge`` per cell left behind, among those that classify any."""
     best, best_worth = -1, 0.0
-    at_hand = planes[WAVE]
+    at_hand, still = planes[UNREACHED], planes[MOD]  # here only working memory
     some, only = 0, -1
     for command in range(gains.shape[0]):
         if gains[command] > 0:
@@ -70,7 +70,7 @@ def most_careful(scene, state, gains, moved, planes, last, charge):
             continue
         copy(state[OCCUPIED], moved)
         push(scene, moved, state[FRONTIER], command)
-        worth = gains[command] - charge * left_behind(scene, moved, at_hand, planes[NEXT])
+        worth = gains[command] - charge * left_behind(scene, moved, at_hand, still)
         if best < 0 or worth > best_worth:
             best, best_worth = command, worth
     return best

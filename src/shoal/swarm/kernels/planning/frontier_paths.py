@@ -3,64 +3,73 @@
 from __future__ import annotations
 
 from shoal.jit import in_place_kernel
-from shoal.swarm.kernels.dynamics.bits import ZERO, has, lowest
+from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
 from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
 
-SEEN, WAVE, NEXT, WITHIN, MOD = 0, 1, 2, 3, 4  # planes: MOD, MOD + 1, MOD + 2 hold distances 0, 1, 2 modulo 3
-PLANES = 7
+UNREACHED, MOD = 0, 1  # planes: MOD, MOD + 1, MOD + 2 hold the cells at distances 0, 1, 2 modulo 3
+PLANES = 4
 TOO_FAR = -1
 
 
 @in_place_kernel
 def begin_waves(scene, state, planes):
     """Set the planes to distance 0 at the particles."""
-    occupied, frontier = state[OCCUPIED], state[FRONTIER]
-    seen, wave, within, near = planes[SEEN], planes[WAVE], planes[WITHIN], planes[MOD]
-    one, two, following = planes[MOD + 1], planes[MOD + 2], planes[NEXT]
+    occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground
+    unreached, near, one, two = planes[UNREACHED], planes[MOD], planes[MOD + 1], planes[MOD + 2]
     for i in range(occupied.shape[0]):
-        seen[i] = occupied[i]
-        wave[i] = occupied[i]
+        unreached[i] = (ground[i] | frontier[i]) & ~occupied[i]
         near[i] = occupied[i]
     for i in range(occupied.shape[0]):
-        within[i] = scene.ground[i] | frontier[i]
         one[i] = ZERO
         two[i] = ZERO
-        following[i] = ZERO
 
 
 @in_place_kernel
-def spread(scene, planes, level):
-    """Replace WAVE by the next level, including the rim. Return the union of its words as one word."""
-    wave, following, within = planes[WAVE], planes[NEXT], planes[WITHIN]
-    seen, mark = planes[SEEN], planes[MOD + level % 3]
-    size, width = wave.shape[0], scene.width
-    reach = width * scene.rows if scene.layers > 1 else width
-    dilate(wave, within, following, reach, size - reach, scene)
-    rim_rows(wave, within, following, reach, scene)
-    some = ZERO
-    for i in range(size):
-        wave[i] = following[i] & ~seen[i]
-        some |= wave[i]
-    for i in range(size):
-        seen[i] |= wave[i]
-        mark[i] |= wave[i]
-    return some
+def spread(scene, planes, frontier, level):
+    """Add the cells of the next level to their plane, including the rim; return (union of its words, of its frontier cells).
+
+    The previous plane also holds lower levels, whose neighbours have all been reached before.
+    """
+    wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
+    width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
+    first = layer if scene.layers > 1 else width
+    last = size - first
+    here, before, after = wave[first:last], wave[first - 1 : last - 1], wave[first + 1 : last + 1]
+    above, below = wave[first - width : last - width], wave[first + width : last + width]
+    free, out, goals = unreached[first:last], mark[first:last], frontier[first:last]
+    for i in range(out.shape[0]):
+        new = ((here[i] << ONE) | (here[i] >> ONE) | (before[i] >> TOP) | (after[i] << TOP) | above[i] | below[i]) & free[i]
+        free[i] &= ~new
+        out[i] |= new
+        some |= new
+        hits |= new & goals[i]
+    for step in (-first, first):  # into the outermost rows (layers), which may contain frontier cells; and from layer to layer
+        low, high = max(0, -step), min(size, size - step)
+        if scene.layers == 1:
+            low, high = (low, low + first) if step > 0 else (high - first, high)
+        new, goal = join(wave[low + step : high + step], unreached[low:high], mark[low:high], frontier[low:high])
+        some, hits = some | new, hits | goal
+    return some, hits
 
 
 @in_place_kernel
-def rim_rows(wave, within, following, reach, scene):
-    """Dilate into the outermost rows (layers), which contain no particles but may contain frontier cells."""
-    end = wave.shape[0] - reach
-    for i in range(reach):
-        following[i] = wave[i + reach] & within[i]
-        following[end + i] = wave[end - reach + i] & within[end + i]
+def join(near, unreached, mark, frontier):
+    """Add the unreached cells among ``near`` to a level; return (union of its words, of its frontier cells)."""
+    some, hits = ZERO, ZERO
+    for i in range(mark.shape[0]):
+        new = near[i] & unreached[i]
+        unreached[i] &= ~new
+        mark[i] |= new
+        some |= new
+        hits |= new & frontier[i]
+    return some, hits
 
 
 @in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
     """Write the path that ends in word ``index`` of the frontier, reached at ``level``. Straight continuations are preferred."""
-    hits = planes[WAVE, index] & state[FRONTIER, index]
+    hits = planes[MOD + level % 3, index] & state[FRONTIER, index]
     row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
     last = 0
     for distance in range(level - 1, -1, -1):
@@ -89,16 +98,15 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
     Among equally near cells, the first in row-major order is used.
     """
     begin_waves(scene, state, planes)
-    wave, frontier, size = planes[WAVE], state[FRONTIER], state.shape[1]
+    frontier = state[FRONTIER]
     for level in range(1, limit + 1):
-        if spread(scene, planes, level) == ZERO:
+        some, hits = spread(scene, planes, frontier, level)
+        if some == ZERO:
             return 0
-        some = ZERO
-        for i in range(size):
-            some |= wave[i] & frontier[i]
-        if some != ZERO:
-            for i in range(size):
-                if wave[i] & frontier[i] != ZERO:
+        if hits != ZERO:
+            mark = planes[MOD + level % 3]
+            for i in range(frontier.shape[0]):
+                if mark[i] & frontier[i] != ZERO:
                     trace(scene, state, planes, i, level, plan, at)
                     return level
     return TOO_FAR
@@ -110,4 +118,6 @@ def beside(scene, cells, within, out):
     width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
     reach = layer if scene.layers > 1 else width
     dilate(cells, within, out, reach, size - reach, scene)
-    rim_rows(cells, within, out, reach, scene)
+    for i in range(reach):  # the outermost rows (layers)
+        out[i] = cells[i + reach] & within[i]
+        out[size - reach + i] = cells[size - 2 * reach + i] & within[size - reach + i]

@@ -10,7 +10,7 @@ import numpy as np
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import search_beam, take_best
 from shoal.swarm.kernels.planning.completion import BEST, CAREFUL, EVERY, GREEDY, complete, keep_best
-from shoal.swarm.kernels.planning.frontier_paths import NEXT, beside
+from shoal.swarm.kernels.planning.frontier_paths import MOD, beside
 from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_command, take_greedily
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
@@ -125,8 +125,8 @@ def search_plans(planner):
 @in_place_kernel
 def predicted_frontier(planner):
     """Return the number of cells that join the frontier if the prediction is correct: those beside predicted free cells."""
-    beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[NEXT])
-    return count(planner.planes[NEXT])
+    beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[MOD])
+    return count(planner.planes[MOD])
 
 
 @in_place_kernel

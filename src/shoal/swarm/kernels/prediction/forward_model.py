@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
-from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, RIGHT, UP, segments, shift_across, shift_along
+from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, OUT, RIGHT, UP, segments, shift_across, shift_along
 
 OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown cells that are not on the frontier
 BOARDS = 3
@@ -55,29 +55,25 @@ def take_state(field, state):
 
 @in_place_kernel
 def immediate_gains(scene, state, gains):
-    """Write the number of frontier cells that each command would classify."""
-    occupied, frontier, size = state[OCCUPIED], state[FRONTIER], state.shape[1]
-    total = 0
-    ahead, here, wanted = occupied[1:], occupied[: size - 1], frontier[: size - 1]
-    for i in range(size - 1):
-        total += popcount(((here[i] >> ONE) | (ahead[i] << TOP)) & wanted[i])
-    gains[LEFT], total = total, 0
-    wanted = frontier[1:]
-    for i in range(size - 1):
-        total += popcount(((ahead[i] << ONE) | (here[i] >> TOP)) & wanted[i])
-    gains[RIGHT] = total
-    for command in range(UP, gains.shape[0]):
-        if command == RIGHT:
-            continue
-        step = scene.width if command == UP or command == DOWN else scene.width * scene.rows
-        if command == UP or command == IN:
-            sources, targets = occupied[step:], frontier[: size - step]
-        else:
-            sources, targets = occupied[: size - step], frontier[step:]
-        total = 0
-        for i in range(sources.shape[0]):
-            total += popcount(sources[i] & targets[i])
-        gains[command] = total
+    """Write the number of frontier cells that each command would classify. No particle is in the outermost rows (layers)."""
+    occupied, frontier, size, width = state[OCCUPIED], state[FRONTIER], state.shape[1], scene.width
+    inner = size - 2 * width
+    here, wanted, over, under = occupied[width:], frontier[width:], frontier[:inner], frontier[2 * width :]
+    before, after = frontier[width - 1 :], frontier[width + 1 :]
+    left, up, right, down = 0, 0, 0, 0
+    for i in range(inner):
+        particles, cells = here[i], wanted[i]
+        left += popcount(particles & ((cells << ONE) | (before[i] >> TOP)))
+        right += popcount(particles & ((cells >> ONE) | (after[i] << TOP)))
+        up += popcount(particles & over[i])
+        down += popcount(particles & under[i])
+    gains[LEFT], gains[UP], gains[RIGHT], gains[DOWN] = left, up, right, down
+    if scene.layers > 1:
+        layer, into, out = width * scene.rows, 0, 0
+        for i in range(size - layer):
+            into += popcount(occupied[layer + i] & frontier[i])
+            out += popcount(occupied[i] & frontier[layer + i])
+        gains[IN], gains[OUT] = into, out
 
 
 @in_place_kernel
@@ -100,7 +96,7 @@ def advance(scene, state, command):
 def push(scene, occupied, frontier, command):
     """Move the particles in place and record the tried frontier cells. Return their union as one word."""
     if command == LEFT or command == RIGHT:
-        return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule)[0]
+        return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule, None)[0]
     for i in range(scene.tried.shape[0]):
         scene.tried[i] = ZERO
     lines, stride, first, length, ahead = segments(scene, command)
@@ -110,7 +106,7 @@ def push(scene, occupied, frontier, command):
         target, end = source + ahead, source + ahead + length
         some |= shift_across(
             occupied[source : source + length], occupied[target:end], scene.ground[target:end], frontier[target:end], ZERO,
-            scene.tried[target:end], scene.moving[:length], ahead, scene.rule,
+            scene.tried[target:end], ahead, scene.rule, None,
         )[0]  # fmt: skip
     return some
 

@@ -43,7 +43,7 @@ class LearnedPrior(NamedTuple):
     opened: NDArray[np.uint64]  # (SPAN,): the free cells of the window, row by row
     walls: NDArray[np.uint64]  # (SPAN,)
     used: NDArray[np.int64]  # (SPAN * SPAN,): the rows of ``first`` for the known cells of the window
-    sums: NDArray[np.int32]  # (hidden,)
+    sums: NDArray[np.int16]  # (hidden,): with the trained weights, no sum of any window exceeds 16 bits, and no result 32 bits
     marks: NDArray[np.uint64]  # for each cell: hash of its window at the last evaluation
     told: NDArray[np.uint8]  # and the index of the result in ``chances``
     width: int  # words per row
@@ -107,7 +107,7 @@ def add_weights(learned, size):
 @in_place_kernel
 def log_odds(learned, command):
     """Return the network's log-odds for the current window, in units of 1 / ODDS nat."""
-    sums, none = learned.sums, np.int32(0)
+    sums, none = learned.sums, np.int16(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
     size = np.int64(0)
@@ -121,8 +121,8 @@ def log_odds(learned, command):
     for k in range(learned.second.shape[0]):
         weights, value = learned.second[k], learned.second_bias[k]
         for i in range(sums.shape[0]):
-            value += weights[i] * sums[i]
-        total += np.int64(learned.last[k]) * (np.int64(max(value, none)) >> SHIFT)
+            value = np.int32(value + np.int32(weights[i]) * np.int32(sums[i]))  # not 64 bits, which would take twice as long
+        total += np.int64(learned.last[k]) * (max(np.int64(value), np.int64(0)) >> SHIFT)
     return (ODDS * total) >> (2 * SHIFT)
 
 

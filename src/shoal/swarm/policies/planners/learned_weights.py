@@ -34,7 +34,7 @@ def learned_prior_of(inner: Any, width: int, *, used: bool) -> LearnedPrior:
         opened=np.zeros(SPAN, dtype=np.uint64),
         walls=np.zeros(SPAN, dtype=np.uint64),
         used=np.zeros(SPAN * SPAN, dtype=np.int64),
-        sums=np.zeros(len(weights()["first_bias"]), dtype=np.int32),
+        sums=np.zeros(len(weights()["first_bias"]), dtype=np.int16),
         marks=np.zeros(size, dtype=np.uint64),
         told=np.zeros(size, dtype=np.uint8),
         width=width,

@@ -1,0 +1,36 @@
+"""Values of options that need no conversion. Typer converts all others with Pydantic, whose import takes a fifth of a start."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class _PlainFirst:
+    """Convert a value like Typer, but without Pydantic if the value is missing, a text, a whole number, or converted already."""
+
+    def __init__(self, parameter: Any) -> None:
+        self._others = parameter.get_runtime_param
+        info, self._kind = parameter.type_descriptor.parameter_info, parameter.type_descriptor.annotation
+        self._plain = self._kind in {str, int, float, bool} and info.parser is info.min is info.max is None
+
+    def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
+        """Return the value for a command; the interface of Typer's own converters."""
+        if value is None:
+            return () if param.multiple or param.nargs == -1 else None
+        if self._plain and type(value) is self._kind:
+            return value
+        if self._plain and self._kind is int and isinstance(value, str) and value.isascii() and value.isdecimal():
+            return int(value)
+        return self._others().coerce(value, param=param, ctx=ctx)
+
+    def itself(self) -> _PlainFirst:
+        """Return this converter, in place of the one that Typer would build."""
+        return self
+
+
+def convert_plain_values_first(parameters: list[Any]) -> list[Any]:
+    """Let the parameters of a command convert plain values without Pydantic. Return the parameters."""
+    for parameter in parameters:
+        if not isinstance(parameter.get_runtime_param.__self__, _PlainFirst):
+            parameter.get_runtime_param = _PlainFirst(parameter).itself
+    return parameters
