@@ -327,7 +327,8 @@ def test_sums_of_the_network_fit_their_types():
     first = stored["first"].astype(int).reshape(learned_prior.KINDS, learned_prior.SPAN**2, -1)
     high = stored["first_bias"] + np.maximum(first.max(axis=0), 0).sum(axis=0)
     low = stored["first_bias"] + np.minimum(first.min(axis=0), 0).sum(axis=0)
-    assert -(2**15) <= low.min() and high.max() < 2**15
+    assert low.min() >= -(2**15)
+    assert high.max() < 2**15
     assert (abs(stored["second_bias"]) + abs(stored["second"].astype(int)) @ np.maximum(high, 0)).max() < 2**31
 
 
