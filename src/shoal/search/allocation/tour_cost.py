@@ -193,7 +193,7 @@ class TourCost:
         """Return the cost of the cheapest path between two cells, and the cells on it between which a robot moves directly.
 
         The path follows the tour if the tour is not blocked and not more expensive than the direct path. On a path along the tour,
-        only bends count as turns. Therefore cells that other robots have searched never make the remaining path more expensive.
+        only bends count as turns. Cells that other robots have searched never make the remaining path more expensive.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost

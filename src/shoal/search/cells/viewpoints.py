@@ -97,7 +97,7 @@ def viewpoints_of(
     known : sequence of (ndarray of float64, shape (k, 2)) or None
         Viewpoints found by `viewpoints_on_rows`, for pieces that do not contain the centre of their cell.
     free : Shapely geometry, optional
-        The area where robots may be. If ``free`` is given, all viewpoints lie in it, inside or beside their piece.
+        The area where robots may be. If ``free`` is given, all viewpoints lie in ``free``, inside or beside their piece.
 
     Returns
     -------

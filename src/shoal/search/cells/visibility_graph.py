@@ -43,7 +43,7 @@ class VisibilityGraph:
 
     Shortest paths bend only at corners where the inner angle of the region is above 180 degrees. The path search prefers a path
     that bends only at corners of `SearchRegion.bends` to a shorter path around other corners. When a path search first reaches a
-    corner, it computes and caches the corners that are visible from this corner.
+    corner, the search computes and caches the corners that are visible from this corner.
 
     Parameters
     ----------

@@ -50,8 +50,8 @@ def staggered(
 ) -> tuple[NDArray[np.int64], Floats]:
     """Choose an altitude layer and a start delay for each vehicle, so that all vehicles in flight keep the separation.
 
-    The longest flight starts first, in the lowest layer. Every other flight uses the layer in which it can end earliest. A new
-    layer must save at least a twentieth of the longest flight's duration, because a higher layer costs a longer climb.
+    The longest flight starts first, in the lowest layer. Each later flight uses the layer in which this flight can end earliest. A
+    new layer must save at least a twentieth of the longest flight's duration, because a higher layer costs a longer climb.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.flight.terrain import UNSAID, Floats, Terrain
 
 LARGEST_GRID = 40_000_000
-"""Maximum number of heights in a terrain file. Shoal refuses files with more heights before it decodes them."""
+"""Maximum number of heights in a terrain file. Shoal refuses a larger terrain file before it decodes the heights."""
 
 LARGEST_TERRAIN = 500_000_000
 """Maximum size of a terrain file in bytes."""

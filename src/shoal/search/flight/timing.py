@@ -51,10 +51,10 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     """Return the trajectory of a vehicle that follows a path.
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
-    longer than the horizontal motion, it gives the duration of the leg. Each horizontal change of direction by more than one degree
-    adds the duration of a turn. A change between vertical and horizontal motion also adds the duration of a turn. The start and the
-    stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
-    short legs.
+    longer than the horizontal motion, the duration of the leg is that of the climb or descent. Each horizontal change of direction
+    by more than one degree adds the duration of a turn. A change between vertical and horizontal motion also adds the duration of a
+    turn. The start and the stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must
+    contain the turns as short legs.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Add vertical climbs before the legs of a path and vertical descents after them. Return its points and altitudes.
+    """Return the points and altitudes of a path, with vertical climbs before its legs and vertical descents after its legs.
 
     Examples
     --------

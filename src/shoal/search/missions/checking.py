@@ -291,7 +291,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
 
 
 def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the first point at which a leg that starts inside the region leaves it; float64, shape (1, 3).
+    """Return the first point at which a leg that starts inside the region leaves the region; float64, shape (1, 3).
 
     The result has the altitude of the leg's start.
     """

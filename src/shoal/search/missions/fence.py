@@ -15,7 +15,8 @@ ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
 """Maximum number of corners of a fence, over all its rings, that each autopilot stores.
 
-The limit for ArduPilot was tested on a Cube autopilot. The limit for PX4 is the maximum number of MAVLink items of a fence.
+ArduPilot's limit of 70 corners was tested on a Cube autopilot. PX4's limit of 64 corners is its maximum number of MAVLink items of
+a fence.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -57,8 +58,9 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they interpret
     several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
-    If the fence has too many corners, the function simplifies the outline so that it only grows. The function also simplifies an
-    exclusion zone if no path enters the simplified zone. If the simplified fence still has too many corners, Shoal prints a notice.
+    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. The function also
+    simplifies an exclusion zone if no path enters the simplified zone. If the simplified fence still has too many corners, Shoal
+    prints a notice.
 
     Parameters
     ----------

@@ -89,7 +89,7 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. If the function raises one of these two errors, it has written no file.
+        If an argument is invalid. A function call with an invalid argument writes no file.
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """

@@ -2,8 +2,8 @@
 
 The remaining cells of a robot's part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched,
 and its first cell is called its front. If a robot is already searching a run from its front, a helper enters the run further along,
-and searches in the same direction. The helper chooses its entry so that it and the robot at the front finish at the same time.
-Every helper computes the choices of all helpers in one fixed order, so that two helpers rarely choose the same cell.
+and searches in the same direction. The helper chooses its entry so that the helper and the robot at the front finish at the same
+time. Every helper computes the choices of all helpers in one fixed order, so that two helpers rarely choose the same cell.
 """
 
 from __future__ import annotations

@@ -156,7 +156,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return the time at which a peer first reported its destination, and the length of its path to it in cell sides."""
+    """Return the time at which a peer first reported its destination, and the length of the peer's path there in cell sides."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -218,7 +218,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 
 def next_action(robot: Robot, time: float) -> Decision:
-    """Return the state of a robot, its next action, and the time until which it waits if this action is None."""
+    """Return the state of a robot, its next action, and the time until which the robot waits if it has no action."""
     if robot.allotted_to <= len(robot.peers):  # the robot knows another robot
         robot = _allotted(robot, time)
     done = settled(robot, time)
@@ -261,7 +261,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Let the robot go to a cell. If its energy is too low for the way to the cell and then home, it goes home to recharge."""
+    """Let the robot go to a cell, or home to recharge if its energy is too low for the way to the cell and then home."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -295,7 +295,7 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 
 
 def _hops(robot: Robot, cell: int) -> bool:
-    """Return whether the robot would jump along the tour to a cell: neither its own cell nor the previous or next cell."""
+    """Return whether a cell is neither the robot's own cell nor the cell before or after it on the tour."""
     n = len(robot.brief.tour_cost)
     return (cell - robot.cell) % n not in (0, 1, n - 1)
 

@@ -1,7 +1,7 @@
 """Content of a beacon: all new facts, and a part of the older facts that a robot knows.
 
 Several beacons repeat each new fact. Consecutive beacons of a robot contain different parts of its older facts. All facts stay
-true, so no message depends on an earlier message. A robot that misses a fact receives it later from any robot that knows it.
+true, so no message depends on an earlier message. A robot that misses a fact receives it later from any robot that knows this fact.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tup
 def _window(robot: Robot, n: int) -> int:
     """Return the section of the tour whose facts the next beacon repeats, as a bitset.
 
-    The section begins where the section of the last beacon ended. The length of the section depends on how many facts fit into one
-    beacon.
+    The section of each beacon begins where the section of the last beacon ended. A section is as long as the space for facts in one
+    beacon allows.
     """
     everything = robot.brief.everything
     total = _intervals(robot, everything)

@@ -1,4 +1,4 @@
-"""Numbers in mission files. Shoal writes coordinates with fixed decimals, and reads numbers with their count of decimals."""
+"""Numbers in mission files. Shoal writes coordinates with a fixed number of decimals, and counts decimals of numbers in files."""
 
 from __future__ import annotations
 

@@ -11,9 +11,9 @@
   may repeat its first vertex at its end. A ring inside another ring is a hole. A ring inside a hole is a part of the region.
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. A polygon is also a
-no-go zone if its name or its kind marks it as one ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or layer can
-also mark the polygon. If a file contains a polygon, the reader ignores points and lines. The reader unites overlapping polygons.
-The module `shoal.search.regions.limits` lists the maximum sizes of files.
+no-go zone if its name or its kind marks it as a no-go zone ("No-go: pond", "NFZ 3"). The name of a polygon's folder, collection or
+layer can also mark the polygon. If a file contains a polygon, the reader ignores points and lines. The reader unites overlapping
+polygons. The module `shoal.search.regions.limits` lists the maximum sizes of files.
 """
 
 from __future__ import annotations

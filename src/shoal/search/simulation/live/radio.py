@@ -2,8 +2,9 @@
 
 Messages go to a multicast group. If multicast is not available, a robot sends each message to the port of every other robot.
 
-Every process on the machine can send to the radio. Therefore robots sign messages with a key that only the robots of one search
-have, and a robot opens each message only once. The radio drops and counts messages that are unsigned, repeated or too long.
+Every process on the machine can send to the radio. Against false messages, robots sign messages with a key that only the robots of
+one search have. Against repetitions, a robot opens each message only once. The radio drops and counts messages that are unsigned,
+repeated or too long.
 """
 
 from __future__ import annotations
@@ -135,7 +136,7 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return the beacons in messages that have arrived from other robots of this search. The radio drops all other messages.
+        """Return the beacons in messages that have arrived from other robots of this search, and drop other messages.
 
         After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood costs the robot little time.
         """
