@@ -34,7 +34,7 @@ class Terrain:
     west, north : float
         Coordinates of the north-west height, in the coordinate reference system.
     steps : tuple of float
-        Distance between two columns, and distance between two rows from north to south, as positive numbers.
+        Distance between neighbouring columns, and distance between neighbouring rows, as positive numbers.
     crs : str or None
         Coordinate reference system in PROJ notation, or None for metres without a position on Earth. With `UNSAID`, the coordinates
         are longitude and latitude for a region on Earth, and metres for any other region.
