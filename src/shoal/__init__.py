@@ -7,7 +7,7 @@ The function `run` runs a problem of any part (swarm, steering or search) and re
 >>> episode.status.done, bool(episode.verify())
 (True, True)
 
-Shoal imports each public name when it is first used. Therefore the statement ``import shoal`` takes little time.
+The statement ``import shoal`` takes little time, because Shoal imports each public name when it is first used.
 """
 
 from __future__ import annotations

@@ -133,7 +133,7 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
         Move rules to test. The default is ``policy.rules``. For a policy without the attribute ``rules``, the default is all move
         rules.
     max_moves : int
-        Maximum number of moves. An episode with more moves is a violation of the contract.
+        Maximum number of moves. An episode with more than ``max_moves`` moves is a violation of the contract.
     seed : int
 
     Raises

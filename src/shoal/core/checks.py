@@ -228,7 +228,7 @@ def parse_json(text: str, *, where: str) -> Any:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return a polygon or multipolygon from its well-known text. Refuse all other types of geometry.
+    """Return a polygon or multipolygon from its well-known text. Refuse a geometry of another type.
 
     Raises
     ------

@@ -88,7 +88,7 @@ class Episode(ABC):
     @property
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the episode by name: all measures that sweeps store, and further numbers about the result.
+        """Return the metrics of the episode by name: all measures that sweeps store, and other numbers about the result.
 
         The value of a metric is a number, a text or None.
         """

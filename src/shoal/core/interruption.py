@@ -1,8 +1,8 @@
 """The end of a command after Ctrl-C, after SIGTERM, or after the user closes the terminal.
 
 While the modules of a command are loading, a signal ends the command at once. After loading, a signal raises KeyboardInterrupt, so
-that the command can clean up. Compiled code can delay a KeyboardInterrupt for minutes, because Python handles signals only between
-Python instructions. Therefore a second thread waits for signals and ends the command soon after a signal.
+that the command can clean up. A second thread waits for signals and ends the command soon after a signal, because compiled code can
+delay a KeyboardInterrupt for minutes: Python handles signals only between Python instructions.
 """
 
 from __future__ import annotations
@@ -77,7 +77,8 @@ def patient() -> Iterator[None]:
 def interruption_held() -> Iterator[None]:
     """Delay Ctrl-C until the ``with`` block has ended. Use the ``with`` block for short library calls that must not be interrupted.
 
-    For example, Ctrl-C during the writing of a zip archive may be lost, or may cause an unrelated error when the archive is closed.
+    The writing of a zip archive must not be interrupted, because Ctrl-C may be lost, or may cause an unrelated error when the
+    archive is closed.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):

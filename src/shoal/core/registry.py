@@ -29,9 +29,9 @@ _NAMED: set[str] = set()
 
 
 def look_in(folder: str) -> None:
-    """Add a folder to the search for modules of the user. Shoal first searches Python's own search path.
+    """Add a folder in which Shoal searches for modules of the user, after Python's own search path.
 
-    For example, a file ``email.py`` in the added folder does not replace Python's module ``email``.
+    Because Shoal searches the added folder last, a file ``email.py`` in the folder does not replace Python's module ``email``.
 
     Examples
     --------
@@ -106,7 +106,7 @@ class Registry(Generic[T]):
     kind : str
         The kind of the registered objects, such as "policy". Error messages name the kind of the object.
     open_to_others : bool
-        Whether the registry also accepts names of third-party objects (``module:attribute``).
+        Whether the registry accepts names of third-party objects (``module:attribute``).
     functions : bool
         Whether the registered objects are functions. The options in the name of a function are the function's keyword arguments.
 

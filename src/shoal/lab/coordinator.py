@@ -50,7 +50,7 @@ def run_sweep(
     ----------
     sweep : Sweep
     store : path
-        Path of the store file, which is created if it does not exist. The store may also contain other sweeps.
+        Path of the store file, which is created if it does not exist. The store may contain the results of several sweeps.
     workers : int, optional
         Number of worker processes on the local machine. The default is one process per processor. If ``workers`` is 0, all trials
         run in the current process.
@@ -71,9 +71,9 @@ def run_sweep(
     Raises
     ------
     InvalidInputError
-        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. Also raised if the
-        trials of a point cannot run, or if the versions of software on a worker differ from the versions of the current process. An
-        error inside a trial does not raise an exception: the store records the trial as failed.
+        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. InvalidInputError
+        is raised if the trials of a point cannot run, or if the versions of software on a worker differ from the versions of the
+        current process. An error inside a trial does not raise an exception: the store records the trial as failed.
     OutputError
         Raised if Shoal cannot write the store. After an error, the store keeps all committed results.
     MissingExtraError

@@ -27,8 +27,8 @@ class Row:
     values : dict
         Values of the sweep's axes at the point, by axis name.
     estimate : Estimate or None
-        Estimate of the mean of the measure. The estimate is None if no trial has the measure. The estimate is also None if the
-        measure grows until the task is done, and no trial completed its task.
+        Estimate of the mean of the measure. The estimate is None if no trial has the measure, or if the measure grows until the
+        task is done and no trial completed its task.
     missing : int
         Number of trials that have not yet run, have failed, or returned None as the measure.
     counted : int
@@ -38,7 +38,7 @@ class Row:
     bound : float or None
         Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. ``bound``
         is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``. If some
-        trials are unfinished, the true mean is therefore larger than the estimated mean.
+        trials are unfinished, the limit ``bound`` makes the estimated mean smaller than the true mean.
     """
 
     values: dict[str, Any]
@@ -156,7 +156,7 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
 
 
 def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> list[float]:
-    """Return the values of trials. A value above ``bound`` is replaced by ``bound``."""
+    """Return the values of the given trials at one point, with every value above ``bound`` replaced by ``bound``."""
     return [point.trials[trial] if bound is None else min(point.trials[trial], bound) for trial in trials]
 
 

@@ -37,8 +37,8 @@ def run_trials(
     problem : SwarmProblem
     trials : int
         Number of trials, at least 1. Trial k uses the random generator for (seed, k), for any number of workers. Several trials of
-        a policy written in Python run in worker processes, which import the policy again. Therefore the policy must be in a module,
-        or the script must have the guard that Python's multiprocessing requires.
+        a policy written in Python run in worker processes, which import the policy. A policy that worker processes import must be
+        in a module, or in a script with the guard that Python's multiprocessing requires.
     workers : int, optional
         Number of trials that run at the same time. The default is one trial per processor.
     seed : int

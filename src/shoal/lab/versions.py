@@ -70,7 +70,7 @@ def told_apart(texts: Iterable[str]) -> dict[str, str]:
 
 
 def mixture(rows: Mapping[str, int]) -> str:
-    """Return a text with the number of rows per set of versions, or an empty text if no other versions wrote rows.
+    """Return a text with the number of rows per set of versions, or an empty text if the current versions wrote all rows.
 
     Examples
     --------

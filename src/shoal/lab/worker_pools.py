@@ -71,7 +71,7 @@ class InProcess(_OneMachine):
         return future
 
     def lost(self, error: BaseException) -> bool:
-        """Return False, because no worker can die."""
+        """Return False, because a pool without workers cannot lose a worker."""
         return False
 
     def close(self, *, at_once: bool) -> None:
@@ -138,7 +138,8 @@ class Processes(_OneMachine):
 def _interruptions_kept() -> Iterator[None]:
     """Delay Ctrl-C inside the ``with`` block. Processes that start inside the ``with`` block never receive Ctrl-C.
 
-    A terminal sends Ctrl-C to all processes. A starting worker, which does not yet ignore Ctrl-C, would print a traceback.
+    A terminal sends Ctrl-C to all processes of a command. Without the delay, a worker process that receives Ctrl-C during its start
+    would print a traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

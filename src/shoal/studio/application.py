@@ -94,7 +94,7 @@ class Studio:
     def forms(self) -> asyncio.Future[dict[str, Any]]:
         """Return the declarations of fields, from which pages make their forms.
 
-        The server computes the declarations of fields during its start, while the browser also starts.
+        The server computes the declarations of fields during its start, while the browser is starting.
         """
         return asyncio.ensure_future(asyncio.to_thread(self._forms))
 

@@ -130,9 +130,9 @@ class Folder:
         return free + suffix
 
     async def take(self, name: str, pieces: AsyncIterator[bytes]) -> str:
-        """Write an uploaded file to the folder. If another file has the name, add a number to the name. Return the new file's name.
+        """Write an uploaded file to the folder, and return the name of the new file.
 
-        A failed write leaves no partial file.
+        If a file with the name of the uploaded file exists, add a number to the name. A failed write leaves no partial file.
 
         Raises
         ------
@@ -154,12 +154,12 @@ class Folder:
 
 
 def purpose_of(name: str) -> str | None:
-    """Return the purpose of a file, such as map or episode, as indicated by the file name. For other files, return None."""
+    """Return the purpose of a file, such as map or episode, as indicated by the file name, or None for an unknown purpose."""
     return next((kind for kind, suffixes in KINDS.items() if name.lower().endswith(suffixes)), None)
 
 
 def check_pixels(path: Path) -> None:
-    """Refuse a picture of more than `MOST_PIXELS` pixels, after reading the header of the file and no pixels.
+    """Refuse a picture of more than `MOST_PIXELS` pixels. The check reads only the header of the file.
 
     Raises
     ------

@@ -165,7 +165,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Return the metrics of the episode by name: all measures that sweeps store, and further numbers about the result."""
+        """Return the metrics of the episode by name: all measures that sweeps store, and other numbers about the result."""
         numbers = {
             "status": str(self.status), "moves": self.moves, "scans": self.scans, "cost": self.cost, "distance": self.distance,
             "seconds": self.seconds,
@@ -208,8 +208,8 @@ class SwarmEpisode(WithTrace, Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        In an episode without noise, the belief contains the information of the last scan, and of later commands with a certain
-        outcome. In an episode with noise, the state holds the most likely positions of the particles.
+        In an episode without noise, the belief contains the information of the last scan, and of the commands after the last scan
+        whose outcome is certain. In an episode with noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -223,7 +223,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """For each cell and a rim of one cell, the final probability that the cell is free (float64).
+        """Final probability that each cell is free, for the workspace and a rim of one cell (float64).
 
         For an episode without noise, the property is None.
         """
@@ -273,8 +273,8 @@ class SwarmEpisode(WithTrace, Episode):
         Raises
         ------
         InvalidInputError
-            Raised if the path does not end in ``.npz``. Also raised if the episode comes from a rig with noise, because the log of
-            the rig already stores the episode.
+            Raised if the path does not end in ``.npz``, or if the episode comes from a rig with noise, because the log of the rig
+            already stores the episode.
         OutputError
             Raised if Shoal cannot write the file.
         """

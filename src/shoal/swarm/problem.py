@@ -109,7 +109,8 @@ class SwarmProblem(Problem):
     """All settings, except the seed, of a run in which a swarm maps or covers a workspace.
 
     The commands ``shoal map`` and ``shoal cover``, sweeps and problem files have the same fields as `SwarmProblem`. In Python, a
-    map may also be a `GridWorkspace` or an array. The task, the policy and the placement may be third-party objects.
+    map may be a `GridWorkspace` or an array, in addition to a name or a path. The task, the policy and the placement may be
+    third-party objects.
 
     Raises
     ------
@@ -280,7 +281,7 @@ class SwarmProblem(Problem):
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised for an unknown policy name. Also raised for a planning budget of a policy that does not plan.
+            Raised for an unknown policy name, and for a planning budget of a policy that does not plan.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget

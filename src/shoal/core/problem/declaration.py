@@ -72,8 +72,8 @@ class Declaration:
     ----------
     name : str
     type : type
-        The type of the field's value: int, float, bool or str. All other types are declared as ``object``, with the function
-        ``check``.
+        The type of the field's value: int, float, bool or str, or ``object`` for a value of another type, which the function
+        ``check`` checks.
     optional : bool
         Whether None is a valid value of the field.
     default : object

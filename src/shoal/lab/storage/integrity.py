@@ -14,8 +14,8 @@ from shoal.lab.sweeps.sweep import trial_seed
 def faults_of(store: Store) -> list[str]:
     """Return the faults of a store as a list of sentences. For an intact store, return an empty list.
 
-    The function checks the structure of the SQLite file and the number of values in each row. The function also compares the stored
-    keys and seeds with the keys and seeds that the sweep defines.
+    The function checks the structure of the SQLite file and the number of values in each row, and compares the stored keys and
+    seeds with the keys and seeds that the sweep defines.
     """
     faults = [text for (text,) in store.ask("PRAGMA integrity_check(10)") if text != "ok"]
     faults += [f"table {table}: a row refers to one that is not there" for table, *_ in store.ask("PRAGMA foreign_key_check")]

@@ -211,7 +211,8 @@ def sweep_in(text: str, *, where: str, check: Callable[[dict[str, Any]], None] |
     where : str
         Text with which error messages begin, such as the name of the file.
     check : callable, optional
-        Function that checks the fields before the sweep is made. Error messages of ``check`` also get a line number.
+        Function that checks the fields before the sweep is made. Shoal adds the line number of the wrong field to an error message
+        of ``check``.
 
     Raises
     ------

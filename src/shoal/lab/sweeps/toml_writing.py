@@ -18,7 +18,7 @@ def as_toml(sweep: Mapping[str, Any]) -> str:
     Parameters
     ----------
     sweep : mapping
-        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. An axis may also be a range.
+        The fields of a sweep file, as returned by `shoal.lab.Sweep.describe`. Each axis is a list of values or a range.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
 def new_sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Convert the draft of a sweep from fields to TOML, or from TOML to fields. Return the draft as fields and as TOML.
 
-    If the draft is invalid, also return the error message.
+    For an invalid draft, the answer contains the error message.
     """
     text = about.get("toml")
     told: dict[str, Any] = {"error": None}

@@ -58,7 +58,7 @@ def photograph(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def vessels(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return the vessels in a photograph as a picture, which has the size of the picture that `photograph` returns.
 
-    If ``exact`` is true, also return the confidence that the photograph shows vessels.
+    If ``exact`` is true, the answer includes the confidence that the photograph shows vessels.
     """
     from shoal.swarm.maps.open import finder_of, vessels_in
 

@@ -1,6 +1,6 @@
 """The job that writes missions: a zip archive with the mission files, a map of the missions, and the report of the linter.
 
-The job also writes a copy of the missions' map beside the zip archive.
+Beside the zip archive, the job writes a copy of the missions' map.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 
 
 def warm_up(module: str) -> None:
-    """Start the fork server: the process from which all other processes are forked.
+    """Start the fork server: the process from which all processes of the studio are forked.
 
     In the background, the fork server imports ``module``, which imports all common libraries.
     """

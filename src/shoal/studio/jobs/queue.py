@@ -177,8 +177,8 @@ class JobQueue:
     def told(self, number: int) -> dict[str, Any]:
         """Return a job as data for browsers. If the job does not exist, return empty data.
 
-        The keys of the data are ``id, kind, spec, state, created, began, ended, result``. The data of a running job also have the
-        keys ``done`` (progress from 0 to 1), ``note``, and ``left`` (remaining seconds).
+        The keys of the data are ``id, kind, spec, state, created, began, ended, result``. For a running job, the data have the
+        additional keys ``done`` (progress from 0 to 1), ``note``, and ``left`` (remaining seconds).
         """
         job = self.store.job(number)
         return {} if job is None else self._with_progress(job)

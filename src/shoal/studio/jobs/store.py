@@ -34,8 +34,8 @@ class JobStore:
     Parameters
     ----------
     folder : Path
-        Folder of the studio. If a job was running when the last server ended, the store adds the job to the queue again, or marks
-        it as interrupted.
+        Folder of the studio. A job that was running when the last server ended returns to the queue, or is marked as interrupted
+        after `MOST_TRIES` attempts.
 
     Raises
     ------

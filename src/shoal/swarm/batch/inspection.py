@@ -1,6 +1,6 @@
 """Observations of many worlds: boards with one bit per cell, planes with one byte per cell, and sums over the particles.
 
-Methods of `Inspection` also return the state and the belief of a single world.
+The methods `state` and `belief` of `Inspection` observe a single world.
 """
 
 from __future__ import annotations

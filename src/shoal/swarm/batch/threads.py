@@ -32,7 +32,7 @@ def share_out(work: Callable[[int, int, int], None], count: int, *, words: int, 
     count : int
         Number of worlds.
     words : int
-        Number of board words per world. Small worlds are processed by fewer threads.
+        Number of board words per world. For worlds of few words, the function uses fewer threads than for worlds of many words.
     threads : int
         Maximum number of threads.
     """

@@ -41,9 +41,9 @@ class WorldBatch(Inspection):
     Parameters
     ----------
     problem : SwarmProblem, or sequence of them
-        One problem for all worlds, or several problems, of which each episode draws one at random. Several problems may differ in
-        the fields that define the start of an episode, such as map, particles and placement. The boards of all worlds are padded to
-        a common shape. The batch ignores the policy of a problem.
+        One problem for all worlds, or several problems, of which each episode draws one at random. Several problems in one batch
+        must have equal fields, except the fields that define the start of an episode, such as map, particles and placement. The
+        boards of all worlds are padded to a common shape. The batch ignores the policy of a problem.
     worlds : int
         Number of worlds.
     seed : int, sequence of int, or None

@@ -2,8 +2,8 @@
 
 A board covers a window: the workspace and a rim of one cell around the workspace. The window needs a rim because a swarm must find
 the walls at the edge of the map like all other walls. The cell in row r and column c of the workspace is bit ``(c + 1) % 64`` of
-word ``(c + 1) // 64`` in row ``r + 1`` of the window. In 3-D, the window also has a rim layer at the front and a rim layer at the
-back. A 3-D board stores the rows of all layers one after the other.
+word ``(c + 1) // 64`` in row ``r + 1`` of the window. In 3-D, the rim includes one layer in front of the workspace and one layer
+behind the workspace. A 3-D board stores the rows of all layers one after the other.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Scan rules choose the number of equal commands before each scan. `states_of_run` infers the states between two scans.
 
-A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order.
-Therefore the i-th particle of a line before the run is also the i-th particle after the run. The displacement of each particle is
-thus known, although particles have no labels. A particle that is displaced by d cells entered d free cells. If d is smaller than
-the number of commands in the run, an obstacle or a stopped particle stopped the particle. A stopped particle does not move again
-during the run. Therefore the scans before and after a run determine the positions after every command of the run. A single scan
-after a run gives the same information as one scan after each command of the run.
+A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order, so that
+the i-th particle of the line before the run is the i-th particle after the run. Two scans, before and after a run, show the
+displacement of each particle, although particles have no labels. A particle that is displaced by d cells entered d free cells. If a
+particle is displaced by fewer cells than the run has commands, an obstacle or a stopped particle stopped it. The scans before and
+after a run determine the positions after every command of the run, because a stopped particle does not move again during the run. A
+single scan after a run gives the same information as one scan after each command of the run.
 """
 
 from __future__ import annotations

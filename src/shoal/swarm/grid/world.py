@@ -23,8 +23,8 @@ def check_start(workspace: GridWorkspace, cells: ArrayLike, *, rule: str = "bloc
     Raises
     ------
     InvalidInputError
-        Raised if ``cells`` is empty, or if a start cell is not a free cell of the workspace. Also raised if a start cell is
-        repeated, except under the rule merge.
+        Raised if ``cells`` is empty, or if a start cell is not a free cell of the workspace. Under the rules block and tilt,
+        InvalidInputError is raised if a start cell is repeated.
     """
     array = check_cells(cells, workspace.shape, what="start", rim=0)
     if len(array) == 0:
@@ -106,9 +106,9 @@ class GridWorld:
         """Yield the state of the swarm after each push of one command.
 
         Under the move rules block and merge, a command is one push. Under the move rule tilt, a command is a series of pushes until
-        no particle moves. The method also yields the state after the last push, in which no particle moves, because the last push
-        reveals the walls. Particles in the same row keep their order. Therefore an observer who sees only the first and the last
-        state can infer all states between them.
+        no particle moves. The last state of a tilt is the state after a push in which no particle moves, because this push reveals
+        the walls. An observer who sees only the first and the last state of a tilt can infer all states between them, because
+        particles in one line keep their order.
         """
         letters = encode(command, ndim=self.workspace.ndim)
         if len(letters) != 1:

@@ -43,8 +43,8 @@ def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> N
     Raises
     ------
     InvalidInputError
-        Raised if a number is not finite, or if no cell has the number ``label``. Also raised if neither ``level`` nor ``label`` is
-        given for an array of more than two different numbers, such as intensities or probabilities.
+        Raised if a number is not finite, or if no cell has the number ``label``. InvalidInputError is raised if neither ``level``
+        nor ``label`` is given for an array of more than two different numbers, such as intensities or probabilities.
     """
     if options.level is not None:
         check_finite(array, what=where)

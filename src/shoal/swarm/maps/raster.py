@@ -76,7 +76,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file of at most ``side`` pixels in width and height. Omit some rows and columns of a larger picture."""
+    """Return a PNG file of a picture, without some rows and columns if the picture has more than ``side`` pixels on a side."""
     from PIL import Image
 
     sheet = in_strips(raster)

@@ -31,8 +31,8 @@ def read_nifti(path: Path, options: MapOptions) -> tuple[NDArray[Any], tuple[flo
     Raises
     ------
     InvalidInputError
-        Raised if the file is damaged or truncated. Also raised if the volume is not three-dimensional, has too many voxels, or
-        contains infinite values or NaN.
+        Raised if the file is damaged or truncated, or if the volume is not three-dimensional, has too many voxels, or contains
+        infinite values or NaN.
     MissingExtraError
     """
     nibabel = _nibabel()

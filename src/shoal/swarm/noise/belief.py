@@ -88,8 +88,8 @@ class NoisyBelief:
 
     Examples
     --------
-    Two commands push a particle against the wall on its left. Each command lowers the probability that the cell on the left is
-    free.
+    In the following example, two commands push a particle against the wall on its left, and each command lowers the probability
+    that the wall cell is free.
 
     >>> layout = GridLayout((1, 3))
     >>> here = Board.of_cells(layout, [(0, 0)])

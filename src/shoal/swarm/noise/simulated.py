@@ -26,7 +26,7 @@ def noisy_belief(
 ) -> NoisyBelief:
     """Return the belief after the first scan of a simulation with noise.
 
-    The arrays of the belief also hold the true state of the simulation.
+    The arrays of the returned belief contain the true state of the simulation.
     """
     noisy, layout = truth_of(workspace, start, about, confidence), GridLayout(workspace.shape)
     noisy_state.look(noisy, rng)

@@ -30,10 +30,10 @@ class DepthFirst(Compiled):
     The particle probes each unknown neighbour of its cell, or enters a free neighbour that it has not visited. If the particle has
     visited all free neighbours of its cell, the particle goes back by one cell.
 
-    In a workspace of m free cells, the particle makes at most 2(m - 1) moves between cells. In addition, the particle makes one
-    blocked move for each wall that it finds. The particle makes at most twice as many moves between cells as on the optimal tour of
-    all cells. On general grid graphs, no strategy has a better competitive ratio than 2. All other particles also obey the
-    commands, and may classify further cells. Source: paper M, section III.B.1.
+    In a workspace of m free cells, the particle makes at most 2(m - 1) moves between cells, and one blocked move for each wall that
+    it finds. The number of moves between cells is at most twice the number of moves of the optimal tour of all free cells. On
+    general grid graphs, no strategy has a better competitive ratio than 2. All particles obey the commands, and any particle may
+    classify cells. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"

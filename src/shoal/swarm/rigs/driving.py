@@ -50,10 +50,10 @@ class Drive(WithTrace):
         Estimated cells of the particles at the end of the run.
     episode : SwarmEpisode or None
         The run as an episode, for films, figures and verification. The workspace of the episode consists of the free cells that the
-        particles found. If the rig has noise, the episode also contains the scans. If the particles found no free cell, ``episode``
-        is None.
+        particles found. If the rig has noise, the episode contains the scans. If the particles found no free cell, ``episode`` is
+        None.
     link : LinkCounts or None
-        Statistics of the connection to a remote rig, or None for other rigs.
+        Statistics of the connection to a remote rig, or None for a rig that is not remote.
     seconds : float
     """
 
@@ -104,8 +104,8 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     on_moves : callable, optional
         Function that `drive` calls during the run, with the numbers of moves made and frontier cells left.
     **fields
-        Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the valid fields. If ``slip``, ``misplace`` or
-        ``miss`` is given, wrong positions count as noise, and not as an error of the rig.
+        Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of `SwarmProblem` that are valid for a
+        rig. If ``slip``, ``misplace`` or ``miss`` is given, wrong positions count as noise, and not as an error of the rig.
 
     Raises
     ------

@@ -1,8 +1,7 @@
 """Messages between Shoal and a rig (protocol version 1). Each message is one line: a JSON object that ends with a checksum.
 
-Shoal numbers its requests consecutively. A rig that receives a request number again repeats its answer, but does not act again.
-Therefore a rig never carries out a request twice, even if Shoal repeats the request after a lost connection. The page
-docs/concepts/rigs.md describes every message.
+Shoal numbers its requests consecutively. A rig that receives a request number for the second time repeats its answer, but does not
+carry out the request a second time. The page docs/concepts/rigs.md describes every message.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 class Rig(Protocol):
     """A real or simulated device that moves particles and observes the particles' positions.
 
-    A rig is at rest between two commands. Therefore a policy may take any time to compute a command.
+    A rig is at rest between two commands, so that a policy may take any time to compute a command.
     """
 
     @property

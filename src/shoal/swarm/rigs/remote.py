@@ -74,8 +74,8 @@ class RemoteRig:
     repeat_after : float
         Time without an answer after which Shoal repeats a request, in seconds.
     end_after : float
-        Time without an answer after which the rig counts as lost, in seconds. The time without a connection also counts as time
-        without an answer.
+        Time without an answer after which the rig counts as lost, in seconds. Time without a connection counts as time without an
+        answer.
     on_event : callable, optional
         Function that the object calls with the events of the connection.
     session : str, optional

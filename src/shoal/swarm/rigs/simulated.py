@@ -109,8 +109,8 @@ class NoisyRig(SimulatedRig):
     def observe(self) -> NDArray[np.int64]:
         """Return the cells in which the rig observes particles (int64, shape (k, ndim)).
 
-        Particles may also appear in rim cells outside the workspace. In a workspace of H rows and W columns, a rim cell has the row
-        -1 or H, or the column -1 or W.
+        Because of the noise, particles may appear in rim cells outside the workspace. In a workspace of H rows and W columns, a rim
+        cell has the row -1 or H, or the column -1 or W.
         """
         noisy_state.look(self._noisy, self._rng)
         return np.argwhere(inner_of(self._noisy.seen, self.shape, rim=1)) - 1

@@ -106,8 +106,8 @@ class ExactRigSwarm(RigSwarm):
     Raises
     ------
     RigError
-        Raised if the rig observes no particles, or if a position lies outside the field of view. Also raised if the commands cannot
-        explain the change of the positions between two observations.
+        Raised if the rig observes no particles, or if a position lies outside the field of view. RigError is raised if the commands
+        cannot explain the change of the positions between two observations.
     """
 
     def __init__(self, rig: Rig) -> None:

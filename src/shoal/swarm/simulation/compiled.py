@@ -208,7 +208,7 @@ class NoisyGame:
     ----------
     policy : ClosestFrontier
     belief : NoisyBelief
-        The belief. The belief's arrays also hold the true state of the simulation.
+        The belief. The belief's arrays contain the true state of the simulation.
     rng : Generator
         Generator of the random numbers for the noise.
     every : int
@@ -254,7 +254,7 @@ def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
 
 
 def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
-    """Return the working memory of the adaptive scan rule. For all other scan rules, return None."""
+    """Return the working memory of the adaptive scan rule. For a scan rule of another kind, return None."""
     if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)

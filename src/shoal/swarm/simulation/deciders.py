@@ -35,7 +35,7 @@ class Decider(Protocol):
     def due(self) -> bool:
         """Whether a scan must follow the last run of commands.
 
-        If `due` is false, the swarm may omit a scan with a certain outcome.
+        If `due` is false, the swarm may omit a scan whose outcome is certain.
         """
 
     def next(self, view: View, state: SwarmState, idle: int) -> tuple[str, int] | None:
@@ -61,7 +61,7 @@ class PlannedRuns:
     """Divides the plans of a policy into runs of equal commands.
 
     A run never extends over a change of direction in a plan. The last commands of a plan, all in one direction, lead to a frontier
-    cell. The last run of a plan may continue beyond the frontier cell, except with the policy manual.
+    cell. The last run of a plan may continue beyond the frontier cell to which the plan leads, except with the policy manual.
     """
 
     due = True

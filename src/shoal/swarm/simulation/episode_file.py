@@ -78,7 +78,7 @@ def write(
 
 
 def read(path: str | os.PathLike[str], *, trust: bool) -> tuple[SwarmProblem, dict[str, Any], Trace, dict[str, Any]]:
-    """Read an episode file, and return the problem, the other fields, the trace, the start cells and the target cells."""
+    """Read an episode file, and return the problem, all fields that are not arrays, the trace, and the start and target cells."""
     source = Path(path)
     if not os.path.isfile(source):  # unlike Path.is_file, it accepts names of any length
         raise InvalidInputError(

@@ -54,7 +54,7 @@ class Controlled(Protocol):
         command : str
         steps : int
         scan : bool
-            Whether a scan must follow the commands. If ``scan`` is false, the swarm may omit a scan with a certain outcome.
+            Whether a scan must follow the commands. If ``scan`` is false, the swarm may omit a scan whose outcome is certain.
 
         Returns
         -------

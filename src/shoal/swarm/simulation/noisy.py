@@ -12,7 +12,7 @@ from shoal.swarm.noise.belief import NoisyBelief
 
 
 class NoisySwarm:
-    """A simulated swarm with noise, for the closed loop. The arrays of the belief also hold the true state of the particles.
+    """A simulated swarm with noise, for the closed loop. The arrays of the swarm's belief contain the true state of the particles.
 
     Parameters
     ----------

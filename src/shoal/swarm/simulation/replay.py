@@ -83,7 +83,7 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        The belief contains the information of the last scan, and of later commands with a certain outcome.
+        The belief contains the information of the last scan, and of the commands after the last scan whose outcome is certain.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -118,7 +118,7 @@ class ExactReplay:
     def wrong_scan(self, scanning: ScanRule) -> str | None:
         """Return a description of the first scan that violates the scan rule. If all scans follow the scan rule, return None.
 
-        Every scan rule also requires a scan before each change of direction.
+        Every scan rule requires a scan before each change of direction.
         """
         commands, scanned = self.trace.commands, self.trace.scanned
         if scanning.every_move and not scanned.all():

@@ -121,9 +121,8 @@ def _regular(levels: int) -> tuple[int, ...]:
 def _arms(halves: tuple[int, ...]) -> _Arms:
     """Return all arms of an H-tree in the order in which the generator removes them.
 
-    Each arm comes after all arms that grow from it. At each fork, the list contains the arm to the left or downwards before the
-    opposite arm, with all its branches. Therefore the generator starts in the lower left corner and removes one branch after
-    another.
+    Each arm comes after all arms that grow from it. At each fork, the arm to the left or downwards and all its branches come before
+    the opposite arm and its branches, so that the generator starts in the lower left corner and removes one branch after another.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

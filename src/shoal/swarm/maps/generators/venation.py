@@ -2,8 +2,8 @@
 
 Attraction points fill the outline of an organ. The network grows towards nearby attraction points and removes the attraction points
 that it has reached (Runions et al., Modeling and visualization of leaf venation patterns, 2005). Several rounds with more and more
-attraction points give trunks, branches and twigs. Finally, the generator joins each twig that ends close to another vessel to the
-other vessel. The joints form closed loops, as in a leaf or a capillary bed.
+attraction points give trunks, branches and twigs. After the growth, the generator joins a twig to another vessel if the twig ends
+close to this vessel. The joints form closed loops, as in a leaf or a capillary bed.
 
 Coordinates are pairs (x, y) of real numbers, in cells, with the organ's centre at the origin.
 """

@@ -34,7 +34,7 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
     The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre of
     all tips. A plane along each branch divides the branch's tips into two groups, and a new branch supplies each group. The
     division of the tips continues until each group is a single tip. The cube of a branch's radius is proportional to the number of
-    tips that the branch supplies. Therefore the radius r0 of a branch and the radii r1 and r2 of its daughters follow Murray's law,
+    tips that the branch supplies, so that the radius r0 of a branch and the radii r1 and r2 of its daughters follow Murray's law,
     r0³ = r1³ + r2³.
 
     Parameters

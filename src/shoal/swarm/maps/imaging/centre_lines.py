@@ -1,6 +1,6 @@
 """Centre lines of vessels: the skeleton of a mask, as segments between junctions and ends.
 
-The module also measures the width along each segment.
+The module measures the width of the vessel along each segment.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ class CentreLines(NamedTuple):
 def centre_lines(mask: Mask) -> CentreLines:
     """Return the centre lines of a mask of shape (H, W), which is True on vessels.
 
-    The function joins two connected junctions if the largest discs around them inside the vessels overlap. Therefore two crossing
+    The function joins two connected junctions if the largest discs around them inside the vessels overlap, so that two crossing
     vessels have one junction of four segments.
 
     Raises
@@ -177,7 +177,7 @@ def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
 def _spur(chain: list[int], links: Links, depth: Points) -> list[int]:
     """Return the pixels of a spur (a short branch with an open end), except its junction.
 
-    For other chains, return an empty list.
+    For a chain that is not a spur, return an empty list.
     """
     one, two = len(links[chain[0]]), len(links[chain[-1]])
     if min(one, two) != 1 or max(one, two) < 3:

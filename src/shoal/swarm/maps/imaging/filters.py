@@ -1,7 +1,7 @@
 """Image filters that find vessels: background subtraction, line detectors of several lengths, and ridge filters of several widths.
 
 The constants of the filters suit eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. To find
-thicker vessels, the filters also run on reduced pictures of half the size, a quarter of the size, and so on.
+vessels more than ten pixels wide, the filters run on reduced pictures of half the size, a quarter of the size, and so on.
 """
 
 from __future__ import annotations

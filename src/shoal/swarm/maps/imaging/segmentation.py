@@ -90,11 +90,11 @@ def find_vessels(
 
     Notes
     -----
-    The filter response of a pixel is the sum of two standardized filters. The first filter is the multi-scale line detector by
-    Nguyen and others (Pattern Recognition 46, 2013). The second filter has half the weight of the first filter, and consists of
-    elongated second derivatives of Gaussians. The elongated derivatives are similar to the Gabor filters by Soares and others (IEEE
-    Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs` measures the accuracy of
-    the vessel finder on synthetic photographs of eyes.
+    The filter response of a pixel is the sum of two standardized filters. The first of the two filters is the multi-scale line
+    detector by Nguyen and others (Pattern Recognition 46, 2013). The second of the two filters has half the weight of the first
+    filter, and consists of elongated second derivatives of Gaussians. The elongated derivatives are similar to the Gabor filters by
+    Soares and others (IEEE Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs`
+    measures the accuracy of the vessel finder on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
@@ -137,7 +137,7 @@ class VesselFinder:
         )
 
     def mask(self, *, low: float, high: float, shape: tuple[int, int]) -> Mask:
-        """Return the mask of the photograph's vessels for other thresholds, resized to ``shape``.
+        """Return the mask of the photograph's vessels for the thresholds ``low`` and ``high``, resized to ``shape``.
 
         The method is fast, because it reuses the filter responses of the last call of `find` and computes no confidence.
         """
@@ -259,10 +259,10 @@ def _without_small(found: Mask, least: float) -> Mask:
 def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     """Return the confidence, from 0 to 1, that a network of lines consists of vessels.
 
-    The confidence combines four criteria. First, vessels give stronger lines than noise with the spectrum of the picture. Second, a
-    vessel differs in brightness from the background on both sides, but the edge of an object differs on one side only. Third,
-    vessels are connected over long distances, but letters and stars are not. Fourth, vessels run in all directions, but the joints
-    of a brick wall run in two directions.
+    The confidence combines four criteria. Vessels give stronger lines than noise with the spectrum of the picture. A vessel differs
+    in brightness from the background on both sides, but the edge of an object differs on one side only. Vessels are connected over
+    long distances, but letters and stars are not. Vessels run in all directions, but the joints of a brick wall run in two
+    directions.
     """
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))

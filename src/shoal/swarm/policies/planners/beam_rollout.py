@@ -38,12 +38,15 @@ TUNING = Tuning(
 
 @dataclass(frozen=True)
 class BeamRollout(Budgeted):
-    """The policy rollout with three extensions. The names ``best`` and ``beam-rollout`` mean the same policy.
+    """The policy rollout with longer simulations, a second base policy, and a prediction of more cells.
 
-    First, the planner beam-rollout simulates plans to the end of the task whenever its predictions are reliable, for any number of
-    frontier cells. Second, a careful base policy also completes plans: it probes nearby unknown cells before it moves on. Third,
-    the planner beam-rollout predicts cells farther beyond the frontier than the policy rollout predicts. The prediction of free
-    cells stops where the predicted cells are probably not all free. Source: docs/concepts/planners.md.
+    The names ``best`` and ``beam-rollout`` mean the same policy.
+
+    The planner beam-rollout simulates plans to the end of the task whenever its predictions are reliable, for any number of
+    frontier cells. Two base policies complete plans: the greedy base policy of the policy rollout, and a careful base policy that
+    probes nearby unknown cells before it moves on. The planner beam-rollout predicts cells farther beyond the frontier than the
+    policy rollout does. The prediction of free cells stops where the predicted cells are probably not all free. Source:
+    docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -54,10 +57,10 @@ class BeamRollout(Budgeted):
     def settings(self, particles: int) -> tuple[float, ...]:
         """Return the planning budget and the tuning for a number of particles, as kernels expect them.
 
-        For fewer or more than 1000 particles, the planning budget is larger, and the planner tries more random variations of plans.
-        For more than 1000 particles, the beam search is also wider and deeper. Many particles classify all cells in few moves.
-        Therefore, for more than 1000 particles, the planner simulates plans to the end even for a larger frontier, and gives less
-        weight to early classification.
+        For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
+        random variations of plans. For more than 1000 particles, the beam search is wider and deeper than for 1000 particles.
+        Because many particles classify all cells in few moves, the planner simulates the plans of more than 1000 particles to the
+        end even for a larger frontier, and gives less weight to early classification.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

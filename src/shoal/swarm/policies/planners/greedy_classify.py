@@ -14,7 +14,7 @@ class GreedyClassify(PlannerPolicy):
 
     If no command classifies a cell immediately, send the commands of a shortest path to a frontier cell.
 
-    Each command or path classifies at least one cell. Therefore every episode of the policy greedy-classify ends. Source:
+    Every episode of the policy greedy-classify ends, because each command or path classifies at least one cell. Source:
     docs/concepts/planners.md.
     """
 

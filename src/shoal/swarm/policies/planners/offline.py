@@ -108,7 +108,7 @@ def plan_coverage(
         Planning budget: the mean number of simulated moves per command of the plan. A plan of fewer than 200 commands gets the
         budget of 200 commands.
     attempts : int
-        Number of plans to compute, each with other random changes. The function returns the shortest of all computed plans.
+        Number of plans to compute, each with different random changes. The function returns the shortest of all computed plans.
     seed : int
 
     Raises

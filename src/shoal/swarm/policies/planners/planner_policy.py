@@ -70,14 +70,14 @@ class Budgeted(PlannerPolicy):
     Parameters
     ----------
     budget : float
-        Planning budget for 1000 particles: the mean number of simulated moves per move sent. A swarm of fewer than 1000 particles
-        needs more moves and gains more from planning than a larger swarm. Therefore the budget is multiplied by (1000 / n) squared,
-        at most by ten, for n < 1000 particles. A swarm of more than 1000 particles needs fewer moves in total than a smaller swarm.
-        Therefore the budget is multiplied by n / 1000, at most by four, for n > 1000 particles. Equal seeds and equal budgets give
-        equal commands on every machine.
+        Planning budget for 1000 particles: the mean number of simulated moves per move sent. For n < 1000 particles, the budget is
+        multiplied by (1000 / n) squared, at most by ten, because a small swarm needs more moves and gains more from planning than a
+        large swarm. For n > 1000 particles, the budget is multiplied by n / 1000, at most by four, because a large swarm needs few
+        moves in total. Equal seeds and equal budgets give equal commands on every machine.
     milliseconds : float
         Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands then
-        depend on the speed and load of the machine. Shoal can still replay the episode, because the episode contains its commands.
+        depend on the speed and load of the machine. Shoal can replay an episode with a limit on computing time, because the episode
+        contains its commands.
     """
 
     budget: float = UNLIMITED

@@ -42,8 +42,8 @@ class Rollout(Budgeted):
 
     The candidate plans are the rest of the last plan, all single commands, the best leaves of a beam search, and random variations
     of the best candidate. A greedy base policy completes each candidate plan. After 450 moves that classify no cell, the planner
-    sends all commands of the shortest path to a frontier cell. Therefore every episode of the policy rollout ends. The page
-    docs/concepts/planners.md describes the prototype of the planner.
+    sends all commands of the shortest path to a frontier cell, so that every episode ends. The page docs/concepts/planners.md
+    describes the prototype of the planner.
     """
 
     kind: ClassVar[str] = "rollout"

@@ -7,12 +7,12 @@ gap, t = a + b, and g(1) ... g(n-1) the inner gaps. Full coverage takes the foll
     a + 1 + max(t + 2, g(1), ..., g(n-1))
 
 In the maximum max(t + 2, g(1), ..., g(n-1)), the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0,
-full coverage takes one move less than the formula gives. With t empty cells in the first and the last gap, the maximum is at most g
-if t <= g - 2 and all inner gaps are at most g, except that the first nonzero inner gap may be g + 1. The first and the last gap can
-divide their t empty cells in t + 1 ways. Generating functions turn the number of placements into sums of binomial coefficients. Let
-G = (1 - x^(g+1)) / (1 - x) be the generating function of one gap of at most g cells. Let T be the sum of (t+1) x^t for t <= g - 2,
-the generating function of the first and the last gap. The number of placements with a maximum of at most g is the coefficient of
-x^(m-n) in the following sum:
+full coverage takes one move less than the formula gives. The maximum max(t + 2, g(1), ..., g(n-1)) is at most g if t <= g - 2, the
+first nonzero inner gap is at most g + 1, and all other inner gaps are at most g. The first and the last gap can divide their t
+empty cells in t + 1 ways. Generating functions turn the number of placements into sums of binomial coefficients. Let G = (1 -
+x^(g+1)) / (1 - x) be the generating function of one gap of at most g cells. Let T be the sum of (t+1) x^t for t <= g - 2, the
+generating function of the first and the last gap. The number of placements for which max(t + 2, g(1), ..., g(n-1)) is at most g is
+the coefficient of x^(m-n) in the following sum:
 
     T G^(n-1)  +  T x^(g+1) (1 + G + ... + G^(n-2)).
 """
@@ -72,7 +72,7 @@ def coverage_total(cells: int, particles: int) -> int:
 
 
 class CoverageCounts:
-    """Counts the placements for which the maximum in the number of moves of full coverage is at most g, for g >= 2."""
+    """Counts the placements for which the maximum max(t + 2, g(1), ..., g(n-1)) is at most g, for g >= 2."""
 
     def __init__(self, cells: int, particles: int) -> None:
         n = particles
@@ -93,7 +93,7 @@ class CoverageCounts:
         return _truncated(lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1)
 
     def _bounded(self, series: list[int], total: int, step: int) -> int:
-        """Return the coefficient of x^total in the product of (1 - x^step)^(n-1) and a power series."""
+        """Return the coefficient of x^total in (1 - x^step)^(n-1) times the power series with the coefficients ``series``."""
         if total < 0:
             return 0
         return sum(sign * series[total - j * step] for j, sign in zip(range(total // step + 1), self.signs, strict=False))
@@ -120,7 +120,7 @@ class CoverageCounts:
         return sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False)) - whole
 
     def _sums(self, top: int, g: int) -> Iterator[int]:
-        """Yield sums of every g-th coefficient of 1 / (1-x)^(n-1), downwards from x^top, from x^(top - (g+1)), and so on."""
+        """Yield sums of every g-th coefficient of 1 / (1-x)^(n-1), downwards from x^top, then from x^(top - (g+1)), and so on."""
         starts = range(top, -1, -(g + 1))
         if g * g > top:
             yield from (sum(self.inner[start::-g]) for start in starts)
@@ -147,7 +147,7 @@ def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int
 
 
 def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
-    """Return the coefficient of x^total in F times the sum of (t+1) x^t over t <= most; ``coefficient`` belongs to F / (1-x)^2."""
+    """Return the coefficient of x^total in F times the sum of (t+1) x^t for t <= most, from the coefficients of F / (1-x)^2."""
     if most < 0:
         return 0
     return coefficient(total) - (most + 2) * coefficient(total - most - 1) + (most + 1) * coefficient(total - most - 2)

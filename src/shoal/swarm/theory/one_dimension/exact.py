@@ -192,7 +192,8 @@ class Line:
         """Distribution of the position of the first particle.
 
         The position of the first particle is also the number of moves to the left until the particle finds the left end of the
-        line. By symmetry, the number of moves to the right until the last particle finds the right end has an equal distribution.
+        line. By symmetry, the number of moves to the right until the last particle finds the right end has the distribution of the
+        first particle's position.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))

@@ -74,10 +74,10 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
     The competitive ratio of a schedule is the largest ratio of the schedule's price to the optimal price, over all wall distances.
     With the price c of a scan and the price v of a move, a schedule has a competitive ratio of at most r if every scan position x_j
-    is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan also allows later positions for all following scans.
-    Therefore a competitive ratio r is possible if and only if the schedule with the latest allowed scans reaches the maximum
-    distance. A bisection finds an interval that contains the smallest possible competitive ratio. Inside the interval, the function
-    computes schedules with smaller and smaller ratios in exact fractions, until no schedule has a smaller ratio.
+    is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A competitive ratio r is possible if and only if the schedule with
+    the latest allowed scans reaches the maximum distance, because a later scan allows later positions for all following scans. A
+    bisection finds an interval that contains the smallest possible competitive ratio. Inside the interval, the function computes
+    schedules with smaller and smaller ratios in exact fractions, until no schedule has a smaller ratio.
 
     Parameters
     ----------
@@ -91,8 +91,9 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     -------
     OptimalSchedule
         The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
-        digits. For more positions or digits, the function computes the best schedule with `MAX_SCANS` positions (to 19 digits) and
-        the best schedule with equal steps. The function returns the schedule with the smaller competitive ratio.
+        digits. If more than `MAX_SCANS` positions or more than nine digits are necessary, the function computes the best schedule
+        with `MAX_SCANS` positions (to 19 digits) and the best schedule with equal steps, and returns the one with the smaller
+        competitive ratio.
 
     Raises
     ------

@@ -113,8 +113,8 @@ class ScanSchedule(ABC):
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
         """Return the largest ratio of the schedule's price to the optimal price, over all distances from 0 to ``max_distance``.
 
-        For distances between two scan positions, the cost of the schedule is constant, but the cost of the optimum grows with the
-        distance. Therefore the method needs to check only the smallest distance after each scan position.
+        The method checks only the smallest distance after each scan position, because the cost of the schedule is constant between
+        two scan positions, but the cost of the optimum grows with the distance.
 
         Raises
         ------
@@ -303,8 +303,8 @@ class OneJump(Custom):
 
     Notes
     -----
-    Source: paper M, section III.A.3. For a jump of M moves and a wall at distance D, paper M requires M >= D. A particle that has
-    moved exactly D cells has not yet met the wall at distance D. Therefore the jump must have more than D moves.
+    Source: paper M, section III.A.3. For a jump of M moves and a wall at distance D, paper M requires M >= D. The jump must have
+    more than D moves, because a particle that has moved exactly D cells has not yet met the wall at distance D.
     """
 
     def __init__(self, length: int) -> None:

@@ -29,10 +29,10 @@ class Bracket:
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
     """Return the smallest number c for which some schedule has competitive ratios of moves and scans of at most c.
 
-    The optimum has two scans. Therefore a schedule with j scans after the scan at the start has a competitive ratio of scans of (j
-    + 1) / 2. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches the smallest
-    ratio of moves if each jump is as long as this ratio allows. The smallest common bound lies at the number of scans at which the
-    ratio of moves and the ratio of scans cross. Therefore a search over the number of scans gives the exact value of the bound.
+    A schedule with j scans after the scan at the start has a competitive ratio of scans of (j + 1) / 2, because the optimum has two
+    scans. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches the smallest
+    ratio of moves if each jump is as long as this ratio allows. The function searches for the number of scans at which the ratio of
+    moves and the ratio of scans cross, because the smallest common bound lies there.
 
     Parameters
     ----------
