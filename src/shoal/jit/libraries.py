@@ -11,7 +11,7 @@ from typing import Any
 from llvmlite import binding
 from numba.core.codegen import JITCodeLibrary
 
-_WRAPPER = "_ZN7cpython"  # how the names begin of the functions that take Python's objects
+_WRAPPER = "_ZN7cpython"  # prefix of the names of functions that accept Python objects
 
 
 class LinkedPart(JITCodeLibrary):
@@ -53,9 +53,9 @@ class Entry(JITCodeLibrary):
 
 
 def _hide_parts(module: Any) -> None:
-    """Tell LLVM that nothing outside the module calls the parts of an entry.
+    """Tell LLVM that no code outside the module calls the parts of an entry.
 
-    Then LLVM inlines parts with a single call, and removes unused arguments. An array alone makes seven arguments.
+    LLVM then inlines each part that has only one call, and removes unused arguments. An array alone makes seven arguments.
     """
     wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
     called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}

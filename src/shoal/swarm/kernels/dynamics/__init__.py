@@ -1,1 +1,1 @@
-"""The effect of one command: operations on words of cells, moves, and classified cells."""
+"""Kernels for one command: operations on words of cells, moves, and classified cells."""

@@ -1,11 +1,13 @@
-"""One command: every particle tries to enter one cell, and each unknown cell that was tried is classified.
+"""One command: every particle tries to enter its next cell, and the command classifies all unknown cells that particles try.
 
-A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, this is a recurrence: each
-row is processed after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end
-at a wall. Towards lower bits, one addition per word clears exactly these runs, because its carry passes through them. Towards
-higher bits, the words are reversed first. A run that continues in the next word is rare and corrected afterwards.
+A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, the kernel processes each
+row after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end at a wall.
+For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry of the addition
+passes through these runs. For moves towards higher bits, the kernel first reverses the words. A run that continues in the next word
+is rare, and the kernel corrects it afterwards.
 
-Boards are processed in blocks of rows that fit the processor's cache, so a large board is read from memory only once.
+The kernel processes boards in blocks of rows that fit into the processor's cache. A large board is therefore read from memory only
+once.
 """
 
 from __future__ import annotations
@@ -20,33 +22,33 @@ from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
-BLOCK_WORDS = 1024  # words per block of each board (or one row, if longer); a handful of boards is used at once
-SHORT_ROW = 16  # words per row from which loops over a row are worth vectorizing
-GROUP = 16  # words that are tested together for tried cells, because most contain none
+BLOCK_WORDS = 1024  # number of words in a block of each board (or one row, if longer), kernels use several boards at once
+SHORT_ROW = 16  # smallest number of words in a row for which vector instructions save time in a loop over the row
+GROUP = 16  # number of words that one test checks for tried cells, because most words contain no tried cell
 
 
 class Field(NamedTuple):
-    """The boards of one running episode, changed in place; uint64, shape (layers x rows x width,), or one block of them."""
+    """The boards of one running episode, or one block of each board, changed in place; uint64, shape (layers x rows x width,)."""
 
     free: NDArray[np.uint64]  # the true free cells, which only moves may read
     occupied: NDArray[np.uint64]  # cells with particles
     open: NDArray[np.uint64]  # known free cells
     known: NDArray[np.uint64]  # cells known to be free or obstacles
-    frontier: NDArray[np.uint64]  # unknown cells beside known free cells; in coverage, the cells still to be covered
-    tried: NDArray[np.uint64]  # of one block: unknown cells that particles try to enter
-    moving: NDArray[np.uint64]  # of one block: particles that move
-    counts: NDArray[np.int32]  # number of particles per cell, (layers x rows, 64 x width); shape (0, 0) except for merge
+    frontier: NDArray[np.uint64]  # unknown cells beside known free cells; in coverage, the cells that no particle has visited yet
+    tried: NDArray[np.uint64]  # unknown cells of one block that particles try to enter
+    moving: NDArray[np.uint64]  # cells of one block with particles that move
+    counts: NDArray[np.int32]  # number of particles in each cell, (layers x rows, 64 x width); shape (0, 0) except for merge
     layers: int
-    rows: int  # rows per layer
-    width: int  # words per row
+    rows: int  # number of rows in a layer
+    width: int  # number of words in a row
 
 
 @in_place_kernel
 def segments(field, command):
     """Return (lines, words between lines, first word, words per line, words to the next row) for a command across rows.
 
-    The words of a line are those with a next row. They are moved in this order: forwards from the first word for u and i, backwards
-    from the last word for d and o.
+    A line consists of the words that have a next row. For the commands u and i, kernels process the words of a line forwards from
+    the first word. For the commands d and o, kernels process the words of a line backwards from the last word.
     """
     layer = field.rows * field.width
     if command == UP:
@@ -60,7 +62,7 @@ def segments(field, command):
 
 @in_place_kernel
 def move_across(field, command, rule):
-    """Move particles from row to row (u, d, i, o) and classify; return (travelled, classified, added to the frontier)."""
+    """Move particles from row to row and classify. Return the numbers of cells travelled, classified and added to the frontier."""
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
     for line in range(lines):
@@ -81,11 +83,11 @@ def move_across(field, command, rule):
 
 @in_place_kernel
 def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
-    """Move words of particles from ``here`` to ``there``, which are ``ahead`` words apart.
+    """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
-    ``tried`` receives the tried cells that are on ``board`` (not on ``board``, if ``flip`` is ALL). Returns the union of the tried
-    cells as one word, and the number of moved particles. If ``counted`` is None, the kernel saves the time for counting the moved
-    particles, and their number is 0.
+    ``tried`` receives the tried cells that are on ``board``, or, if ``flip`` is ALL, the tried cells that are not on ``board``.
+    Return the union of all tried cells as one word, and the number of particles that have moved. If ``counted`` is None, the kernel
+    does not count the moved particles, to save time, and the number is 0.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):
@@ -105,7 +107,7 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
 
 @in_place_kernel
 def shift_row(here, there, free, rule, counted):
-    """Move the particles of one row to the next row, which only staying particles still occupy. Return the number of moved ones."""
+    """Move the particles of one row to the next row, which holds only particles that stay. Return the number of moved particles."""
     travelled = 0
     for i in range(here.shape[0]):
         going = here[i] & free[i]
@@ -120,10 +122,10 @@ def shift_row(here, there, free, rule, counted):
 
 @in_place_kernel
 def shift_column(here, there, free, place, ahead, rule, counted):
-    """Move particles from row to row in one column of words, which begins at ``place``. Return the number of moved particles.
+    """Move particles from row to row in one column of words, beginning with word ``place``. Return the number of moved particles.
 
-    The staying particles of the previous row are in a register, because rows are too short for vectorized loops. Indices are
-    unsigned, because tests for negative ones would take as long as all the rest.
+    A register holds the staying particles of the previous row, because the rows are too short for vector instructions. The indices
+    are unsigned, because tests for negative indices would take as long as the rest of the loop.
     """
     i, staying, travelled = np.uint64(place), there[np.uint64(place)], 0
     for _ in range((here.shape[0] - 1 - place if ahead < 0 else place) // abs(ahead) + 1):
@@ -141,10 +143,12 @@ def shift_column(here, there, free, place, ahead, rule, counted):
 
 @in_place_kernel
 def learn(field, first, last):
-    """Classify the tried cells in words ``first`` to ``last - 1`` from the new particle positions; return (classified, added).
+    """Classify the tried cells in the words ``first`` to ``last - 1`` from the new cells of the particles.
 
-    A tried cell is free if a particle is in it, otherwise an obstacle. The unknown neighbours of new free cells join the frontier.
-    Some of these neighbours may be tried cells that are classified later in this loop, but those are already on the frontier.
+    Return the number of classified cells, and the number of cells added to the frontier. A tried cell is free if it now holds a
+    particle; if it holds no particle, it is an obstacle. The unknown neighbours of new free cells join the frontier. A neighbour
+    may be a tried cell that the loop has not yet classified. Each tried cell is already on the frontier, so the loop does not count
+    it twice.
     """
     classified, added = 0, 0
     for start in range(0, last - first, GROUP):
@@ -174,7 +178,7 @@ def learn_word(field, i, cells):
 
 @in_place_kernel
 def add_neighbours(field, i, found):
-    """Add the unknown neighbours of the cells ``found`` in one word to the frontier. Return the number of new frontier cells."""
+    """Add to the frontier the unknown neighbours of the cells ``found`` in one word. Return the number of new frontier cells."""
     width = field.width
     added = add_frontier(field, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -199,7 +203,7 @@ def add_frontier(field, i, cells):
 
 @in_place_kernel
 def start_left(free, here, moving, rule):
-    """Fill ``moving`` with the particles that a move to the left moves."""
+    """Write to ``moving`` the particles that can move to the left."""
     inner = free.shape[0] - 1
     ahead, behind, next_free, moved = free[:inner], here[1:], free[1:], moving[1:]
     moving[0] = here[0] & (free[0] << ONE)
@@ -221,7 +225,7 @@ def start_left(free, here, moving, rule):
 
 @in_place_kernel
 def start_right(free, here, moving, rule):
-    """Fill ``moving`` with the particles that a move to the right moves."""
+    """Write to ``moving`` the particles that can move to the right."""
     inner = free.shape[0] - 1
     ahead, behind, moved = free[1:], here[1:], moving[1:]
     moving[inner] = here[inner] & (free[inner] >> ONE)
@@ -243,14 +247,14 @@ def start_right(free, here, moving, rule):
 
 @in_place_kernel
 def held_above(here, free):
-    """Return the bits of ``here`` in runs of set bits that are followed, at the higher end, by a bit of ``free``."""
+    """Return the runs of set bits in ``here`` whose highest bit is also set in ``free``."""
     turned = reverse(here)
     return reverse(turned & (turned + reverse(here & ~free)))
 
 
 @in_place_kernel
 def move_along(field, command, rule):
-    """Move particles along the rows (l, r) and classify; return (travelled, classified, added to the frontier)."""
+    """Move particles along the rows and classify. Return the numbers of cells travelled, classified and added to the frontier."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
     block = max(1, BLOCK_WORDS // field.width) * field.width
@@ -270,7 +274,7 @@ def move_along(field, command, rule):
 
 @in_place_kernel
 def shift_along(occupied, free, board, flip, tried, moving, command, rule, counted):
-    """Move particles along whole rows, like `shift_across`."""
+    """Move particles along whole rows. The arguments and the results are as in `shift_across`."""
     some, travelled, inner = ZERO, 0, occupied.shape[0] - 1
     if command == LEFT:
         start_left(free, occupied, moving, rule)
@@ -305,14 +309,14 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule, count
 
 @in_place_kernel
 def carry_counts(field, command):
-    """Move the particle counts of the rule merge. Return the number of cells travelled."""
+    """Move the particle counts under the rule merge. Return the number of cells travelled."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
     if command == LEFT or command == RIGHT:
         columns_ahead = -1 if command == LEFT else 1
     else:
         rows_ahead = segments(field, command)[4] // width
-    forward = rows_ahead + columns_ahead < 0  # cells ahead come first, so no particle moves twice
+    forward = rows_ahead + columns_ahead < 0  # the loop processes cells ahead first, so that no particle moves twice
     rows, columns = counts.shape
     travelled = 0
     for a in range(rows):
@@ -329,7 +333,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let every particle try one cell; return (cells travelled, cells classified, cells added to the frontier)."""
+    """Let every particle try one cell. Return the numbers of cells travelled, classified and added to the frontier."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -1,4 +1,4 @@
-"""One command under any rule, and the change of the frontier."""
+"""One command under any move rule, and its effect on the frontier."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from shoal.swarm.kernels.dynamics.moves import TILT, push
 
 @in_place_kernel
 def cover(field):
-    """Remove the occupied cells from the frontier. Return their number."""
+    """Remove the cells with particles from the frontier. Return the number of removed cells."""
     frontier, occupied = field.frontier, field.occupied
     some = ZERO
     for i in range(frontier.shape[0]):
@@ -24,16 +24,16 @@ def cover(field):
 
 @in_place_kernel
 def step(field, command, rule, mapping):
-    """Carry out one command under any rule; return (cells travelled, cells classified, change of the frontier count)."""
+    """Carry out one command under any move rule. Return (cells travelled, cells classified, change in frontier cells)."""
     travelled, done, change = 0, 0, 0
     while True:
         moved, classified, added = push(field, command, rule)
         travelled += moved
         done += classified
         change += added - classified
-        if not mapping and moved > 0:  # the map is known: nothing is classified
+        if not mapping and moved > 0:  # coverage: the map is known, so a push classifies no cell
             covered = cover(field)
             done += covered
             change -= covered
-        if rule != TILT or moved == 0:  # a tilt ends when nothing moves; its last push finds the walls
+        if rule != TILT or moved == 0:  # a tilt ends when no particle moves; the last push finds the walls
             return travelled, done, change

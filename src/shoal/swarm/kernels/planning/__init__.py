@@ -1,1 +1,1 @@
-"""Planning kernels: base policy, beam search, rollouts, annealing."""
+"""Kernels of the planners: base policy, beam search, rollouts and annealing."""

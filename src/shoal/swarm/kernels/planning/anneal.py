@@ -1,9 +1,9 @@
-"""Simulated annealing of a plan for a known map: random changes are kept if the plan becomes shorter or hardly longer.
+"""Simulated annealing of a plan for a known map. Annealing keeps a random change if the plan becomes shorter or little longer.
 
-A change costs only the simulation of the moves after it, because intermediate states are stored at intervals.
+To judge a change, the kernel simulates only the moves after the change, because it stores intermediate states at regular intervals.
 
-Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of
-changes are not from this source (docs/concepts/planners.md).
+Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes
+are an addition by Shoal (docs/concepts/planners.md).
 """
 
 from __future__ import annotations
@@ -20,26 +20,26 @@ from shoal.swarm.kernels.planning.frontier_paths import path_to_nearest
 from shoal.swarm.kernels.planning.planner_state import draw
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, advance, copy_state, count, directions, immediate_gains
 
-LONGEST_CHANGE = 8  # maximum number of commands inserted or removed at once
-_FINENESS = 1 << 30  # resolution of random numbers between 0 and 1
+LONGEST_CHANGE = 8  # maximum number of commands that one change inserts or removes
+_FINENESS = 1 << 30  # number of different random numbers between 0 and 1
 
 
 class AnnealedPlan(NamedTuple):
     """The plans during annealing, and the states along the current plan."""
 
     plan: NDArray[np.int8]  # the current plan
-    trial: NDArray[np.int8]  # a changed copy of it
+    trial: NDArray[np.int8]  # a changed copy of the current plan
     shortest: NDArray[np.int8]  # the shortest plan so far
-    kept: NDArray[np.uint64]  # (places, boards, words): the state at regular intervals of moves
+    kept: NDArray[np.uint64]  # (places, boards, words): the states along the current plan after each ``every`` moves
     every: int
 
 
 @in_place_kernel
 def change(planner, plans, length):
-    """Write a changed copy of the current plan to the trial; return (first changed move, length).
+    """Write a changed copy of the current plan to the trial plan. Return (index of the first changed move, length).
 
-    The change is at a random place. It replaces a command; inserts, removes or overwrites up to eight equal commands; or replaces
-    up to four commands by one.
+    The place and the kind of the change are random. A change replaces one command; inserts, removes or overwrites 1, 2, 4 or 8
+    equal commands; or replaces up to four commands by one command.
     """
     plan, trial = plans.plan, plans.trial
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
@@ -67,9 +67,10 @@ def change(planner, plans, length):
 
 @in_place_kernel
 def finish(planner, state, plan, at, length, limit):
-    """Simulate a plan in ``state`` from move ``at`` on, and complete it greedily, writing the additional commands behind it.
+    """Simulate a plan from move ``at`` on, beginning with ``state``, and append commands until no frontier cell is left.
 
-    Returns (moves of the whole plan, moves simulated). The former is ``limit + 1`` if the plan needs more than ``limit`` moves.
+    The greedy base policy chooses the appended commands. Return (moves of the whole plan, simulated moves). If the plan needs more
+    than ``limit`` moves, the first number is ``limit + 1``.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
@@ -95,7 +96,7 @@ def finish(planner, state, plan, at, length, limit):
 
 @in_place_kernel
 def keep_states(planner, plans, at, length):
-    """Store the states along the current plan from the last stored state before move ``at`` on.
+    """Store the states along the current plan, beginning with the last stored state before move ``at``.
 
     Return the number of simulated moves.
     """
@@ -110,10 +111,10 @@ def keep_states(planner, plans, at, length):
 
 @in_place_kernel
 def anneal(planner, plans, length, fewest, heat, budget):
-    """Change the plan, which begins at ``planner.root``, until the budget of simulated moves is spent.
+    """Change the plan, which begins at ``planner.root``, at random until the kernel has simulated ``budget`` moves.
 
-    A plan that is longer by x is accepted with probability exp(-x / heat). Returns the lengths of the current and of the shortest
-    plan, and the moves simulated.
+    The kernel accepts a plan that is longer by x moves with the probability exp(-x / heat). Return the lengths of the current plan
+    and of the shortest plan, and the number of simulated moves.
     """
     plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
     copy_state(planner.root, plans.kept[0])

@@ -1,4 +1,4 @@
-"""Beam search over simulated commands. The best states of each depth are kept, without duplicates."""
+"""Beam search over simulated commands. The search keeps the best states at each depth, without duplicates."""
 
 from __future__ import annotations
 
@@ -12,18 +12,22 @@ from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, di
 
 
 class Beam(NamedTuple):
-    """Working memory: the states of two depths, used alternately."""
+    """Working memory of the beam search: the states at two successive depths. The search uses the two halves alternately."""
 
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)
-    values: NDArray[np.float64]  # (2, width): discounted number of classified cells
-    marks: NDArray[np.uint64]  # (2, width): hashes
-    child: NDArray[np.uint64]  # a state
+    values: NDArray[np.float64]  # (2, width): discounted numbers of classified cells
+    marks: NDArray[np.uint64]  # (2, width): hashes of the states
+    child: NDArray[np.uint64]  # the state after one more command
 
 
 @in_place_kernel
 def place_for(values, marks, size, value, mark):
-    """Return the place of a child: a free place, or the place of an equal or the worst state if the child is better; -1 if none."""
+    """Return the place in the beam for a new state, or -1 if the beam rejects the new state.
+
+    If the beam contains an equal state, the new state replaces the equal state only with a higher value. If the beam has a free
+    place, the new state takes the free place. In a full beam, the new state replaces the worst state only with a higher value.
+    """
     for i in range(size):
         if marks[i] == mark:
             return i if value > values[i] else -1
@@ -38,7 +42,7 @@ def place_for(values, marks, size, value, mark):
 
 @in_place_kernel
 def lowest_value(values, size):
-    """Return the value that a child must exceed: the worst value if all places are taken."""
+    """Return the value that a new state must exceed: the worst value in a full beam, or -1 if the beam has a free place."""
     if size < values.shape[0]:
         return -1.0
     worst = values[0]
@@ -49,9 +53,9 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from a state; return (which of the two depths of ``beam`` holds the leaves, number of leaves, moves simulated).
+    """Search from the state ``root``. Return (half of ``beam`` with the leaves, number of leaves, number of simulated moves).
 
-    States are ranked by the discounted number of classified cells.
+    The search ranks states by the discounted number of classified cells.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
@@ -70,7 +74,7 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
                 advance(scene, child, np.int64(command))
                 simulated += 1
                 mark = digest(child)
-                if mark == beam.marks[old, parent]:  # nothing has moved
+                if mark == beam.marks[old, parent]:  # the command has moved nothing
                     continue
                 at = place_for(values, marks, count, value, mark)
                 if at < 0:
@@ -90,7 +94,7 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and clear its value so that the next call returns the next best."""
+    """Return the index of the best leaf, and clear the value of the leaf. The next call therefore returns the next best leaf."""
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:

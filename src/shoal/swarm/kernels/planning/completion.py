@@ -1,10 +1,12 @@
-"""Completion of a simulated plan by a base policy: single commands that classify cells, or the path to the nearest frontier cell.
+"""Completion of a simulated plan by a base policy: commands that classify cells, or the path to the nearest frontier cell.
 
-The policy has two styles. Greedy takes the command that classifies most cells now. Careful subtracts a charge for each frontier
-cell that is left behind, that is, beside a particle now and beside none afterwards. In a corridor, careful therefore probes both
-walls before it moves on.
+The base policy has two styles. The greedy style chooses the command that classifies most cells with one move. The careful style
+subtracts a charge for each frontier cell that a command leaves behind. A frontier cell is left behind if it is beside a particle
+before the command, and beside no particle after the command. In a corridor, the careful style therefore probes both walls before
+the particles move on.
 
-States are kept at regular intervals of the plan. A plan that begins like the best one is simulated from the last common kept state.
+The kernel keeps states at regular intervals of the plan. If a plan begins like the best plan so far, the simulation starts from the
+last kept state before the first different command.
 """
 
 from __future__ import annotations
@@ -21,14 +23,14 @@ from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, adv
 from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.records import record_type
 
-GREEDY, CAREFUL = np.int64(0), np.int64(1)  # typed, because a kernel is compiled again for each literal argument
-EVERY = 8  # moves between two kept states
-BEST, TRIAL = 0, 1  # whose states are kept: those of the best plan so far, and those of the plan that is simulated
-PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # results of a simulation so far; see `complete`
+GREEDY, CAREFUL = np.int64(0), np.int64(1)  # NumPy numbers, because Numba would compile a kernel again for each literal argument
+EVERY = 8  # number of moves between two kept states
+BEST, TRIAL = 0, 1  # the plans with kept states: the best plan so far, and the plan in simulation
+PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # results up to a kept state
 
 
 class KeptStates(NamedTuple):
-    """The states of two plans after each ``EVERY`` moves. The first place, for the beginning of the plan, is not used."""
+    """The states of two plans after each ``EVERY`` moves. Place 0, for the beginning of a plan, is not used."""
 
     states: NDArray[np.uint64]  # (2, places, boards, words)
     progress: Any  # (2, places) records of PROGRESS
@@ -36,7 +38,10 @@ class KeptStates(NamedTuple):
 
 @in_place_kernel
 def keep_best(kept, begin, length):
-    """Take over the kept states of the simulated plan from move ``begin`` on, because it is the best plan now."""
+    """Copy the kept states of the simulated plan, from move ``begin`` on, to the kept states of the best plan.
+
+    Call this function when the simulated plan is better than the best plan so far.
+    """
     for place in range(begin // EVERY + 1, min((length - 1) // EVERY + 1, kept.states.shape[1])):
         copy_state(kept.states[TRIAL, place], kept.states[BEST, place])
         kept.progress[BEST, place] = kept.progress[TRIAL, place]
@@ -44,7 +49,10 @@ def keep_best(kept, begin, length):
 
 @in_place_kernel
 def most(gains, last):
-    """Return the command that classifies most cells, preferably the last one; -1 if no command classifies any."""
+    """Return the command that classifies most cells, or -1 if no command classifies a cell.
+
+    Among equally good commands, prefer the last command.
+    """
     best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
     for command in range(gains.shape[0]):
         if gains[command] > (gains[best] if best >= 0 else 0):
@@ -54,9 +62,12 @@ def most(gains, last):
 
 @in_place_kernel
 def most_careful(scene, state, gains, moved, planes, last, charge):
-    """Return the command with most classified cells minus ``charge`` per cell left behind, among those that classify any."""
+    """Return the command with the highest worth: the number of classified cells minus ``charge`` per frontier cell left behind.
+
+    Only commands that classify at least one cell count. Without such a command, the result is -1.
+    """
     best, best_worth = -1, 0.0
-    at_hand, still = planes[UNREACHED], planes[MOD]  # here only working memory
+    at_hand, still = planes[UNREACHED], planes[MOD]  # this function uses the two planes only as working memory
     some, only = 0, -1
     for command in range(gains.shape[0]):
         if gains[command] > 0:
@@ -78,7 +89,10 @@ def most_careful(scene, state, gains, moved, planes, last, charge):
 
 @in_place_kernel
 def left_behind(scene, occupied, at_hand, still):
-    """Return the number of frontier cells that were beside a particle, were not tried by the command, and are beside none now."""
+    """Return the number of frontier cells that a command leaves behind: beside a particle before the command, but not after it.
+
+    Frontier cells that a particle tried to enter do not count.
+    """
     beside(scene, occupied, at_hand, still)
     tried, lost = scene.tried, 0
     for i in range(still.shape[0]):
@@ -88,14 +102,17 @@ def left_behind(scene, occupied, at_hand, still):
 
 @in_place_kernel
 def complete(scene, state, space, plan, begin, length, horizon, discount, style, charge, worth, expected, best):
-    """Simulate the first ``length`` commands of a plan and append the commands of the base policy.
+    """Simulate the first ``length`` commands of a plan, and append commands of the base policy up to the horizon.
 
-    The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` is the kept state of the
-    best plan before this move. The simulation stops early if the plan cannot become better than ``best``, given that a cell
-    classified immediately is worth ``worth`` moves and about ``expected`` cells are to be classified. Returns (time, value,
-    length, moves, classified): the time of the last classification, or ``horizon`` if cells are left; the discounted number of
-    classified cells; the number of commands in the plan; the number of simulated commands, including those before ``begin``; and
-    the number of classified cells.
+    The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` must be the kept state of
+    the best plan before move ``begin``. The simulation stops early if the plan cannot become better than ``best``. The test for an
+    early stop assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are
+    left to classify.
+
+    Return five numbers: time, value, length, moves and classified. The time is the number of moves up to the last classification,
+    or ``horizon`` if cells are left. The value is the discounted number of classified cells. The length is the number of commands
+    in the plan. The number of moves is the number of simulated commands, including the commands before ``begin``. The last number
+    is the number of classified cells.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     kept, at = space.kept, begin
@@ -103,7 +120,7 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
         reached = kept.progress[BEST, begin // EVERY]
         value, weight, last = reached.value, reached.weight, np.int64(reached.last)
         finished, total = np.int64(reached.finished), np.int64(reached.total)
-    gains, moved, planes = space.gains, space.ahead, space.planes  # passing the whole working memory takes time
+    gains, moved, planes = space.gains, space.ahead, space.planes  # passing all working memory takes time
     while at < horizon:
         if at % EVERY == 0 and at > begin and at // EVERY < kept.states.shape[1]:
             copy_state(state, kept.states[TRIAL, at // EVERY])

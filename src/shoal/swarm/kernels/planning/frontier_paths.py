@@ -1,4 +1,7 @@
-"""The nearest frontier cell of a simulated state and a straight path to it. The search is `frontier_search` with fewer boards."""
+"""The nearest frontier cell of a simulated state, and a straight path to this cell.
+
+The search is a variant of `frontier_search` with fewer boards.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,14 @@ from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, OCCUPIED, directions
 from shoal.swarm.kernels.search.frontier_search import ahead, dilate, opposite
 
-UNREACHED, MOD = 0, 1  # planes: MOD, MOD + 1, MOD + 2 hold the cells at distances 0, 1, 2 modulo 3
+UNREACHED, MOD = 0, 1  # planes; MOD, MOD + 1, MOD + 2 hold cells with path lengths 0, 1, 2 modulo 3
 PLANES = 4
 TOO_FAR = -1
 
 
 @in_place_kernel
 def begin_waves(scene, state, planes):
-    """Set the planes to distance 0 at the particles."""
+    """Start a search at the cells of the particles, which have the path length 0."""
     occupied, frontier, ground = state[OCCUPIED], state[FRONTIER], scene.ground
     unreached, near, one, two = planes[UNREACHED], planes[MOD], planes[MOD + 1], planes[MOD + 2]
     for i in range(occupied.shape[0]):
@@ -27,9 +30,10 @@ def begin_waves(scene, state, planes):
 
 @in_place_kernel
 def spread(scene, planes, frontier, level):
-    """Add the cells of the next level to their plane, including the rim; return (union of its words, of its frontier cells).
+    """Add the cells of the next level, including rim cells, to the plane of the level.
 
-    The previous plane also holds lower levels, whose neighbours have all been reached before.
+    Return the union of all words of the next level as one word, and the union of its frontier cells as one word. The plane of the
+    previous level also holds earlier levels. The search has already reached all neighbours of cells in earlier levels.
     """
     wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
     width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
@@ -55,7 +59,10 @@ def spread(scene, planes, frontier, level):
 
 @in_place_kernel
 def join(near, unreached, mark, frontier):
-    """Add the unreached cells among ``near`` to a level; return (union of its words, of its frontier cells)."""
+    """Add the unreached cells among ``near`` to a level.
+
+    Return the union of all added cells as one word, and the union of the added frontier cells as one word.
+    """
     some, hits = ZERO, ZERO
     for i in range(mark.shape[0]):
         new = near[i] & unreached[i]
@@ -68,7 +75,7 @@ def join(near, unreached, mark, frontier):
 
 @in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
-    """Write the path that ends in word ``index`` of the frontier, reached at ``level``. Straight continuations are preferred."""
+    """Write the path to a frontier cell in word ``index``, reached at ``level``. Where possible, the path continues straight on."""
     hits = planes[MOD + level % 3, index] & state[FRONTIER, index]
     row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
     last = 0
@@ -91,11 +98,10 @@ def on_board(scene, row, column):
 
 @in_place_kernel
 def path_to_nearest(scene, state, planes, plan, at, limit):
-    """Write the path to a nearest frontier cell to ``plan[at:]``. Return its length.
+    """Write the path to the nearest frontier cell to ``plan[at:]``. Return the length of the path.
 
-    The length is 0 if there is no path, and TOO_FAR if the path has more than ``limit`` moves.
-
-    Among equally near cells, the first in row-major order is used.
+    Without a path, the length is 0. If the path has more than ``limit`` moves, the result is TOO_FAR. Among equally near frontier
+    cells, the path leads to the first one in row-major order.
     """
     begin_waves(scene, state, planes)
     frontier = state[FRONTIER]
@@ -114,10 +120,13 @@ def path_to_nearest(scene, state, planes, plan, at, limit):
 
 @in_place_kernel
 def beside(scene, cells, within, out):
-    """Write to ``out`` the cells of ``within`` that have a neighbour in ``cells``. ``cells`` must not contain rim cells."""
+    """Write to ``out`` the cells of the board ``within`` that have a neighbour in the board ``cells``.
+
+    The board ``cells`` must not contain rim cells.
+    """
     width, layer, size = scene.width, scene.width * scene.rows, cells.shape[0]
     reach = layer if scene.layers > 1 else width
     dilate(cells, within, out, reach, size - reach, scene)
-    for i in range(reach):  # the outermost rows (layers)
+    for i in range(reach):  # the outermost rows (in 3-D, layers)
         out[i] = cells[i + reach] & within[i]
         out[size - reach + i] = cells[size - 2 * reach + i] & within[size - reach + i]

@@ -1,4 +1,4 @@
-"""A planner's memory between two moves, and its working memory."""
+"""The memory of a planner between two moves, and its working memory."""
 
 from __future__ import annotations
 
@@ -17,34 +17,34 @@ from shoal.swarm.kernels.prediction.occupancy_prediction import OccupancyPredict
 from shoal.swarm.kernels.prediction.occupancy_prior import OccupancyPrior
 from shoal.swarm.kernels.records import record_type
 
-WHOLE = 1 << 20  # denominator of fractions stored as whole numbers
+WHOLE = 1 << 20  # denominator of fractions that records store as whole numbers
 MEMORY = record_type(
     np.int64,
-    "plan_at", "plan_length",  # place in the incumbent, and its length
-    "quiet",  # moves since the last classification
-    "forced",  # commands left of a path that is sent completely
-    "random",  # state of the random generator
+    "plan_at", "plan_length",  # index of the next command in the incumbent; length of the incumbent
+    "quiet",  # number of moves since the last classification
+    "forced",  # number of commands left of a path that the planner sends completely
+    "random",  # state of the generator of random numbers
     "simulated",  # number of moves simulated so far
     "remaining",  # number of frontier cells
-    "style",  # style in which the incumbent was completed
-    "credit",  # number of moves that may be simulated
-    "surprise",  # recent prediction error: fraction of new free cells that were not predicted as free, in 1 / WHOLE
+    "style",  # style of the base policy that completed the incumbent
+    "credit",  # number of moves that the planner may simulate
+    "surprise",  # recent share of new free cells that were not predicted to be free, in units of 1 / WHOLE
 )  # fmt: skip
 
 
 class Planner(NamedTuple):
-    """Memory, options and working memory."""
+    """The memory, the options and the working memory of a planner."""
 
     memory: Any  # a record of MEMORY
     options: Any  # a record: budget, and the fields of shoal.swarm.policies.planners.tuning.Tuning
     scene: Scene
-    root: NDArray[np.uint64]  # a state: the current state of the episode
-    state: NDArray[np.uint64]  # a state: the state of the simulated plan
-    ahead: NDArray[np.uint64]  # a board: the particles after one more move
+    root: NDArray[np.uint64]  # the current state of the episode
+    state: NDArray[np.uint64]  # the state of the simulated plan
+    ahead: NDArray[np.uint64]  # the cells of the particles after one more move
     planes: NDArray[np.uint64]  # (PLANES, words)
     gains: NDArray[np.int64]  # (directions,)
     incumbent: NDArray[np.int8]  # the best plan so far
-    trial: NDArray[np.int8]  # the plan that is simulated
+    trial: NDArray[np.int8]  # the plan in simulation
     kept: KeptStates
     beam: Beam
     prior: OccupancyPrior
@@ -54,7 +54,10 @@ class Planner(NamedTuple):
 
 @in_place_kernel
 def draw(planner, limit):
-    """Return a random whole number below ``limit`` (xorshift; its state is an entry of the memory)."""
+    """Return a random whole number from 0 to ``limit - 1`` by the xorshift method.
+
+    ``planner.memory.random`` holds the state of the generator.
+    """
     word = np.uint64(planner.memory.random)
     word ^= word << np.uint64(13)
     word ^= word >> np.uint64(7)
@@ -65,7 +68,7 @@ def draw(planner, limit):
 
 @in_place_kernel
 def next_command(planner):
-    """Return the next command of the incumbent, or -1 if it has none."""
+    """Return the next command of the incumbent, or -1 at the end of the incumbent."""
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         return -1
@@ -75,7 +78,7 @@ def next_command(planner):
 
 @in_place_kernel
 def force(field, planner):
-    """Set the plan to the path to the nearest frontier cell. Such a path always classifies a cell, so every episode ends."""
+    """Set the incumbent to the path to the nearest frontier cell. The path always classifies a cell, so every episode ends."""
     memory = planner.memory
     take_state(field, planner.root)
     for i in range(field.open.shape[0]):
@@ -87,7 +90,10 @@ def force(field, planner):
 
 @in_place_kernel
 def take_greedily(field, planner):
-    """Set the plan to the command that classifies most cells now, or to the path to the nearest frontier cell."""
+    """Set the incumbent to the command that classifies most cells with one move, or to the path to the nearest frontier cell.
+
+    The path is used if no single command classifies a cell.
+    """
     memory = planner.memory
     take_state(field, planner.root)
     immediate_gains(planner.scene, planner.root, planner.gains)
@@ -99,7 +105,10 @@ def take_greedily(field, planner):
 
 @in_place_kernel
 def choose_greedy(field, planner):
-    """Return the next command of the policy greedy-classify: the one that classifies most cells now, or the next one of a path."""
+    """Return the next command of the policy greedy-classify, or -1 without a command.
+
+    The policy sends the command that classifies most cells with one move, or the commands of the path to the nearest frontier cell.
+    """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         take_greedily(field, planner)

@@ -1,6 +1,6 @@
-"""Planning by rollouts: a base policy completes candidates in the predicted world, and the best candidate is followed.
+"""Planning by rollouts: a base policy completes candidate plans in the predicted world, and the planner follows the best plan.
 
-Source: docs/concepts/planners.md.
+The page docs/concepts/planners.md explains the method.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
 from shoal.swarm.kernels.prediction.occupancy_prediction import predict
 
-NOTHING = -1e18  # the value of no plan
-BRIEF = 300.0  # budget below which only the most promising plans are evaluated, with a short horizon
-PLENTY = 900.0  # saved simulated moves from which this limit does not apply
-SAVINGS = 20.0  # for a budget below BRIEF: maximum of the saved simulated moves, as a multiple of the budget
+NOTHING = -1e18  # lower than the value of any plan
+BRIEF = 300.0  # budget below which the planner evaluates only the most promising plans, with a short horizon
+PLENTY = 900.0  # number of saved simulated moves from which the limit BRIEF does not apply
+SAVINGS = 20.0  # for a budget below BRIEF: maximum number of saved simulated moves, as a multiple of the budget
 BRIEF_HORIZON, BRIEF_DISCOUNT = 30.0, 0.97
 NO_MOVES = np.int64(0)
-LONGEST_RUN = 40  # maximum length of a candidate that moves in one direction until it classifies a cell
+LONGEST_RUN = 40  # maximum length of a candidate plan that moves in one direction until it classifies a cell
 
 
 @in_place_kernel
 def prepare(field, mapping, planner):
-    """Fill the scene with the predicted world, and the root with the state of the episode."""
+    """Write the predicted world to ``planner.scene``, and the state of the episode to ``planner.root``."""
     if mapping:
         options = planner.options
         predict(
@@ -41,25 +41,25 @@ def prepare(field, mapping, planner):
 
 @in_place_kernel
 def is_brief(planner):
-    """Return whether the budget suffices only for the most promising plans with a short horizon."""
+    """Return whether the budget allows only the most promising plans with a short horizon."""
     return planner.options.budget < BRIEF and planner.memory.credit < PLENTY
 
 
 @in_place_kernel
 def evaluate(planner, shared, length, best, few, style):
-    """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher value.
+    """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher of the two values.
 
-    The trial plan begins with the first ``shared`` commands of the incumbent.
-
-    Near the end of the task, ``few`` is the expected number of cells left, otherwise it is 0. If it is above 0, the value of a plan
-    is its weighted discounted number of classified cells minus its number of moves.
+    The trial plan begins with the first ``shared`` commands of the incumbent. If the planner simulates plans to the end of the
+    task, ``few`` is the expected number of cells left to classify. In all other cases, ``few`` is 0. If ``few`` is 0, the value of
+    a plan is the discounted number of classified cells. If ``few`` is above 0, the value is a weight times the discounted number of
+    classified cells, minus the number of moves.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
     brief = is_brief(planner)
     horizon = int(min(options.near_horizon, BRIEF_HORIZON) if brief else options.near_horizon)
     discount = BRIEF_DISCOUNT if brief else options.discount
-    if few > 0:  # with large prediction errors, the far future is not worth simulating
+    if few > 0:  # with large prediction errors, the simulation of the far future is not worth its time
         far = surprise < options.far_surprise
         discount = options.far_discount if far else options.discount
         horizon += int(
@@ -92,7 +92,7 @@ def evaluate(planner, shared, length, best, few, style):
 
 @in_place_kernel
 def search_plans(planner):
-    """Replace the incumbent by the best plan found."""
+    """Replace the incumbent by the best plan that the search finds."""
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining = count(planner.root[FRONTIER])
     few = 0.0
@@ -103,7 +103,7 @@ def search_plans(planner):
         trial[i - at] = planner.incumbent[i]
     best = evaluate(planner, NO_MOVES, length - at, NOTHING, few, memory.style)
     if options.left_behind_cost > 0:
-        if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # the simulation of a careful plan takes longer
+        if not is_brief(planner) or memory.surprise < options.end_surprise * WHOLE:  # a careful plan takes longer to simulate
             best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, CAREFUL)
         best = evaluate(planner, NO_MOVES, NO_MOVES, best, few, GREEDY)
     for command in range(directions(planner.scene)):
@@ -124,14 +124,17 @@ def search_plans(planner):
 
 @in_place_kernel
 def predicted_frontier(planner):
-    """Return the number of cells that join the frontier if the prediction is correct: those beside predicted free cells."""
+    """Return the number of unseen cells beside predicted free cells. These cells join the frontier if the prediction is correct."""
     beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[MOD])
     return count(planner.planes[MOD])
 
 
 @in_place_kernel
 def run(planner, command):
-    """Write a run in one direction until it classifies a cell to the trial. Return its length, or 0 if it classifies none."""
+    """Write to the trial plan a run of equal commands that ends when it classifies a cell.
+
+    Return the length of the run, or 0 if no cell is classified within LONGEST_RUN commands.
+    """
     copy_state(planner.root, planner.state)
     for step in range(LONGEST_RUN):
         planner.trial[step] = command
@@ -143,7 +146,7 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the best leaves of the beam. Return the value of the best plan."""
+    """Complete the best leaves of the beam search. Return the value of the best plan."""
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
@@ -162,11 +165,12 @@ def try_leaves(planner, best, few):
 
 @in_place_kernel
 def vary(planner):
-    """Write a variation of the incumbent to the trial; return (number of commands before the first change, length).
+    """Write a random variation of the incumbent to the trial plan. Return (number of commands before the first change, length).
 
-    The variation has another command at a random place, and the base policy completes it. If ``run_candidates`` is above 0, other
-    variations are drawn, too: a run of up to eight equal commands there, completed by the base policy; the same run inserted; or up
-    to eight commands removed.
+    Each variation begins like the incumbent up to a random place. The first kind of variation continues with one random command,
+    and drops the rest of the incumbent. With ``run_candidates`` above 0, three more kinds are possible. The second kind continues
+    with 1, 2, 4 or 8 equal commands, and drops the rest. The third kind inserts 1, 2, 4 or 8 equal commands. The fourth kind
+    removes 1, 2, 4 or 8 commands.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)
@@ -192,7 +196,7 @@ def vary(planner):
 
 @in_place_kernel
 def choose_rollout(field, mapping, planner):
-    """Return the next command, or -1 if there is none."""
+    """Return the next command of the policies rollout and beam-rollout, or -1 without a command."""
     memory, options = planner.memory, planner.options
     saved = SAVINGS if options.budget < BRIEF else 1.0
     memory.credit = int(min(memory.credit + options.budget, saved * options.budget))
@@ -203,13 +207,13 @@ def choose_rollout(field, mapping, planner):
         memory.forced -= 1
     elif options.budget < BRIEF and not renew and memory.plan_at >= memory.plan_length:
         take_greedily(field, planner)
-        memory.forced = max(0, memory.forced - 1)  # its first command is sent now
+        memory.forced = max(0, memory.forced - 1)  # the first command of the path is sent now
     elif renew or memory.plan_at >= memory.plan_length:
         before = memory.simulated
         prepare(field, mapping, planner)
         search_plans(planner)
         memory.credit -= memory.simulated - before
-        if memory.plan_length == 0:  # all remaining cells are beyond the horizon
+        if memory.plan_length == 0:  # all frontier cells are beyond the horizon
             force(field, planner)
             memory.forced -= 1
     return next_command(planner)

@@ -1,1 +1,1 @@
-"""Prediction of unknown cells, and of the effect of commands there."""
+"""Kernels that predict which unknown cells are free, and the effect of commands on the predicted map."""

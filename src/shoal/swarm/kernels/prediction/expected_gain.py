@@ -1,8 +1,9 @@
-"""Expected number of classified cells of a run of equal commands, and the learned probability that free space continues.
+"""Expected number of cells that a run of equal commands classifies, with the learned probability that free space continues.
 
-For each particle, a run classifies the unknown cells on its path: the first one certainly, and each further one if all cells before
-it are free. The probability of this is learned from zero in each episode. It is the fraction of free cells among the cells
-classified so far in the same surroundings, smoothed towards coarser surroundings.
+For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
+unknown cell. The run classifies each further unknown cell only if all cells before it on the path are free. Each episode learns the
+probability of a free cell from the start. The probability is the fraction of free cells among the classified cells with the same
+surroundings, smoothed towards the fraction for coarser surroundings.
 """
 
 from __future__ import annotations
@@ -17,22 +18,22 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, has, lowest
 from shoal.swarm.kernels.prediction.occupancy_prior import PAIRS, OccupancyPrior, around, chance, learn, steps_of
 from shoal.swarm.kernels.search.frontier_search import ahead
 
-BEHIND = PAIRS * PAIRS  # number of surroundings for each state of the cell two behind
-_LEAST = 0.01  # probability below which the path is not followed further
+BEHIND = PAIRS * PAIRS  # number of different surroundings for each state of the cell two steps behind a cell
+_LEAST = 0.01  # probability of free space below which the kernel stops following a path
 
 
 class ExpectedGain(NamedTuple):
-    """Prices, learned counts, and working memory of an adaptive scan rule."""
+    """The prices, the learned counts, and the working memory of an adaptive scan rule."""
 
     prices: Any  # a record of PRICES
-    prior: OccupancyPrior  # only its model 0 is used; ``before``: the cells known before the run
-    gains: NDArray[np.float64]  # (directions, longest run + 1): cells classified at each step of a run
+    prior: OccupancyPrior  # the scan rule uses only model 0; ``before`` holds the cells known before the run
+    gains: NDArray[np.float64]  # (directions, longest run + 1): expected number of cells that each step of a run classifies
     columns: int  # cells per row, including the rim
 
 
 @in_place_kernel
 def learn_from_run(field, gain, command):
-    """Learn from the classifications of a run in one direction."""
+    """Learn from the cells that a run of equal commands has classified."""
     prior = gain.prior
     step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):
@@ -41,20 +42,20 @@ def learn_from_run(field, gain, command):
             cell = 64 * i + lowest(new)
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
-                number += BEHIND  # the particle passed the cell two behind in this run
+                number += BEHIND  # the particle has passed the cell two steps behind in the present run
             learn(prior, number, cell, is_free(field.open, cell))
             new &= new - ONE
 
 
 @in_place_kernel
 def is_free(opened, cell):
-    """Return whether a cell is on a board."""
+    """Return whether a board (set of cells) contains a cell."""
     return (opened[cell >> 6] >> np.uint64(cell & 63)) & ONE != ZERO
 
 
 @in_place_kernel
 def on_rim(field, columns, row, column):
-    """Return whether a cell lacks a neighbour in some direction, so that the path ends there."""
+    """Return whether a cell lies at the border of the board, where the path of a particle ends."""
     layer, within = row // field.rows, row % field.rows
     if within == 0 or within == field.rows - 1 or column == 0 or column == columns - 1:
         return True
@@ -63,7 +64,10 @@ def on_rim(field, columns, row, column):
 
 @in_place_kernel
 def look_ahead(field, gain, row, column, command):
-    """Add the expected classifications of one particle on its path. Other particles on the path count for the cells behind them."""
+    """Add the expected classifications of one particle on its path to ``gain.gains``.
+
+    The path ends at the next particle, which classifies the cells beyond it.
+    """
     gains, width, rows = gain.gains[command], field.width, field.rows
     step, side = steps_of(rows, width, command)
     likely = 1.0
@@ -80,7 +84,7 @@ def look_ahead(field, gain, row, column, command):
             return
         cell = 64 * width * row + column
         number = around(field.open, field.known, cell, step, side)
-        if moves >= 3 and number < BEHIND:  # the cell two behind is unknown, but this path has passed it
+        if moves >= 3 and number < BEHIND:  # the cell two steps behind is unknown, but the path has passed the cell
             number += BEHIND
         likely *= chance(gain.prior, 0, number, cell)
         if likely < _LEAST:
@@ -89,7 +93,7 @@ def look_ahead(field, gain, row, column, command):
 
 @in_place_kernel
 def gains_of_runs(field, gain, command):
-    """Fill the gains of one direction."""
+    """Write the expected number of cells that each step of a run in one direction classifies."""
     gains = gain.gains[command]
     for step in range(gains.shape[0]):
         gains[step] = 0.0
@@ -103,7 +107,7 @@ def gains_of_runs(field, gain, command):
 
 @in_place_kernel
 def best_length(gain, command, least):
-    """Return (steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
+    """Return (number of steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
     gains = gain.gains[command]
     classified, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):

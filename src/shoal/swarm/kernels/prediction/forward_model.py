@@ -1,8 +1,8 @@
-"""Forward model: the effect of commands in the predicted world, without changing the running episode.
+"""Forward model: simulation of commands on the predicted map, without any effect on the running episode.
 
-A state consists of three boards. Both tasks are treated alike: a frontier cell is classified when a particle tries to enter it. For
-coverage this equals entering the cell, because a frontier cell is free and holds no particle, and there are no unseen cells behind
-it.
+A state consists of three boards (sets of cells): particles, frontier cells, and unseen cells. In mapping and in coverage, the
+forward model classifies a frontier cell when a particle tries to enter it. In coverage, a particle that tries to enter a frontier
+cell always succeeds, because a frontier cell is free and holds no particle.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, TOP, ZERO, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, GROUP, IN, LEFT, OUT, RIGHT, UP, segments, shift_across, shift_along
 
-OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen: unknown cells that are not on the frontier
+OCCUPIED, FRONTIER, UNSEEN = 0, 1, 2  # boards of a state; unseen cells are unknown cells outside the frontier
 BOARDS = 3
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
 
 class Scene(NamedTuple):
-    """The predicted world, and working memory for moves in it."""
+    """The predicted map, and working memory for moves on the predicted map."""
 
-    ground: NDArray[np.uint64]  # a board: the predicted free cells
-    tried: NDArray[np.uint64]  # a board: frontier cells that the last command tried
-    moving: NDArray[np.uint64]  # a board: particles that move
+    ground: NDArray[np.uint64]  # the cells that are predicted to be free
+    tried: NDArray[np.uint64]  # frontier cells that a particle tried to enter with the last command
+    moving: NDArray[np.uint64]  # cells of the particles that move
     rule: int
     mapping: bool
     layers: int
@@ -36,7 +36,7 @@ class Scene(NamedTuple):
 
 @in_place_kernel
 def copy_state(source, target):
-    """Copy the boards of a state."""
+    """Copy the three boards of a state."""
     for board in range(BOARDS):
         here, there = source[board], target[board]
         for i in range(here.shape[0]):
@@ -55,7 +55,10 @@ def take_state(field, state):
 
 @in_place_kernel
 def immediate_gains(scene, state, gains):
-    """Write the number of frontier cells that each command would classify. No particle is in the outermost rows (layers)."""
+    """Write to ``gains`` the number of frontier cells that each command would classify.
+
+    The outermost rows (in 3-D, layers) must contain no particle.
+    """
     occupied, frontier, size, width = state[OCCUPIED], state[FRONTIER], state.shape[1], scene.width
     inner = size - 2 * width
     here, wanted, over, under = occupied[width:], frontier[width:], frontier[:inner], frontier[2 * width :]
@@ -78,7 +81,10 @@ def immediate_gains(scene, state, gains):
 
 @in_place_kernel
 def advance(scene, state, command):
-    """Simulate one command in place. Return the number of classified frontier cells, which are in ``scene.tried``."""
+    """Simulate one command in place. Return the number of classified frontier cells.
+
+    After the call, ``scene.tried`` contains the classified cells.
+    """
     if push(scene, state[OCCUPIED], state[FRONTIER], command) == ZERO:
         return 0
     tried, ground, frontier = scene.tried, scene.ground, state[FRONTIER]
@@ -94,7 +100,10 @@ def advance(scene, state, command):
 
 @in_place_kernel
 def push(scene, occupied, frontier, command):
-    """Move the particles in place and record the tried frontier cells. Return their union as one word."""
+    """Move the particles in place, and write the frontier cells that a particle tries to enter to ``scene.tried``.
+
+    Return the union of all words of ``scene.tried`` as one word.
+    """
     if command == LEFT or command == RIGHT:
         return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule, None)[0]
     for i in range(scene.tried.shape[0]):
@@ -113,7 +122,7 @@ def push(scene, occupied, frontier, command):
 
 @in_place_kernel
 def discover(scene, frontier, unseen):
-    """Add the unseen neighbours of the new free cells to the frontier."""
+    """Add the unseen neighbours of all newly found free cells to the frontier."""
     for start in range(0, frontier.shape[0], GROUP):
         tried, ground, some = scene.tried[start : start + GROUP], scene.ground[start : start + GROUP], ZERO
         for i in range(tried.shape[0]):
@@ -127,7 +136,7 @@ def discover(scene, frontier, unseen):
 
 @in_place_kernel
 def reveal_around(scene, frontier, unseen, i, found):
-    """Add the unseen neighbours of the cells ``found`` in one word to the frontier."""
+    """Add the unseen neighbours of the cells ``found``, which lie in word ``i``, to the frontier."""
     width, layer = scene.width, scene.width * scene.rows
     reveal(frontier, unseen, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -151,7 +160,7 @@ def reveal(frontier, unseen, i, cells):
 
 @in_place_kernel
 def count(board):
-    """Return the number of cells of a board."""
+    """Return the number of cells in a board."""
     total = 0
     for i in range(board.shape[0]):
         total += popcount(board[i])
@@ -160,13 +169,16 @@ def count(board):
 
 @in_place_kernel
 def directions(scene):
-    """Return the number of commands."""
+    """Return the number of commands: 4 in two dimensions, 6 in three dimensions."""
     return 4 if scene.layers == 1 else 6
 
 
 @in_place_kernel
 def digest(state):
-    """Return a hash of particles and frontier as uint64: a sum, which can be vectorized, of words mixed with their indices."""
+    """Return a hash of the particles and the frontier as uint64.
+
+    The hash is a sum of words mixed with their indices, because the compiler can compute a sum with vector instructions.
+    """
     value = ZERO
     for board in range(2):
         words = state[board]

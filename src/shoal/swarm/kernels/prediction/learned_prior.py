@@ -1,11 +1,10 @@
-"""Probability that a cell is free, from a small network trained on maps.
+"""The learned prior: a small neural network, trained on maps, that estimates the probability that a cell is free.
 
-It uses only integers, so all machines give equal results.
+The network computes only with integers, so all machines give equal results. The input of the network is the belief in a square
+window around the cell. The window is rotated so that the particle enters the cell from below. The kernel keeps the result for a
+cell until a cell in the window becomes known.
 
-The network sees the belief in a square window around the cell, rotated so that the entry side is below. Its result for a cell is
-cached until a cell in the window becomes known.
-
-Source: docs/concepts/prediction.md.
+The page docs/concepts/prediction.md explains the method.
 """
 
 from __future__ import annotations
@@ -18,40 +17,40 @@ from numpy.typing import NDArray
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 
-RADIUS = 7  # side of the window
+RADIUS = 7  # number of cells from the centre of the window to its border
 SPAN = 2 * RADIUS + 1
-KINDS = 2  # kinds of known cells (free, obstacle); unknown cells add no weights
-SHIFT = 8  # fractional bits of a weight, and of the outputs of a hidden layer
-ODDS = 16  # units per nat for log-odds
-MOST_ODDS = 8  # maximum log-odds in nats, in both directions
+KINDS = 2  # kinds of known cells (free cell, obstacle); unknown cells add no weights
+SHIFT = 8  # number of fractional bits of a weight and of the outputs of a hidden layer
+ODDS = 16  # number of units of log-odds per nat
+MOST_ODDS = 8  # maximum absolute value of the log-odds, in nats
 _ROW = np.uint64((1 << SPAN) - 1)
 _MIX, _SPREAD, _HALF = np.uint64(0x9E3779B97F4A7C15), np.uint64(0xFF51AFD7ED558CCD), np.uint64(32)
 
 
 class LearnedPrior(NamedTuple):
-    """Weights, working memory, and cached results."""
+    """The weights of the network, working memory, and stored results."""
 
-    places: NDArray[np.int64]  # (commands, SPAN * SPAN): index of each window cell after rotation
+    places: NDArray[np.int64]  # (commands, SPAN * SPAN): index of each cell of the window after the rotation for a command
     first: NDArray[np.int16]  # (KINDS * SPAN * SPAN, hidden)
     first_bias: NDArray[np.int32]  # (hidden,)
     second: NDArray[np.int16]  # (hidden of the second layer, hidden)
     second_bias: NDArray[np.int32]
     last: NDArray[np.int32]  # (hidden of the second layer,)
     last_bias: NDArray[np.int32]  # (1,)
-    chances: NDArray[np.float64]  # probabilities by log-odds, from -MOST_ODDS on
-    inner: NDArray[np.uint64]  # a board: all cells except the rim, which is never free
-    opened: NDArray[np.uint64]  # (SPAN,): the free cells of the window, row by row
+    chances: NDArray[np.float64]  # table of probabilities for log-odds from -MOST_ODDS on
+    inner: NDArray[np.uint64]  # all cells except the rim, which is never free
+    opened: NDArray[np.uint64]  # (SPAN,): the known free cells of the window, one word for each row
     walls: NDArray[np.uint64]  # (SPAN,)
-    used: NDArray[np.int64]  # (SPAN * SPAN,): the rows of ``first`` for the known cells of the window
-    sums: NDArray[np.int16]  # (hidden,): with the trained weights, no sum of any window exceeds 16 bits, and no result 32 bits
-    marks: NDArray[np.uint64]  # for each cell: hash of its window at the last evaluation
-    told: NDArray[np.uint8]  # and the index of the result in ``chances``
+    used: NDArray[np.int64]  # (SPAN * SPAN,): indices of the rows of ``first`` for the known cells of the window
+    sums: NDArray[np.int16]  # (hidden,); with the trained weights, every sum fits into 16 bits, and every result into 32 bits
+    marks: NDArray[np.uint64]  # for each cell: hash of the window at the last evaluation
+    told: NDArray[np.uint8]  # for each cell: index of the result in ``chances``
     width: int  # words per row
 
 
 @in_place_kernel
 def part_of_row(board, begin, width, column):
-    """Return SPAN cells of a row from a column on. Cells beyond the ends of the row are not set."""
+    """Return SPAN cells of a row of a board from a column on. Cells beyond the ends of the row are not set."""
     word, shift = column >> 6, np.uint64(column & 63)
     cells = ZERO
     if 0 <= word < width:
@@ -82,7 +81,10 @@ def look(learned, opened, known, cell, command):
 
 @in_place_kernel
 def list_weights(learned, command, kind, row, cells, size):
-    """Append the rows of ``first`` for some cells in one row of the window to the list ``used``. Return its length."""
+    """Append to the list ``used`` the rows of ``first`` that belong to cells in one row of the window.
+
+    Return the length of the list.
+    """
     while cells != ZERO:
         learned.used[size] = learned.places[command, row * SPAN + lowest(cells)] + kind * SPAN * SPAN
         cells &= cells - ONE
@@ -92,7 +94,10 @@ def list_weights(learned, command, kind, row, cells, size):
 
 @in_place_kernel
 def add_weights(learned, size):
-    """Add the listed rows of ``first`` to the sums. Four rows at once, because storing the sums takes most of the time."""
+    """Add the listed rows of the weights ``first`` to ``sums``.
+
+    The loop adds four rows at once, because it spends most of its time on storing the sums.
+    """
     first, sums, used = learned.first, learned.sums, learned.used
     for at in range(0, size - 3, 4):
         a, b, c, d = first[used[at]], first[used[at + 1]], first[used[at + 2]], first[used[at + 3]]
@@ -106,7 +111,7 @@ def add_weights(learned, size):
 
 @in_place_kernel
 def log_odds(learned, command):
-    """Return the network's log-odds for the current window, in units of 1 / ODDS nat."""
+    """Return the log-odds that the network computes for the present window, in units of 1 / ODDS nat."""
     sums, none = learned.sums, np.int16(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
@@ -121,14 +126,14 @@ def log_odds(learned, command):
     for k in range(learned.second.shape[0]):
         weights, value = learned.second[k], learned.second_bias[k]
         for i in range(sums.shape[0]):
-            value = np.int32(value + np.int32(weights[i]) * np.int32(sums[i]))  # not 64 bits, which would take twice as long
+            value = np.int32(value + np.int32(weights[i]) * np.int32(sums[i]))  # 32 bits, because 64 bits would take twice as long
         total += np.int64(learned.last[k]) * (max(np.int64(value), np.int64(0)) >> SHIFT)
     return (ODDS * total) >> (2 * SHIFT)
 
 
 @in_place_kernel
 def learned_chance(learned, opened, known, cell, command):
-    """Return the probability that a cell entered by a command is free."""
+    """Return the probability that a cell is free if a command moves a particle into the cell."""
     mark = look(learned, opened, known, cell, command)
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark

@@ -1,7 +1,8 @@
-"""Search for a path through known cells after which one more command and scan classify most cells.
+"""Search for a path through known cells, after which one more command and a scan classify most cells.
 
-While no particle tries an unknown cell, the outcome of a command follows from the belief. So the swarm can shift twice, in
-perpendicular directions, to a place where many particles are beside unknown cells, and then try all these cells at once.
+The belief determines the outcome of a command exactly if no particle tries to enter an unknown cell. The swarm can therefore shift
+twice, in perpendicular directions, to a place where many particles are beside unknown cells. The next command then tries all these
+unknown cells at once.
 """
 
 from __future__ import annotations
@@ -16,24 +17,24 @@ from shoal.swarm.kernels.dynamics.bits import ONE, TOP, popcount
 from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP, Field, move_across, move_along
 from shoal.swarm.kernels.records import record_type
 
-FIRST_STEPS, SECOND_STEPS = 12, 8  # maximum length of the two shifts
+FIRST_STEPS, SECOND_STEPS = 12, 8  # maximum numbers of commands in the first and in the second shift
 LONGEST_PLAN = FIRST_STEPS + SECOND_STEPS + 1
 BEST = record_type(np.int64, "first", "first_length", "second", "second_length", "last")
 PRICES = record_type(np.float64, "scan", "move")
 
 
 class Lookahead(NamedTuple):
-    """Working memory of the search."""
+    """Working memory of the search for a path."""
 
-    shifted: NDArray[np.uint64]  # a board: the swarm after the first shift
-    twice: NDArray[np.uint64]  # a board: the swarm after the second shift
-    counts: NDArray[np.int32]  # empty: the number of particles per cell has no effect
+    shifted: NDArray[np.uint64]  # cells of the particles after the first shift
+    twice: NDArray[np.uint64]  # cells of the particles after the second shift
+    counts: NDArray[np.int32]  # empty, because the number of particles in a cell has no effect
     best: Any  # a record of BEST
 
 
 @in_place_kernel
 def tried(field, occupied, command):
-    """Return the number of unknown cells that a swarm would try."""
+    """Return the number of unknown cells that the particles in the cells ``occupied`` would try to enter."""
     known, size = field.known, field.known.shape[0]
     total = 0
     if command == LEFT:
@@ -57,7 +58,10 @@ def tried(field, occupied, command):
 
 @in_place_kernel
 def predicted(field, occupied, counts):
-    """Return the known field with the swarm in the cells ``occupied``. Unknown cells, which no particle tries, are walls."""
+    """Return the known part of the map as a field, with particles in the cells ``occupied``.
+
+    Unknown cells count as walls, because no particle tries to enter them.
+    """
     return Field(
         field.open, occupied, field.open, field.known, field.frontier, field.tried, field.moving, counts,
         field.layers, field.rows, field.width,
@@ -66,7 +70,7 @@ def predicted(field, occupied, counts):
 
 @in_place_kernel
 def shift(field, predicted_field, command, rule):
-    """Move the swarm of a predicted field if the outcome is certain. Return whether it moved."""
+    """Move the particles of a predicted field if the outcome of the command is certain. Return whether a particle has moved."""
     if tried(field, predicted_field.occupied, command) > 0:
         return False
     if command == LEFT or command == RIGHT:
@@ -76,7 +80,10 @@ def shift(field, predicted_field, command, rule):
 
 @in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
-    """Return the best last command for a shifted swarm, or -1 if none exceeds ``rate``, and the best rate so far."""
+    """Return the best last command for the shifted particles, and its rate of classified cells per cost.
+
+    If no command has a higher rate than ``rate``, return -1 and ``rate``.
+    """
     command = -1
     for last in range(4 if field.layers == 1 else 6):
         count = tried(field, occupied, last)
@@ -87,23 +94,23 @@ def best_last_command(field, lookahead, occupied, prices, steps, rate):
 
 @in_place_kernel
 def axis(command):
-    """Return 0 for l and r, 1 for u and d, 2 for i and o."""
+    """Return the axis of a command: 0 for l and r, 1 for u and d, 2 for i and o."""
     return 2 if command >= IN else command % 2
 
 
 @in_place_kernel
 def copy(source, target):
-    """Copy a board."""
+    """Copy a board (set of cells)."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
 
 @in_place_kernel
 def explore(field, rule, lookahead, prices, rate):
-    """Find a path and a last command with more classified cells per cost than ``rate``. Store it and return its rate.
+    """Find a path and a last command that classify more cells per cost than ``rate``. Return the rate of the best path.
 
-    ``lookahead.best`` contains the result: a first shift with its length, a perpendicular second shift with its length, and the
-    last command.
+    ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second shift with its length, and the
+    last command. If no path is better, the result is ``rate``.
     """
     best = lookahead.best
     once = predicted(field, lookahead.shifted, lookahead.counts)
@@ -133,7 +140,7 @@ def explore(field, rule, lookahead, prices, rate):
 
 @in_place_kernel
 def write_plan(lookahead, plan):
-    """Write the path as a plan. Return its length."""
+    """Write the path in ``lookahead.best`` to a plan. Return the number of commands."""
     best = lookahead.best
     first, second = best.first_length, best.second_length
     for i in range(first):

@@ -1,4 +1,7 @@
-"""Prediction of the cells behind the frontier by the experts of `occupancy_prior`, layer by layer."""
+"""Prediction of the unknown cells behind the frontier by the experts of `occupancy_prior`, in layers of cells.
+
+The first layer is the frontier. Each later layer consists of the unknown neighbours of cells that are predicted to be free.
+"""
 
 from __future__ import annotations
 
@@ -12,23 +15,23 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, LEAST, MODELS, PAIRS, around, counted_chance, place, steps_of
 
-UNLIKELY = 0.25  # probability below which a cell is predicted as wall before other cells are evaluated
-FEWEST = 4  # minimum number of cells seen in similar surroundings for predicting a wall
+UNLIKELY = 0.25  # probability below which the kernel predicts a wall before it predicts free cells
+FEWEST = 4  # minimum number of classified cells with similar surroundings for the prediction of a wall
 UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
 
 
 class OccupancyPrediction(NamedTuple):
-    """Known and predicted cells, as boards."""
+    """The known and the predicted cells, as boards, and working memory of the prediction."""
 
-    open: NDArray[np.uint64]  # known or predicted free cells
+    open: NDArray[np.uint64]  # cells known or predicted to be free
     known: NDArray[np.uint64]  # known or predicted cells
     inner: NDArray[np.uint64]  # all cells except the rim
-    cells: NDArray[np.int64]  # the cells of this layer, as 64 * word + bit
+    cells: NDArray[np.int64]  # the cells of the present layer, as 64 * word + bit
     following: NDArray[np.int64]  # the cells of the next layer
-    verdicts: NDArray[np.int8]  # marks of the cells of this layer
-    told: NDArray[np.float64]  # results of the learned expert for the cells of this layer
-    chances: NDArray[np.float64]  # results for each surroundings at each place; NOT_ASKED if not computed yet
+    verdicts: NDArray[np.int8]  # UNDECIDED, WALL or FREE for each cell of the present layer
+    told: NDArray[np.float64]  # results of the learned prior for the cells of the present layer
+    chances: NDArray[np.float64]  # results of `counted_chance` for all surroundings at all places; NOT_ASKED before the first use
     layers: int
     rows: int
     width: int
@@ -36,7 +39,7 @@ class OccupancyPrediction(NamedTuple):
 
 @in_place_kernel
 def predict(field, prior, learned, prediction, depth, likely, sure):
-    """Fill ``prediction.open`` with the known free cells and the cells predicted as free, layer by layer."""
+    """Write to ``prediction.open`` the known free cells and the cells predicted to be free, layer by layer."""
     size = np.int64(0)
     prediction.chances[:] = NOT_ASKED
     for i in range(field.open.shape[0]):
@@ -44,7 +47,7 @@ def predict(field, prior, learned, prediction, depth, likely, sure):
         prediction.known[i] = field.known[i]
         size = list_cells(prediction.cells, size, i, field.frontier[i])
     for layer in range(depth):
-        # All cells of a path must be free, so cells farther away need a higher probability.
+        # All cells of a path must be free, so cells in later layers need a higher probability.
         needed = max(likely, sure ** (1.0 / (layer + 1.0)))
         find_walls(prediction, prior, learned, size)
         if not find_free(prediction, prior, learned, size, needed):
@@ -54,7 +57,7 @@ def predict(field, prior, learned, prediction, depth, likely, sure):
 
 @in_place_kernel
 def list_cells(cells, size, i, word):
-    """Append the cells of one word of a board to a list. Return its length."""
+    """Append the cells in one word of a board to a list. Return the length of the list."""
     while word != ZERO:
         cells[size] = 64 * i + lowest(word)
         word &= word - ONE
@@ -64,7 +67,7 @@ def list_cells(cells, size, i, word):
 
 @in_place_kernel
 def counted(prediction, prior, cell, number):
-    """Return the result of `counted_chance`, which is computed once for each surroundings at each place."""
+    """Return the result of `counted_chance` for a cell. The kernel computes each result only once, and stores it."""
     at, places = place(prior, MODELS - 1, cell)
     entry = number * places + at
     if prediction.chances[entry] == NOT_ASKED:
@@ -74,7 +77,7 @@ def counted(prediction, prior, cell, number):
 
 @in_place_kernel
 def ask_learned(prediction, learned, cell):
-    """Return the learned expert's result for a cell, seen from the first side from which it can be entered."""
+    """Return the learned prior's probability that a cell is free, for the first side from which a particle can enter the cell."""
     for command in range(4):
         if is_open(prediction.open, cell - steps_of(prediction.rows, prediction.width, command)[0]):
             return learned_chance(learned, prediction.open, prediction.known, cell, command)
@@ -83,7 +86,10 @@ def ask_learned(prediction, learned, cell):
 
 @in_place_kernel
 def find_walls(prediction, prior, learned, size):
-    """Mark cells of the layer that are hardly ever free as known walls, so that corridors between them are recognized."""
+    """Predict the cells of the layer that are hardly ever free as walls, before the prediction of free cells.
+
+    The experts then recognize the corridors between predicted walls.
+    """
     opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
     directions = 4 if prediction.layers == 1 else 6
     for k in range(size):
@@ -108,7 +114,7 @@ def find_walls(prediction, prior, learned, size):
 
 @in_place_kernel
 def mixed(prediction, prior, k, number):
-    """Return the mixed probability of all experts that a cell of the layer is free."""
+    """Return the weighted mean of all experts' probabilities that cell number k of the layer is free."""
     share = prior.weights[LEARNED]
     if share <= LEAST:
         return counted(prediction, prior, prediction.cells[k], number)
@@ -119,14 +125,17 @@ def mixed(prediction, prior, k, number):
 
 @in_place_kernel
 def find_free(prediction, prior, learned, size, needed):
-    """Find the cells of the layer that are predicted free from every possible entry side. Return whether there are any."""
+    """Predict cells of the layer as free if their probability is above ``needed`` from every side that a particle can enter from.
+
+    Return whether the layer contains such a cell.
+    """
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
     for k in range(size):
         cell = prediction.cells[k]
         if prediction.verdicts[k] == WALL:
             continue
-        if share > LEAST and prediction.told[k] <= needed:  # the new walls may change the results
+        if share > LEAST and prediction.told[k] <= needed:  # walls predicted by `find_walls` may change the result
             prediction.told[k] = ask_learned(prediction, learned, cell)
         for command in range(directions):
             step, side = steps_of(prediction.rows, prediction.width, command)
@@ -142,7 +151,7 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Return whether a cell is on a board. Cells beyond the board are not."""
+    """Return whether a board contains a cell. A cell outside the board is not contained."""
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
@@ -155,7 +164,10 @@ def mark(board, cell):
 
 @in_place_kernel
 def next_layer(prediction, size):
-    """Mark the layer as known and continue behind its free cells. Return the number of cells of the next layer."""
+    """Mark the cells of the layer as known, and list the unknown neighbours of its free cells as the next layer.
+
+    Return the number of cells in the next layer.
+    """
     for k in range(size):
         mark(prediction.known, prediction.cells[k])
         if prediction.verdicts[k] == FREE:
@@ -164,13 +176,13 @@ def next_layer(prediction, size):
     for k in range(size):
         if prediction.verdicts[k] != FREE:
             continue
-        cell = prediction.cells[k]  # it is not on the rim, so it has all its neighbours
+        cell = prediction.cells[k]  # a free cell is not on the rim, so it has all neighbours
         for step in (np.int64(1), row, row * prediction.rows):
             if step == row * prediction.rows and prediction.layers == 1:
                 continue
             for near in (cell - step, cell + step):
                 if not (prediction.known[near >> 6] >> np.uint64(near & 63)) & ONE:
-                    mark(prediction.known, near)  # so that it is listed once
+                    mark(prediction.known, near)  # so that the loop lists the cell only once
                     prediction.following[following] = near
                     following += 1
     for k in range(following):

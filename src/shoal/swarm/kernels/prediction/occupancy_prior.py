@@ -1,12 +1,15 @@
-"""Probability that a cell is free: a mixture of experts, weighted by their predictions in this episode so far.
+"""Probability that a cell is free: a mean of several experts, weighted by their predictions in the episode so far.
 
-The counting experts are chains of fractions of free cells, from coarse to fine, each smoothed towards the previous one. Model 0
-uses the known cells around a cell, seen from the free neighbour from which it is entered: the cell two behind, the two beside that
-neighbour, and the two beside the cell. Model m > 0 also uses the cell's position modulo 2 to the m, because corridors of mazes,
-trees and chips often lie on a lattice. These experts start without knowledge in each episode. The last expert is a network trained
-on maps (`learned_prior`). When a cell is classified, every expert is evaluated before it learns the result. Its weight is
-multiplied by the probability that it gave to the result. A small fraction of all weight is redistributed evenly each time, so that
-another expert can take over.
+The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. Fine
+surroundings are smoothed towards coarse surroundings. A particle enters a cell from a free neighbour. The surroundings of the cell
+are five cells: the cell behind the free neighbour, the two cells beside the free neighbour, and the two cells beside the cell
+itself. Model m > 0 also uses the position of the cell modulo 2 to the power m, because corridors of mazes, trees and chips often
+lie on a lattice. In each episode, the count experts start without counts. The last expert is a network trained on maps
+(`learned_prior`).
+
+When a cell is classified, every expert estimates the probability of a free cell before it learns the result. The weight of an
+expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
+weight is distributed evenly, so that another expert can gain weight again.
 
 Sources: docs/concepts/prediction.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984); M.
 Herbster, M. K. Warmuth, Tracking the best expert, Machine Learning 32 (1998).
@@ -25,39 +28,39 @@ from shoal.swarm.kernels.dynamics.moves import DOWN, IN, LEFT, RIGHT, UP
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 
 MODELS = 4
-LEARNED = MODELS  # index of the expert after the counting ones
+LEARNED = MODELS  # index of the learned expert, after the count experts
 EXPERTS = MODELS + 1
-STATES, PAIRS = 3, 6  # states of a cell: unknown, free, obstacle; unordered pairs of them
-COARSE = STATES * PAIRS  # number of coarse surroundings: the cell behind the neighbour, and the pair beside the neighbour
-FINE = COARSE * PAIRS  # number of fine surroundings: these cells, and the pair beside the cell
-# Order of the tallies: one for all cells; then, for each model, those for coarse surroundings at each place, and for fine ones.
-WEIGHT = 2.0  # weight of the coarser fraction in cells
-DEALT = 0.002  # fraction of all weight that is redistributed evenly at each classification
-LEAST = 0.01  # weight below which an expert is not evaluated for a prediction
+STATES, PAIRS = 3, 6  # number of states of a cell (unknown, free, obstacle); number of unordered pairs of states
+COARSE = STATES * PAIRS  # number of coarse surroundings: cell behind the free neighbour, pair beside the free neighbour
+FINE = COARSE * PAIRS  # number of fine surroundings: coarse surroundings, and the pair beside the cell
+# Order of the tallies: one tally for all cells; then, for each model, tallies of coarse and of fine surroundings at each place.
+WEIGHT = 2.0  # weight of the coarser fraction, in cells
+DEALT = 0.002  # fraction of all weight that each classification distributes evenly over the experts
+LEAST = 0.01  # weight below which predictions leave out an expert
 
 
 class OccupancyPrior(NamedTuple):
-    """The learned counts and weights."""
+    """The counts and the weights of the experts."""
 
-    # (places, 2): number of classified cells, and of free cells among them; the first row is for all cells
+    # (places, 2): number of classified cells, number of free cells among the classified cells; row 0 is for all cells
     tallies: NDArray[np.int64]
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
     told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last cell is free
-    before: NDArray[np.uint64]  # a board: the cells known before the last command
+    before: NDArray[np.uint64]  # the cells known before the last command
     layers: int
     rows: int  # rows per layer
     width: int  # words per row
 
 
 def size_of(layers: int) -> int:
-    """Return the number of tallies that a prior needs."""
+    """Return the number of tallies that the count experts need for a map with ``layers`` layers."""
     axes = 2 if layers == 1 else 3
     return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
 
 @in_place_kernel
 def state_of(opened, known, cell):
-    """Return 0 for an unknown cell, 1 for a free cell, 2 for an obstacle. A cell is given as 64 * word + bit."""
+    """Return 0 for an unknown cell, 1 for a free cell, and 2 for an obstacle. ``cell`` is 64 * word + bit."""
     word, bit = cell >> 6, np.uint64(cell & 63)
     certain = (known[word] >> bit) & ONE
     return np.int64(certain + certain - (certain & (opened[word] >> bit)))
@@ -65,7 +68,7 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return the offsets of a command's next cell and of the cell to one side, in cell numbers."""
+    """Return the offsets, in cell numbers, from a cell to the next cell of a command and to a cell beside it."""
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -77,7 +80,7 @@ def steps_of(rows, width, command):
 
 @in_place_kernel
 def pair_at(opened, known, cell, side):
-    """Return a number 0 to 5 for the unordered states of the two cells on both sides of a cell."""
+    """Return a number from 0 to 5 for the unordered pair of states of the two cells on both sides of a cell."""
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
     low, high = min(one, other), max(one, other)
     return high * (high + 1) // 2 + low
@@ -85,7 +88,7 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number of the surroundings of a cell that is entered by a step from a free cell.
+    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
 
     The free cell is not on the rim of the board, so all surrounding cells are on the board.
     """
@@ -96,7 +99,7 @@ def around(opened, known, cell, step, side):
 
 @in_place_kernel
 def place(prior, model, cell):
-    """Return (index of a cell's position modulo 2 to the power ``model``, number of such positions)."""
+    """Return (index of a cell's position modulo 2 to the power ``model``, number of possible positions)."""
     mask = (np.int64(1) << model) - 1
     row = (cell >> 6) // prior.width
     if prior.layers == 1:
@@ -107,13 +110,13 @@ def place(prior, model, cell):
 
 @in_place_kernel
 def smoothed(tallies, entry, likely):
-    """Return the fraction of free cells in one tally, smoothed towards a coarser fraction."""
+    """Return the fraction of free cells in one tally, smoothed towards the coarser fraction ``likely``."""
     return (tallies[entry, 1] + WEIGHT * likely) / (tallies[entry, 0] + WEIGHT)
 
 
 @in_place_kernel
 def chance(prior, model, number, cell):
-    """Return one model's probability that a cell is free. ``number`` identifies its surroundings."""
+    """Return the probability of one count expert that a cell is free. ``number`` identifies the surroundings of the cell."""
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely = smoothed(tallies, 0, 0.5)
     for level in range(model):
@@ -127,7 +130,7 @@ def chance(prior, model, number, cell):
 
 @in_place_kernel
 def counted_chance(prior, number, cell):
-    """Return the mixed probability of the counting models that a cell is free."""
+    """Return the weighted mean of the count experts' probabilities that a cell is free."""
     some, total = 0.0, 0.0
     for model in range(MODELS):
         if prior.weights[model] > LEAST:
@@ -138,7 +141,10 @@ def counted_chance(prior, number, cell):
 
 @in_place_kernel
 def learn(prior, number, cell, free):
-    """Evaluate every model for a cell, like `chance`, and count the cell. Each model builds on the result of the previous one."""
+    """Evaluate every count expert for a cell, as in `chance`, and then count the cell.
+
+    Each count expert builds on the result of the previous count expert.
+    """
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)
     tallies[0, 0] += 1
@@ -156,7 +162,10 @@ def learn(prior, number, cell, free):
 
 @in_place_kernel
 def weigh(prior, free):
-    """Multiply each expert's weight by its probability of the result, and then redistribute a fraction of all weight."""
+    """Multiply each expert's weight by the probability that the expert gave to the result.
+
+    Then distribute a small fraction of all weight evenly.
+    """
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):
         weights[expert] *= prior.told[expert] if free else 1.0 - prior.told[expert]
@@ -169,7 +178,7 @@ def weigh(prior, free):
 
 @in_place_kernel
 def learn_from_command(field, prior, learned, command):
-    """Learn from the classifications of the last command."""
+    """Learn from all cells that the last command has classified."""
     before = prior.before
     step, side = steps_of(prior.rows, prior.width, command)
     for i in range(field.known.shape[0]):
