@@ -238,7 +238,7 @@ def _most() -> tuple[str, bool]:
     "the remaining distance from the goals falls as 8.66 / length³, where length is the length of the plan in diameters",
     "the printed law holds only if particle 2 always touches the wall. If the particle nearer to its contact point touches the "
     "wall, a plan of half the printed length brings the particles within 0.01 diameters of the goals",
-    "a program computes plans in which particle 2 always touches the wall, cycle by cycle. The program also computes plans in "
+    "a program computes plans in which particle 2 always touches the wall, cycle by cycle. The program computes plans in "
     "which the particle nearer to its contact point touches the wall",
 )
 def _law() -> tuple[str, bool]:

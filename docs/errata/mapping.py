@@ -151,7 +151,7 @@ def _full() -> tuple[str, bool]:
     "contain, subset coverage of 20 % takes 874, 100 and 9.2 moves for n = 100, 1000 and 4000 particles. On the authors' map, "
     "subset coverage of 10 % takes 714, 82 and 7.8 moves for n = 100, 1000 and 4000 particles. The paper prints 836, 99 and 9.3 "
     "moves for n = 100, 1000 and 4000 particles. On generated vessels with n = 4000 particles, the published number of moves "
-    "also fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided by the "
+    "fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided by the "
     "published moves of coverage, fit a share of 10 %",
     "a program runs episodes of the policy closest-frontier with coverage of all free cells, and with subset coverage of 10 % "
     "and of 20 % of the free cells. The program runs 120 episodes for each case on three maps of vessels, and 40 episodes for "
@@ -181,15 +181,15 @@ def _subset() -> tuple[str, bool]:
             words.append(
                 f"With {n} particles on {where}, subset coverage takes {tenth:.2f} (10 % of the cells) and "
                 f"{fifth:.2f} (20 % of the "
-                f"cells) times the moves of coverage, and {there:.2f} times as published"
+                f"cells) times the moves of coverage; the published ratio is {there:.2f}"
             )
     assert part.std is not None  # the file has standard deviations
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials
     tenths, fifths = moves["vessels", 4000, "10 %"], moves["vessels", 4000, "20 %"]
     spans = [f"{middle:.1f} ± {half:.1f}" for middle, half in (tenths, fifths, (mean, 2 * error))]
     last = (
-        "With 4000 particles on vessels, subset coverage takes {} moves for 10 % of the cells, {} moves for 20 % of the cells, and "
-        "{} moves as published"
+        "With 4000 particles on vessels, subset coverage takes {} moves for 10 % of the cells, {} moves for 20 % of the "
+        "cells; the published number of moves is {}"
     ).format(*spans)
     as_a_fifth = tenths[0] + tenths[1] < mean - 2 * error and abs(fifths[0] - mean) < fifths[1] + 2 * error
     text = ". ".join([*words, last])

@@ -70,10 +70,10 @@ def _boundary() -> tuple[str, bool]:
     "papers M, D, section III.A.2",
     "visiting all m cells of a row takes 2p + m - p' + 1 + max(g - (p + m - p'), 0) moves, where p and p' are the positions of "
     "the first and the last particle and g is the largest gap",
-    "visiting all m cells of a row takes p moves to the left, where p is the position of the first particle. Visiting all cells "
-    "then takes the larger of two numbers of moves to the right: the moves to the right end, and the moves that close all gaps "
-    "between particles. If closing all gaps takes more moves than reaching the right end, the printed formula counts too many "
-    "moves",
+    "visiting all m cells of a row takes p moves to the left, where p is the position of the first particle. After the moves to "
+    "the left, visiting all cells takes the larger of two numbers of moves to the right: the moves to the right end, and the "
+    "moves that close all gaps between particles. If closing all gaps takes more moves than reaching the right end, the printed "
+    "formula counts too many moves",
     "a program simulates all placements of n = 3 particles in a row of m = 12 cells, particle by particle",
 )
 def _coverage() -> tuple[str, bool]:
@@ -125,8 +125,8 @@ def _published_coverage() -> tuple[str, bool]:
     "a search for a wall at distance D, with scans after 1, 2, 4, ... moves, makes at most log2 D scans",
     "a search with scans after 1, 2, 4, ... moves makes at most log2 D + 3 scans, including the scan at the start. If D is a "
     "power of 2, the search makes exactly log2 D + 3 scans, because finding a wall at distance D takes D + 1 moves",
-    "a program simulates the search with scans after 1, 2, 4, ... moves for all distances D from 1 to 4096. The program also "
-    "simulates a search that makes 1, 2, 4, ... moves between its scans",
+    "a program simulates the search with scans after 1, 2, 4, ... moves for all distances D from 1 to 4096. The program "
+    "simulates a second search, which makes 1, 2, 4, ... moves between its scans",
 )
 def _doubling() -> tuple[str, bool]:
     def scans(distance: int, *, between: bool) -> int:

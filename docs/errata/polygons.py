@@ -110,8 +110,8 @@ def _triangles() -> tuple[str, bool]:
         missed = max(missed, *(1 - float(filling.fractions[1]) for filling in fillings))
         most = max(most, *(filling.moves or 8 for filling in fillings))
     found = (
-        f"in the four triangles, four moves reach all differences from {', '.join(map(str, four))} of 8 starts. From the other "
-        f"starts in these triangles, four moves miss up to {100 * missed:.1f} % of the differences"
+        f"in the four triangles, four moves reach all differences from {', '.join(map(str, four))} of 8 starts. From all "
+        f"other starts in the four triangles, four moves miss up to {100 * missed:.1f} % of the differences"
     )
     return f"{found}. In the four triangles, six moves reach all differences from every start", four[0] < 8 and sum(
         four
