@@ -1,4 +1,4 @@
-"""Merging of cycles that cannot be merged without extra length, cheapest pair of neighbouring cells first."""
+"""Merging of cycles that cannot merge without additional length. The cheapest pair of neighbouring cells comes first."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ TOUCHED = 4096
 
 @kernel
 def best_exchange(links, c, a, width):
-    """Return (cost, d, b) of the cheapest exchange of edges c-d and a-b for c-a and d-b.
+    """Return (cost, d, b) of the cheapest exchange that replaces the edges c-d and a-b by the edges c-a and d-b.
 
-    Among exchanges of equal cost, the result is the one that removes the longest edges.
+    Among exchanges of equal cost, the result is the exchange that removes the longest edges.
     """
     cost, longest, best_d, best_b = np.inf, -1.0, c, a
     new = apart(c, a, width)
@@ -34,7 +34,7 @@ def best_exchange(links, c, a, width):
 
 @kernel
 def offer(heap, mask, links, parent, c):
-    """Add the exchanges of cell c with its neighbours in other cycles to the heap."""
+    """Add to the heap the exchanges between cell c and its neighbouring cells in other cycles."""
     height, width = mask.shape
     row, col = c // width, c % width
     for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
@@ -48,7 +48,7 @@ def offer(heap, mask, links, parent, c):
 
 @kernel
 def attach(mask, links, parent):
-    """Merge all cycles of a connected component into one by the cheapest exchanges. Call `grow` after each exchange."""
+    """Merge all cycles of a connected component into one cycle by the cheapest exchanges. Call `grow` after each exchange."""
     width = mask.shape[1]
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     touched = np.empty(TOUCHED, dtype=np.int64)

@@ -1,8 +1,9 @@
-"""Cycles of cells that are merged into one: the tour around a spanning tree of blocks, and the cells of partial blocks.
+"""Cycles of cells, merged into one tour: the cycle around a spanning tree of blocks, and the cells of partial blocks.
 
-A cycle has no direction: row k of ``links`` (H * W, 2) contains the cells before and after cell k. A single cell is a cycle that
-links to itself twice. Two cells form a cycle in which each links to the other twice. Two cycles are merged by exchanging an edge
-c-d of one and an edge a-b of the other for c-a and d-b. ``parent`` (H * W) is a union-find forest of the cycles.
+A cycle has no direction. Row k of ``links`` (H * W, 2) contains the two neighbours of cell k in its cycle. A single cell is a cycle
+that links to itself twice. Two cells form a cycle in which each cell links to the other cell twice. To merge two cycles, the kernel
+replaces an edge c-d of one cycle and an edge a-b of the other cycle by the edges c-a and d-b. The array ``parent`` (H * W) is a
+union-find forest of the cycles.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from shoal.jit import kernel
 
 @kernel
 def find(parent, k):
-    """Return the root of cell k, with path halving."""
+    """Return the root of cell k in the union-find forest. The search halves the path to the root (path halving)."""
     while parent[k] != k:
         parent[k] = parent[parent[k]]
         k = parent[k]
@@ -28,7 +29,7 @@ def relink(links, k, old, new):
 
 @kernel
 def merge(links, parent, c, d, a, b):
-    """Exchange the edges c-d and a-b of two cycles for c-a and d-b."""
+    """Merge two cycles: replace the edge c-d of one cycle and the edge a-b of the other cycle by the edges c-a and d-b."""
     relink(links, c, d, a)
     relink(links, d, c, b)
     relink(links, a, b, c)
@@ -38,7 +39,7 @@ def merge(links, parent, c, d, a, b):
 
 @kernel
 def ring(links, parent, k, width):
-    """Make a cycle of the 2 x 2 cells whose upper left cell is k."""
+    """Make a cycle of 2 x 2 cells. The upper left cell is k."""
     corners = (k, k + 1, k + width + 1, k + width)
     for i in range(4):
         links[corners[i], 0], links[corners[i], 1] = corners[i - 1], corners[(i + 1) % 4]
@@ -47,11 +48,11 @@ def ring(links, parent, k, width):
 
 @kernel
 def tree_of_blocks(full, origin, width, along_rows, links, parent):
-    """Make a cycle of each full block, and merge neighbouring ones into a spanning tree of blocks by Kruskal's algorithm.
+    """Make a cycle of each full block of 2 x 2 cells, and merge neighbouring cycles along a spanning tree by Kruskal's algorithm.
 
-    ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first one. All links along one direction come
-    first, and then those across, line by line. So the tree consists of straight corridors and one spine across them where the
-    region permits, and the tour has few turns.
+    ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first block. Kruskal's algorithm first tries all
+    links along one direction, and then the links across this direction, line by line. The spanning tree therefore consists of
+    straight corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -86,7 +87,7 @@ def is_single(links, k):
 
 @kernel
 def border(mask, parent, listed):
-    """List the cells beside a cell of another cycle. Return their number."""
+    """List the cells that have a neighbour in another cycle. Return the number of listed cells."""
     height, width = mask.shape
     at_border = np.zeros(mask.size, dtype=np.bool_)
     for row in range(height):
@@ -111,7 +112,8 @@ def border(mask, parent, listed):
 def grow(mask, links, parent, queue, queued, head, count, touched):
     """Merge all cells beside an edge of a queued cell that do not lengthen the tour. Return the number of changed cells.
 
-    Beside an edge c-d lie two cells a and b: an edge of another cycle, or two single cells. ``queue`` is a ring buffer.
+    Two cells a and b lie beside an edge c-d. The kernel merges a and b if they are an edge of another cycle, or two single cells.
+    The array ``queue`` is a ring buffer.
     """
     height, width = mask.shape
     n_touched = 0
@@ -148,7 +150,10 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 
 @kernel
 def beside(c, d, side, height, width):
-    """Return the cells beside c and d if c and d are neighbours and these cells are in the grid, otherwise (-1, -1)."""
+    """Return the cells beside c and d, on the side ``side`` of the edge c-d.
+
+    If c and d are not neighbours, or if a cell beside them is outside the grid, return (-1, -1).
+    """
     row, col = c // width, c % width
     if abs(c - d) == 1 and row == d // width:
         row += side
@@ -165,7 +170,7 @@ def beside(c, d, side, height, width):
 
 @kernel
 def grow_everywhere(mask, links, parent):
-    """Grow from all cells, make cycles of remaining 2 x 2 single cells, and grow again."""
+    """Grow the cycles from all cells. Then make cycles of the remaining squares of 2 x 2 single cells, and grow again."""
     height, width = mask.shape
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)
@@ -196,9 +201,10 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells sorted by cycle. ``starts`` contains the beginning of each cycle, and the end of the last one. The
-    first cycle begins at its first member. Every other cycle begins at its cell nearest to the end of the previous cycle, and is
-    opened at the longer edge of that cell.
+    ``members`` are the cells, sorted by cycle. ``starts`` contains the index of the first cell of each cycle, and the end of the
+    last cycle. The first cycle begins at its first cell in ``members``. Every other cycle begins at its cell nearest to the end of
+    the previous cycle. The kernel opens each cycle at the longer one of the two edges of its begin cell. If only one cycle exists,
+    the kernel opens it at the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):
@@ -213,7 +219,7 @@ def chains(links, width, members, starts, order):
         one, other = links[entry, 0], links[entry, 1]
         longer = apart(entry, one, width) >= apart(entry, other, width)
         if len(starts) == 2:
-            longer = not longer  # a single cycle stays closed, so its closing edge should be short
+            longer = not longer  # a tour of one cycle stays closed, so its closing edge should be short
         before, here, after = entry, entry, other if longer else one
         while True:
             order[at] = here
@@ -227,6 +233,6 @@ def chains(links, width, members, starts, order):
 
 @kernel
 def apart(a, b, width):
-    """Return the distance between two cells."""
+    """Return the straight distance between two cells."""
     row, col = a // width - b // width, a % width - b % width
     return np.sqrt(float(row * row + col * col))

@@ -1,9 +1,10 @@
-"""Conversion between indices and cells of Hilbert and Moore curves, with several levels per table look-up and no recursion.
+"""Conversion between indices and cells of Hilbert and Moore curves. One table look-up converts several levels of the curve.
 
-Table look-ups use unsigned indices, which avoids tests for negative ones and halves the time.
+The table look-ups use unsigned indices. Unsigned indices need no tests for negative values, which halves the time.
 
-All functions take the output array last. They return the number of the first entry out of range, or -1. A cell (row, col) of the
-square with 2^order cells per side has x = col and y = 2^order - 1 - row; a cell (layer, row, col) also has z = layer.
+The last argument of each encoder and decoder is the output array. The encoders and decoders return the number of the first entry
+out of range, or -1. A square has 2^order cells along each side. A cell (row, col) of the square has the coordinates x = col and y =
+2^order - 1 - row. In three dimensions, a cell (layer, row, col) also has the coordinate z = layer.
 """
 
 from __future__ import annotations
@@ -19,12 +20,15 @@ WIDTH_2, WIDTH_3 = 2 * LEVELS_2, 3 * LEVELS_3
 DIGITS_2, DIGITS_3 = (1 << WIDTH_2) - 1, (1 << WIDTH_3) - 1
 SIDE_2, SIDE_3 = (1 << LEVELS_2) - 1, (1 << LEVELS_3) - 1
 TRANSPOSED = int(BEGIN_2[1])
-"""The state of the curve from the origin to the far end of y."""
+"""The state of the curve that leads from the origin to the far end of the y axis."""
 
 
 @kernel
 def index_of(x, y, order, state):
-    """Return the index of (x, y) on the curve of this order that begins in this state; 0 <= x, y < 2^order."""
+    """Return the index of the cell (x, y) on the curve of a given order that begins in ``state``.
+
+    The coordinates x and y are from 0 to 2^order - 1.
+    """
     looks = (order + LEVELS_2 - 1) // LEVELS_2
     index = 0
     for look in range(looks - 1, -1, -1):
@@ -38,7 +42,10 @@ def index_of(x, y, order, state):
 
 @kernel
 def place_of(index, order, state):
-    """Return (x, y) of an index on the curve of this order that begins in this state; 0 <= index < 4^order."""
+    """Return (x, y) of an index on the curve of a given order that begins in ``state``.
+
+    The index is from 0 to 4^order - 1.
+    """
     looks = (order + LEVELS_2 - 1) // LEVELS_2
     x = y = 0
     for look in range(looks - 1, -1, -1):
@@ -51,10 +58,10 @@ def place_of(index, order, state):
 
 @kernel
 def begin_of(order, transposed):
-    """Return the initial state for which the curve, after the leading zeros, has state 0 or its transpose."""
+    """Return the initial state for which the curve has state 0, or the transposed state, after the leading zeros."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
-        filled = (filled + 1) % 2  # each level of leading zeros transposes the curve
+        filled = (filled + 1) % 2  # each level of leading zeros transposes the curve once more once more
     return BEGIN_2[filled]
 
 
@@ -63,7 +70,7 @@ def encode_2(cells, order, indices):
     begin, top = begin_of(order, False), (1 << order) - 1
     for k in range(len(cells)):
         row, col = cells[k, 0], cells[k, 1]
-        if (row | col) >> order != 0:  # a negative number stays negative when shifted, so this also finds it
+        if (row | col) >> order != 0:  # a shifted negative number stays negative, so the test also finds negative numbers
             return k
         indices[k] = index_of(col, top - row, order, begin)
     return -1
@@ -84,7 +91,10 @@ def decode_2(indices, order, cells):
 
 @kernel
 def encode_moore(cells, order, indices):
-    """Encode on the Moore curve: up through two Hilbert curves of order - 1 on the left, and down through two on the right."""
+    """Encode cells on the Moore curve, which consists of four Hilbert curves of order - 1.
+
+    The Moore curve leads up through two Hilbert curves on the left, and down through two Hilbert curves on the right.
+    """
     if order == 0:
         indices[:] = 0
         return first_other_than_zero(cells)

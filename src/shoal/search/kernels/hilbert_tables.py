@@ -1,8 +1,9 @@
-"""State tables of the Hilbert curve, with several levels per look-up.
+"""State tables of the Hilbert curve, which convert several levels of the curve per look-up.
 
-One level of a curve in n dimensions visits the 2^n parts of a cube in Gray-code order, rotated and mirrored. The *state* is this
-rotation and mirroring. The states and their successors are from C. Hamilton, "Compact Hilbert indices", technical report
-CS-2006-07, Dalhousie University, section 2: an entry corner and a direction. Here they become tables for several levels.
+One level of a curve in n dimensions visits the 2^n parts of a cube in the order of a Gray code, rotated and mirrored. The *state*
+describes the rotation and the mirroring by an entry corner and a direction. The states and their successors are from C. Hamilton,
+"Compact Hilbert indices", technical report CS-2006-07, Dalhousie University, section 2. This module combines several levels of
+states into one table.
 """
 
 from __future__ import annotations
@@ -11,18 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 LEVELS_2, LEVELS_3 = 5, 3
-"""Levels per look-up in 2 and 3 dimensions: tables of 8 and 24 KiB, which fit into the fastest cache."""
+"""Numbers of levels per look-up in 2 and 3 dimensions. The tables have 8 and 24 KiB and fit into the fastest cache."""
 
 
 def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (parts, following), each of shape (states, 2^dimensions): the visited parts in order, and the state in each.
+    """Return (parts, following), each of shape (states, 2^dimensions): the visited parts in order, and the state in each part.
 
-    Bit j of a part is the side along axis j. State 0 begins at the origin, leaves along axis 1 and ends at the far end of axis 0.
+    Bit j of a part is the side of the cube along axis j. The curve with state 0 begins at the origin, first leads along axis 1, and
+    ends at the far end of axis 0.
     """
     count = 1 << dimensions
     states = [(0, 0)]
     parts, following = [], []
-    for entry, direction in states:  # the loop appends to this list
+    for entry, direction in states:  # the loop appends new states to the list ``states``
         parts.append([_rotated(rank ^ (rank >> 1), direction + 1, dimensions) ^ entry for rank in range(count)])
         row = []
         for rank in range(count):
@@ -51,15 +53,16 @@ def _turn(rank: int, dimensions: int) -> int:
     if rank == 0:
         return 0
     odd = rank if rank % 2 else rank - 1
-    return ((odd ^ (odd + 1)).bit_length() - 1) % dimensions  # the number of ones at the low end
+    return ((odd ^ (odd + 1)).bit_length() - 1) % dimensions  # the number of ones at the low end of ``odd``
 
 
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
     """Return (decoding, encoding, begin) for ``levels`` levels per look-up.
 
-    ``decoding[state << n * levels | digits]`` contains the next state, shifted in the same way, and below it the coordinates, with
-    axis j in the bits from j * levels. ``encoding`` has digits and coordinates exchanged. ``begin[k]`` is the shifted state from
-    which k levels of zeros lead to state 0. Orders that are not a multiple of ``levels`` are padded with leading zeros.
+    The entry ``decoding[state << n * levels | digits]`` contains the shifted next state, and in its lower bits the coordinates. The
+    bits from j * levels on contain the coordinate of axis j. The table ``encoding`` exchanges digits and coordinates. The entry
+    ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. Leading zeros extend an order that is not a
+    multiple of ``levels``.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels

@@ -1,9 +1,9 @@
-"""Back and forth over any mask: runs of cells, chains of consecutive runs, and the path from chain to chain.
+"""Back and forth over any mask: runs of cells, chains of runs in consecutive rows, and the path from chain to chain.
 
-A *run* consists of a row's cells between two gaps. Where the region neither splits nor joins, runs of consecutive rows correspond
-one to one and form a *chain*, which is swept back and forth. A chain is called a cell in H. Choset, "Coverage of known
-spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. Chains are visited depth first. The next chain is the
-unvisited neighbour with the nearest end.
+A *run* consists of the cells of a row between two gaps. Where the region neither splits nor joins, each run touches one run of the
+next row, and the runs form a *chain*. The path sweeps each chain back and forth. In H. Choset, "Coverage of known spaces: the
+boustrophedon cellular decomposition", Autonomous Robots 9, 2000, a chain is called a cell. The path visits the chains depth first.
+The next chain is the unvisited neighbour whose end is nearest to the present cell.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ import numpy as np
 from shoal.jit import kernel
 
 LOOK = 64
-"""Maximum number of a chain's unvisited neighbours that are compared."""
+"""Maximum number of unvisited neighbours of a chain that the search compares."""
 
 
 @kernel
 def runs_of(mask):
-    """Return (row, begin, end) of all runs, with end one past the last cell; int64, shape (R, 3), in reading order."""
+    """Return (row, begin, end) of all runs in reading order; int64, shape (R, 3). ``end`` is one past the last cell of a run."""
     height, width = mask.shape
     count = 0
     for row in range(height):
@@ -38,7 +38,7 @@ def runs_of(mask):
 
 @kernel
 def overlaps(runs):
-    """Return (above, below): pairs of touching runs in consecutive rows, sorted by the lower run."""
+    """Return (above, below): the indices of all pairs of touching runs in consecutive rows, sorted by the lower run."""
     above, below = np.empty(2 * len(runs), dtype=np.int64), np.empty(2 * len(runs), dtype=np.int64)
     count, upper = 0, 0
     for lower in range(len(runs)):
@@ -55,7 +55,11 @@ def overlaps(runs):
 
 @kernel
 def chains_of(runs, above, below):
-    """Return (chain, first, last, following): each run's chain, each chain's first and last run, and each run's successor."""
+    """Return (chain, first, last, following) for the chains of runs.
+
+    ``chain`` is the chain of each run. ``first`` and ``last`` are the first and the last run of each chain. ``following`` is the
+    next run of each run in its chain, or -1 at the end of the chain.
+    """
     n = len(runs)
     up, down, over = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, -1)
     for k in range(len(above)):
@@ -79,7 +83,10 @@ def chains_of(runs, above, below):
 
 @kernel
 def neighbours_of(chain, count, above, below):
-    """Return (offsets, others): the chains that touch each chain."""
+    """Return (offsets, others): the chains that touch each chain.
+
+    The chains that touch chain k are ``others[offsets[k]:offsets[k + 1]]``.
+    """
     offsets = np.zeros(count + 1, dtype=np.int64)
     for k in range(len(above)):
         a, b = chain[above[k]], chain[below[k]]
@@ -100,7 +107,11 @@ def neighbours_of(chain, count, above, below):
 
 @kernel
 def nearest_end(runs, first, last, row, col):
-    """Return (squared distance, from_last, from_right) of the end of a chain that is nearest to a cell."""
+    """Return (squared distance, from_last, from_right) of the end of a chain that is nearest to the cell (row, col).
+
+    ``from_last`` tells whether the end lies in the last run of the chain. ``from_right`` tells whether the end is the right end of
+    its run.
+    """
     best, from_last, from_right = np.int64(2) ** 62, False, False
     for bottom in (False, True):
         run = runs[last if bottom else first]
@@ -114,7 +125,7 @@ def nearest_end(runs, first, last, row, col):
 
 @kernel
 def sweep(runs, first, last, following, previous, from_last, from_right, cells, at):
-    """Write the cells of a chain back and forth from the given end. Return the row after the last one written."""
+    """Write the cells of a chain to ``cells``, back and forth from the given end. Return the row after the last row written."""
     run = last if from_last else first
     while run >= 0:
         row, begin, end = runs[run]
@@ -129,7 +140,7 @@ def sweep(runs, first, last, following, previous, from_last, from_right, cells, 
 
 @kernel
 def sweep_all(mask, cells):
-    """Write the cells of the mask in the order of the sweep: (row, col), int64, shape (N, 2)."""
+    """Write all cells of the mask to ``cells`` in the order of the sweep: (row, col), int64, shape (N, 2)."""
     runs = runs_of(mask)
     above, below = overlaps(runs)
     chain, first, last, following = chains_of(runs, above, below)
@@ -164,7 +175,10 @@ def sweep_all(mask, cells):
 
 @kernel
 def choose(runs, first, last, offsets, others, visited, pointer, here, row, col):
-    """Return (chain, from_last, from_right) of the nearest end among a chain's unvisited neighbours; -1 if there are none."""
+    """Return (chain, from_last, from_right) of the nearest end of an unvisited chain that touches chain ``here``.
+
+    If all chains that touch chain ``here`` are visited, the first number is -1.
+    """
     while pointer[here] < offsets[here + 1] and visited[others[pointer[here]]]:
         pointer[here] += 1
     found, nearest, from_last, from_right = -1, np.int64(2) ** 62, False, False

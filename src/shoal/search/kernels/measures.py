@@ -1,4 +1,7 @@
-"""Metrics along a tour: steps, turns, distances of neighbours. Cells are int64, shape (N, 3)."""
+"""Measures of a tour: lengths of steps, turns, and distances of neighbouring cells along the tour.
+
+Cells are int64, shape (N, 3).
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from shoal.jit import kernel
 
 @kernel
 def squared_steps(cells, squares):
-    """Write the squared length of each step to the next cell; the last cell's step leads to the first."""
+    """Write to ``squares`` the squared length of the step from each cell to the next one. The last step leads to the first cell."""
     n = len(cells)
     for k in range(n):
         after = k + 1 if k + 1 < n else 0
@@ -22,7 +25,10 @@ def squared_distance(cells, a, b):
 
 @kernel
 def count_turns(cells, closed):
-    """Return the number of cells at which the direction changes; for a closed tour including the first and last."""
+    """Return the number of cells at which the tour changes its direction.
+
+    In a closed tour, the first and the last cell count, too.
+    """
     n, turns = len(cells), 0
     if n < 3:
         return 2 if closed and n == 2 else 0
@@ -37,7 +43,11 @@ def count_turns(cells, closed):
 
 @kernel
 def neighbour_gaps(position, closed, n):
-    """Return (sum, pairs): the distances along the tour over all pairs of neighbouring cells. ``position`` has shape (L, H, W)."""
+    """Return (sum, pairs) of the distances along the tour between neighbouring cells.
+
+    ``pairs`` is the number of pairs of neighbouring cells, and ``sum`` is the sum of their distances along the tour. The array
+    ``position`` has the shape (L, H, W).
+    """
     total, pairs = 0, 0
     layers, rows, cols = position.shape
     for z in range(layers):
@@ -58,7 +68,10 @@ def neighbour_gaps(position, closed, n):
 
 @kernel
 def dilation(cells, closed):
-    """Return the largest ratio of a squared straight distance to the distance along the tour, which is 1, 2, 3, 4, 6, 8, 12, ..."""
+    """Return the largest ratio of the squared straight distance of two cells to their distance along the tour.
+
+    The kernel tests only pairs of cells at the distances 1, 2, 3, 4, 6, 8, 12, ... along the tour.
+    """
     n = len(cells)
     reach = n // 2 if closed else n - 1
     worst, apart, power = 0.0, 1, 1
@@ -78,7 +91,7 @@ def dilation(cells, closed):
 
 @kernel
 def fill_position(cells, position):
-    """Write each cell's number on the tour. Return the number of the first repeated cell, -1 if there is none."""
+    """Write to ``position`` the number of each cell on the tour. Return the number of the first repeated cell, or -1."""
     for k in range(len(cells)):
         z, y, x = cells[k, 0], cells[k, 1], cells[k, 2]
         if position[z, y, x] >= 0:

@@ -1,8 +1,9 @@
-"""The generalized Hilbert curve: a path through a box of any size from one corner to the next, by halving, with a stack.
+"""The generalized Hilbert curve: a path through a box of any size, from a corner to the far end of the first axis.
 
-The halving scheme is by J. Červený ("gilbert", 2018): boxes much longer than wide are cut across. Other boxes are cut into three
-parts (up, along, down) or, in 3-D, five. Halves are made even where possible, because a path between corners with an even number of
-cells along it needs no diagonal step.
+The scheme of halvings is by J. Červený ("gilbert", 2018). A box that is much longer than wide is cut into two halves across its
+length. Every other box is cut into three parts (up, along, down) or, in 3-D, into five parts. The kernel makes halves with an even
+number of cells where possible, because a path along an even number of cells needs no diagonal step between corners. Instead of
+recursion, the kernel uses a stack of boxes.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ import numpy as np
 from shoal.jit import kernel
 
 DEPTH = 512
-"""Size of the stack: a box of 2^31 cells per side needs 4 entries per halving."""
+"""Size of the stack. A box with 2^31 cells along each side needs 4 entries for each halving."""
 
 
 @kernel
 def half(length):
-    """Return half of a signed length, rounded to an even number if the length is above 2."""
+    """Return half of a signed length. If the length is above 2, the half is rounded to an even number."""
     size = abs(length)
     part = size // 2
     if part % 2 == 1 and size > 2:
@@ -35,7 +36,7 @@ def push(stack, top, px, py, pz, a_axis, a, b_axis, b, c_axis, c):
 
 @kernel
 def moved(place, axis, by):
-    """Return a position (x, y, z) moved along an axis."""
+    """Return a position (x, y, z) moved along an axis by ``by`` cells."""
     x, y, z = place
     if axis == 0:
         return x + by, y, z
@@ -46,10 +47,10 @@ def moved(place, axis, by):
 
 @kernel
 def walk_box(start, axes, lengths, places, at):
-    """Write the path through a box to ``places`` (N, 3) from row ``at`` on. Return the row after the last one.
+    """Write the path through a box to ``places`` (N, 3), beginning with row ``at``. Return the row after the last row written.
 
-    ``start`` is the first position (x, y, z), and ``lengths`` (3,) are the signed lengths along ``axes``. The path ends at the far
-    end of the first axis. A box of length 1 along the first axis must have length 1 along another one, too.
+    ``start`` is the first position (x, y, z). ``lengths`` (3,) contains the signed lengths of the box along ``axes``. The path ends
+    at the far end of the first axis. A box with the length 1 along the first axis must also have the length 1 along another axis.
     """
     stack = np.empty((DEPTH, 9), dtype=np.int64)
     top = push(stack, 0, start[0], start[1], start[2], axes[0], lengths[0], axes[1], lengths[1], axes[2], lengths[2])
@@ -78,7 +79,7 @@ def walk_line(place, axis, length, places, at):
 
 @kernel
 def split(stack, top, p, i, a, j, b, k, c):
-    """Push the parts of a box in the reverse order of the path's visits."""
+    """Push the parts of a box onto the stack, in the reverse order of the path's visits."""
     w, h, d = abs(a), abs(b), abs(c)
     a2, b2, c2 = half(a), half(b), half(c)
     if 2 * w > 3 * h and 2 * w > 3 * d:

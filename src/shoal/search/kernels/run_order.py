@@ -1,8 +1,9 @@
-"""The order and direction in which rows of cells are driven: a tour of runs, shortened by exchanges.
+"""The order and the directions in which a vehicle drives rows of cells: exchanges shorten a closed tour of runs.
 
-A *run* consists of a row's cells between two gaps. ``ends`` (R, 2, 2) are the row and column of its first and its last cell. A
-closed tour is an ``order`` (R) of the runs, and for each run a flag ``backwards`` (R) that is 1 if it is driven from its last cell
-to its first. Link k leads from the run at place k - 1 of the order to the run at place k.
+A *run* consists of the cells of a row between two gaps. The array ``ends`` (R, 2, 2) contains the row and the column of the first
+and the last cell of each run. A closed tour is an ``order`` (R) of the runs and a flag ``backwards`` (R) for each run. The flag is
+1 if the vehicle drives the run from its last cell to its first cell. Link k of a tour leads from the run at place k - 1 of the
+order to the run at place k.
 """
 
 from __future__ import annotations
@@ -12,28 +13,28 @@ import numpy as np
 from shoal.jit import in_place_kernel, kernel
 
 _LESS = 1e-9
-_LONGEST = 3  # maximum number of runs that are moved together
-_SPAN = 50  # number of places in the order among which a disturbance exchanges two parts
+_LONGEST = 3  # maximum number of runs that one exchange moves together
+_SPAN = 50  # number of places in the order within which a disturbance exchanges two parts
 _DISTURBANCES = 300
-_LINKS = 50_000  # maximum of the number of disturbances times the number of runs
+_LINKS = 50_000  # maximum of the product: number of disturbances times number of runs
 
 
 @in_place_kernel
 def step(ends, one, out, other, into):
-    """Return the distance from one end of a run to one end of another; 0 is the first cell, 1 the last."""
+    """Return the distance from one end of a run to one end of another run. End 0 is the first cell, and end 1 is the last cell."""
     rows, cols = ends[one, out, 0] - ends[other, into, 0], ends[one, out, 1] - ends[other, into, 1]
     return np.sqrt(rows * rows + cols * cols)
 
 
 @in_place_kernel
 def link(ends, backwards, one, other):
-    """Return the distance from the exit of a run to the entry of the next one."""
+    """Return the distance from the exit of a run to the entry of the next run."""
     return step(ends, one, 1 - backwards[one], other, backwards[other])
 
 
 @in_place_kernel
 def reverse(order, backwards, begin, end):
-    """Reverse the direction and order of the runs between two places of the order, inclusive."""
+    """Reverse the order and the directions of the runs from place ``begin`` to place ``end`` of the order."""
     low, high = begin, end
     while low < high:
         order[low], order[high] = order[high], order[low]
@@ -45,7 +46,10 @@ def reverse(order, backwards, begin, end):
 
 @in_place_kernel
 def exchange_link(ends, order, backwards, active, k):
-    """Replace link k and another one by two shorter ones if possible (2-opt). Return whether this was done."""
+    """Replace link k and another link by two links with a smaller total length (2-opt), if such links exist.
+
+    Return whether the tour has changed.
+    """
     n = len(order)
     best, other = -_LESS, -1
     for j in range(n):
@@ -71,7 +75,10 @@ def exchange_link(ends, order, backwards, active, k):
 
 @in_place_kernel
 def move_runs(ends, order, backwards, active, rest, i, count):
-    """Move ``count`` runs from place i on to where they make the tour shorter (Or-opt). Return whether they were moved."""
+    """Move ``count`` runs from place i on to another place of the order, if the tour becomes shorter (Or-opt).
+
+    Return whether the tour has changed.
+    """
     n = len(order)
     first, last = order[i], order[(i + count - 1) % n]
     before, after = order[i - 1], order[(i + count) % n]
@@ -100,7 +107,7 @@ def move_runs(ends, order, backwards, active, rest, i, count):
 
 @kernel
 def exchange(ends, order, backwards, active, rest):
-    """Shorten a closed tour of runs until no exchange at an active run helps. At the end, no run is active."""
+    """Shorten a closed tour of runs until no exchange at an active run makes it shorter. At the end, no run is active."""
     n, helped = len(order), True
     while helped:
         helped = False
@@ -122,7 +129,7 @@ def exchange(ends, order, backwards, active, rest):
 
 @in_place_kernel
 def length(ends, order, backwards):
-    """Return the total length of all links."""
+    """Return the total length of all links of a tour."""
     total = 0.0
     for k in range(len(order)):
         total += link(ends, backwards, order[k - 1], order[k])
@@ -131,7 +138,11 @@ def length(ends, order, backwards):
 
 @kernel
 def shorten(ends, order, backwards):
-    """Shorten a closed tour of runs until neither exchanges nor any of many random exchanges of two parts help."""
+    """Shorten a closed tour of runs by exchanges and by random disturbances.
+
+    A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the disturbed tour. The kernel keeps
+    a disturbed tour only if it is shorter than the best tour.
+    """
     n = len(order)
     if n <= _LONGEST + 2:
         return

@@ -1,7 +1,7 @@
-"""The progress of robots along a tour in a given time, for a bisection over the makespan.
+"""The progress of robots along a tour in a given time, for a bisection over the makespan (the time of the last robot).
 
-A pass goes once around the tour from the first robot on. It gives each robot as many cells as it can search in the time.
-``borders`` receives the first cell of each robot.
+A pass goes once around the tour, beginning with the first robot. The pass assigns to each robot as many cells as the robot can
+search in the given time. ``borders`` receives the first cell of each robot.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ class TourArrays(NamedTuple):
     Parameters
     ----------
     ahead : ndarray of float64, shape (4 N + 1,)
-        Cumulative cost of searching the cells before each one, over four rounds.
+        For each cell of four rounds of the tour, the cost of searching all cells before the cell.
     points : ndarray of float64, shape (N, d)
-        Viewpoint of each cell in cell sides.
+        Viewpoint of each cell, in units of the cell side.
     """
 
     ahead: NDArray[np.float64]
@@ -30,20 +30,20 @@ class TourArrays(NamedTuple):
 
 
 class Team(NamedTuple):
-    """Robots in the order of their starts.
+    """Robots in the order of their start cells on the tour.
 
     Parameters
     ----------
     starts : ndarray of int64, shape (m,)
-        Tour indices of the start cells, increasing.
+        Tour indices of the start cells, in increasing order.
     rates : ndarray of float64, shape (m,)
         Speed of each robot.
     places : ndarray of float64, shape (m, d)
-        Position of each robot in the units of `TourArrays.points`.
+        Position of each robot, in the units of `TourArrays.points`.
     gains : ndarray of float64, shape (m,)
-        Search rate of each robot relative to a robot of equal speed with a footprint of one cell.
+        Search rate of each robot, divided by the search rate of an equally fast robot with a footprint of one cell.
     far : ndarray of float64, shape (m, N) or (0, 0)
-        Distance from each start to each cell; empty if paths are straight.
+        Distance from the start of each robot to each cell. If paths are straight, the array is empty.
     """
 
     starts: NDArray[np.int64]
@@ -55,7 +55,7 @@ class Team(NamedTuple):
 
 @kernel
 def furthest(ahead, first, budget):
-    """Return the largest number b, at least first, such that the budget suffices for searching the cells first .. b - 1."""
+    """Return the largest number b >= ``first`` for which ``budget`` is enough to search the cells from ``first`` to b - 1."""
     if budget < 1.0:
         return first
     return max(np.searchsorted(ahead, ahead[first + 1] + budget - 1.0 + 1e-9, side="right") - 1, first + 1)
@@ -63,13 +63,16 @@ def furthest(ahead, first, budget):
 
 @kernel
 def between(ahead, one, other):
-    """Return the cost of moving along the tour from one cell number to another, in either direction."""
+    """Return the cost of the way along the tour from one cell number to another one, in either direction."""
     return abs(ahead[other] - ahead[one])
 
 
 @kernel
 def shift_pass(tour, team, time, first, borders):
-    """One pass in which each robot moves along the tour, in either direction, to its first cell and then searches forwards."""
+    """Make a pass in which each robot moves along the tour to its first cell, in either direction, and then searches forwards.
+
+    Return whether the robots search all cells of the tour in the given time.
+    """
     m, n, ahead = team.starts.shape[0], tour.points.shape[0], tour.ahead
     here = first
     for i in range(m):
@@ -85,7 +88,7 @@ def shift_pass(tour, team, time, first, borders):
 
 @kernel
 def flown(points, places, robot, cell):
-    """Return the straight distance from one of several positions to a cell."""
+    """Return the straight distance from the position of a robot to the viewpoint of a cell."""
     total = 0.0
     for k in range(points.shape[1]):
         gap = places[robot, k] - points[cell, k]
@@ -95,7 +98,7 @@ def flown(points, places, robot, cell):
 
 @kernel
 def away(tour, team, robot, cell):
-    """Return the distance from a robot's start to a cell."""
+    """Return the distance from the start of a robot to a cell."""
     if team.far.shape[0] > 0:
         return team.far[robot, cell]
     return flown(tour.points, team.places, robot, cell)
@@ -103,7 +106,10 @@ def away(tour, team, robot, cell):
 
 @kernel
 def back(tour, team, robot, one, other):
-    """Return how much more than a step to a neighbour it costs to return from a cell to another one, which is beside the start."""
+    """Return the additional cost of a way from the cell ``one`` to the cell ``other``, compared with a step to a neighbouring cell.
+
+    The cell ``other`` must be beside the start of the robot.
+    """
     if team.far.shape[0] > 0:
         return max(team.far[robot, one] - 1.0, 0.0)
     return max(flown(tour.points, tour.points, one, other) - 1.0, 0.0)
@@ -111,30 +117,36 @@ def back(tour, team, robot, one, other):
 
 @kernel
 def both_ways(tour, team, robot, at, low, budget):
-    """Return how far a robot gets that also searches back from its start ``at`` to ``low``; less than ``at`` if it cannot."""
+    """Return how far forwards a robot gets if it also searches backwards from its start cell ``at`` to the cell ``low``.
+
+    The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` in its budget.
+    """
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain
     behind = ahead[at] - ahead[low]
-    first = furthest(ahead, at, budget)  # the end if the robot searches the cells ahead first
+    first = furthest(ahead, at, budget)  # the end of the robot's part if the robot searches the cells ahead first
     while first > at + 1:
         if ahead[first] - ahead[at + 1] + 1.0 + gain * back(tour, team, robot, (first - 1) % n, (at - 1) % n) + behind <= budget:
             break
         first -= 1
     if first <= at + 1 or behind == 0:
         first = at + 1 if behind + 1.0 <= budget else at - 1
-    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)  # for the cells behind first
+    rest = budget - (behind + 1.0) - gain * back(tour, team, robot, low % n, (at + 1) % n)  # if the robot first searches behind
     return max(first, furthest(ahead, at, rest + 1.0)) if rest >= 0 else first
 
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """One pass in which each robot searches the cells behind it and ahead of it, in the order in which it gets further."""
+    """Make a pass in which each robot searches the cells behind and ahead of its start, in the order in which it gets further.
+
+    Return whether the robots search all cells of the tour in the given time.
+    """
     m, n = team.starts.shape[0], tour.points.shape[0]
     here = first
     for i in range(m):
         borders[i] = here
         at, budget = team.starts[i] + n, time * team.rates[i]
-        if here >= at:  # the previous robot has searched as far as this one's start, or further
+        if here >= at:  # the part of the previous robot reaches the start of robot i, or further
             leg = team.far[i, here % n] if team.far.shape[0] > 0 else flown(tour.points, tour.points, at % n, here % n)
             here = furthest(tour.ahead, here, (budget - leg) * team.gains[i])
         else:
@@ -150,7 +162,10 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Return whether a pass with any of the tried first borders succeeds in the time. ``borders`` then contains the result."""
+    """Return whether a pass from any tried first border succeeds in the given time.
+
+    ``borders`` then contains the first cell of each robot.
+    """
     reach, n, ahead, start = 0, tour.points.shape[0], tour.ahead, team.starts[0]
     while reach < n and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]:
         reach += 1
@@ -173,7 +188,10 @@ def best_start(two_ways, tour, team, time, stride, borders):
 
 @kernel
 def hop_pass(tour, team, time, first, turn, borders):
-    """One pass in which each robot goes to the beginning of its cells. Robot ``turn`` gets the cells from ``first`` on."""
+    """Make a pass in which each robot goes to the first of its cells and searches forwards. Return whether the pass succeeds.
+
+    Robot ``turn`` gets the cells from ``first`` on. The pass succeeds if the robots search all cells of the tour in the given time.
+    """
     m, n = team.places.shape[0], tour.points.shape[0]
     here = first
     for i in range(m):
@@ -188,12 +206,12 @@ def hop_pass(tour, team, time, first, turn, borders):
 
 @kernel
 def hop_costs(tour, team, firsts, latest):
-    """Write the completion time if the tour is cut into arcs of equal times and each robot goes straight to its arc.
+    """Write to ``latest`` the completion times of all cuts of the tour into arcs of equal search times, one arc for each robot.
 
-    There is one row for each of ``firsts``, the beginning of the first arc, and one column per turn, the robot that gets this arc.
-    The robots keep their order around the tour.
+    Each robot goes straight to its arc. The first arc of row k begins at cell ``firsts[k]``. In column j, robot j gets the first
+    arc, and the other robots follow in their order around the tour.
     """
-    # Unpacked for the inner loop: passing the tuple counts references, which would take longer than all the rest.
+    # Local names for the inner loop, because passing the tuple would count references, which takes longer than all the rest.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
     m, n = places.shape[0], points.shape[0]
     powers = rates * team.gains
@@ -206,11 +224,11 @@ def hop_costs(tour, team, firsts, latest):
             worst, level = 0.0, ahead[firsts[row]]
             for i in range(m):
                 robot = (i + turn) % m
-                if turn == 0 or not alike:  # otherwise all turns have the same arcs
+                if turn == 0 or not alike:  # for equal robots, all turns have equal arcs
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
                 way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
                 worst = max(worst, way / rates[robot] + whole / power)
-                if worst > 1.5 * best and turn > 0:  # a bisection could not make this turn the best
+                if worst > 1.5 * best and turn > 0:  # a bisection could not make turn number ``turn`` the best one
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power

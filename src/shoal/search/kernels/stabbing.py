@@ -1,4 +1,4 @@
-"""The path of fewest bends through windows: straight links from point to point that cross all windows between, in order."""
+"""The path with the fewest bends through a sequence of windows: straight links between points that cross all windows in between."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ _HAIR = 1e-6
 
 @in_place_kernel
 def clip(from_x, from_y, step_x, step_y, boxes, k):
-    """Return the interval of a step's fractions that lies in a box; (1, 0) if none."""
+    """Return the interval of fractions (low, high) of a step that lies in a box, or (1, 0) if the step misses the box."""
     low, high = 0.0, 1.0
     for axis in range(2):
         start, step = (from_x, step_x) if axis == 0 else (from_y, step_y)
@@ -31,11 +31,12 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
 
 @kernel
 def fewest_links(points, starts, boxes, turn, reach, banned, before):
-    """Write the predecessor of each point on the path with the smallest cost: its length plus ``turn`` for each link.
+    """Write to ``before`` the predecessor of each point on the path with the smallest cost: its length plus ``turn`` for each link.
 
-    ``points`` (K, 2) are the points, where those of window k are from ``starts[k]`` to ``starts[k + 1]``. ``boxes`` (M, 4) are the
-    windows: left, low, right, high. A link passes over fewer than ``reach`` windows. Each entry of ``banned`` is a
-    forbidden link as the number from * K + to; the entries increase. The first and the last window have one point each.
+    ``points`` (K, 2) contains the points of all windows. The points of window k have the indices from ``starts[k]`` to ``starts[k +
+    1] - 1``. ``boxes`` (M, 4) contains the windows: left, low, right, high. The first and the last window have one point each. A
+    link leads at most ``reach`` windows ahead. Each entry of ``banned`` is a forbidden link as the number from * K + to. The
+    entries of ``banned`` increase.
     """
     count, windows = len(points), len(boxes)
     cost = np.full(count, np.inf)
