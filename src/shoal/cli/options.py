@@ -74,14 +74,13 @@ def takes_problem(
     ----------
     kind : type
     from_file : bool
-        Whether the argument of the command may also name a problem file. Options on the command line replace fields of the problem
-        file.
+        Whether the argument of the command may name a problem file. Options on the command line replace fields of the problem file.
     only : tuple of str
         Names of the fields that become options; an empty tuple means all fields.
     options : type, optional
-        Class of the command's second parameter; its fields also become options.
+        Class of the command's second parameter, whose fields become options.
     **fixed
-        Values of fields that the command sets itself and that are therefore no options.
+        Values of fields that the command sets itself, so that the fields are no options.
 
     Examples
     --------

@@ -103,7 +103,7 @@ def print_drawn(drawn: Any) -> None:
 def quiet() -> Iterator[None]:
     """Suppress the output of C libraries on stderr inside the ``with`` block.
 
-    For example, the library libtiff prints a line for each fault of a picture.
+    The C library libtiff, for example, prints a line on stderr for each fault of a picture.
     """
     try:
         kept = os.dup(2)

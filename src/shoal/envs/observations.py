@@ -82,6 +82,6 @@ def rewards_of(
     """Return the reward of each world for one step of its environment.
 
     The reward is the number of newly classified cells times ``classified_reward``, minus ``move_price`` for each sent command. In
-    the step that completes the task, the reward also contains ``final_bonus``.
+    the step that completes the task, the reward increases by ``final_bonus``.
     """
     return np.asarray(options.classified_reward * classified - options.move_price * moves + options.final_bonus * done)

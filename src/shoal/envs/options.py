@@ -1,4 +1,4 @@
-"""Options of environments: the fields of a problem, and additional fields of the environment with the same kind of declaration."""
+"""Options of environments: the fields of a problem, and additional fields that each class of environments declares."""
 
 from __future__ import annotations
 

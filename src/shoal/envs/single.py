@@ -80,7 +80,7 @@ class WorldEnv(gymnasium.Env[Any, Any], ABC):
         """Return an action in the form for a batch with one world, or raise InvalidAction."""
 
     def _told(self) -> tuple[Any, dict[str, Any]]:
-        """Return the observation and the info, and in the render mode "human" also show the picture."""
+        """Return the observation and the info; in the render mode "human", show the picture of the world."""
         if self.render_mode == "human":
             self.render()
         seen = self._worlds.observed()

@@ -116,7 +116,7 @@ class SwarmWorlds:
     def picture(self, world: int) -> NDArray[np.uint8]:
         """Return a picture of a world as a uint8 array of shape (height, width, 3).
 
-        The picture of a three-dimensional map also shows three slices of the map.
+        The picture of a three-dimensional map shows the map from a corner, with three slices of the map.
         """
         from shoal.views.swarm.volume import CORNER, Fit, Slices, sheet
 

@@ -203,7 +203,7 @@ class SteeringVectorEnv(WorldsVectorEnv):
     Parameters
     ----------
     num_envs : int
-    autoreset_mode, render_mode
+    autoreset_mode, render_mode : str, optional
         Autoreset mode and render mode, as in `SwarmVectorEnv`.
     copy : bool
         The parameter has no effect, because observations of steering are always separate arrays.

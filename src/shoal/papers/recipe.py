@@ -66,7 +66,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of numbers, which Shoal also stores as a CSV file."""
+    """A table of numbers, which Shoal stores as a CSV file."""
 
     title: str
     columns: Sequence[str]
@@ -84,7 +84,7 @@ class Outcome:
     claims : tuple of Claim
         The statements of the paper, each with Shoal's result and a verdict.
     sentence : str
-        Additional explanations, such as reasons for differences from the paper, with computed numbers.
+        Explanations of the result, such as reasons for differences from the paper, with computed numbers.
     tables : tuple of Table
     note : str
         Note about published data; Shoal writes the note below the figure.

@@ -69,7 +69,7 @@ def reproduce(
         Number of trials for each point of a sweep.
     on_map : str, optional
         A picture, or the name of a map, which replaces the unpublished "complex" map of paper M.
-    seed, workers
+    seed, workers : int
         Seed of the sweeps, and number of worker processes, as in `shoal.lab.coordinator`.
     on_progress : callable, optional
         Function that Shoal calls with the progress of each sweep.

@@ -103,15 +103,15 @@ def _dump_friction(given: float) -> float | None:
 class SteeringProblem(Problem):
     """The problem of steering two or more particles to their goals with one shared input.
 
-    Each field of the class is also an option of the command ``shoal steer``, a field of sweeps, and a field of problem files. In
-    Python, the field ``workspace`` may be a workspace object, and the field ``planner`` may be a third-party planner object. The
-    fields ``start`` and ``goal`` are float64 arrays of shape (particles, dimensions), or the word ``random``.
+    Each field of the class is an option of the command ``shoal steer``, a field of sweeps, and a field of problem files. In Python,
+    the field ``workspace`` may be a workspace object, and the field ``planner`` may be a third-party planner object. The fields
+    ``start`` and ``goal`` are float64 arrays of shape (particles, dimensions), or the word ``random``.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
         If a value has the wrong type or range, or if fields contradict each other. If the workspace is an object, the constructor
-        also refuses points outside the workspace, particles with different goals at the same start, and unsuitable planners. If the
+        refuses points outside the workspace, particles with different goals at the same start, and unsuitable planners. If the
         workspace is a name or a file, `run` checks the points and the planner.
 
     Notes

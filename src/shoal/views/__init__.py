@@ -36,14 +36,12 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     episode : Episode
         An episode of swarm, steering or search. The kind "frontier" accepts a list of swarm episodes, and shows their median.
     kind : str, optional
-        Kind of the figure; by default, the first kind that the following list names for the part of the episode:
-
-        - swarm: "map" shows the map after ``moves`` moves (an option; by default, after all moves), and "frontier" shows the number
-          of frontier cells over the moves.
-        - steering: "plan" shows the paths of the particles.
-        - search: "routes" shows the path of each robot, and "timeline" shows the activities of each robot over time.
+        Kind of the figure. For a swarm episode, "map" (the default) shows the map after ``moves`` moves (an option; by default,
+        after all moves), and "frontier" shows the number of frontier cells over the moves. For a steering episode, "plan" shows the
+        paths of the particles. For a search, "routes" (the default) shows the path of each robot, and "timeline" shows the
+        activities of each robot over time.
     **options
-        Options of the chosen kind of figure: only the kind "map" has an option, ``moves``.
+        Options of the chosen kind of figure: ``moves`` for the kind "map"; the other kinds have no options.
 
     Raises
     ------
@@ -63,7 +61,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
     Parameters
     ----------
     episode : Episode
-        An episode whose method ``verify`` succeeds, because the film simulates the motion within each move again.
+        An episode whose method ``verify`` succeeds, because the film needs a simulation of the motion within each move.
     path : path
         Path of the film, with the suffix ``.gif``, ``.mp4`` (H.264) or ``.html`` (the player).
     on_frame : callable, optional
@@ -108,7 +106,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return the module ``room`` of the views for the episode's part, without loading the views and kernels of other parts."""
+    """Return the module named ``room`` from the views of an episode's part, without an import of the views of other parts."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")

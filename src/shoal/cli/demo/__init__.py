@@ -35,11 +35,11 @@ def demo(
 ) -> None:
     """Map the vessels of a real eye from a photograph with 300 particles that obey one shared command.
 
-    'shoal demo' writes two pictures of the photograph with its vessels, the vessel map, a picture of the final map, a chart of the
-    frontier cells, a film (MP4), the HTML player and the episode. 'shoal demo steer' brings two particles to two goals in a square,
-    a hexagon, a disk, a prism and a noisy field. 'shoal demo steer' writes figures, episodes and two players. 'shoal demo search'
-    sends 12 robots through a marsh around a lake, and three robots fail. 'shoal demo search' writes figures, the player, the
-    episode and mission files.
+    The command 'shoal demo' writes two pictures of the photograph with its vessels, the vessel map, a picture of the final map, a
+    chart of the frontier cells, a film (MP4), the HTML player and the episode. The command 'shoal demo steer' brings two particles
+    to two goals in a square, a hexagon, a disk, a prism and a noisy field. The command 'shoal demo steer' writes figures, episodes
+    and two players. The command 'shoal demo search' sends 12 robots through a marsh around a lake, and three robots fail. The
+    command 'shoal demo search' writes figures, the player, the episode and mission files.
     """
     if what == "steer":
         from shoal.cli.steering import demo_steer

@@ -50,7 +50,7 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
     ----------
     distances : array_like of float, shape (n,)
         Initial distances of the particles in diameters of the disk, above 0 and at most 1.
-    moves, directions
+    moves, directions : int
         Number of moves and number of sampled directions, as in `disk_reach`.
 
     Raises

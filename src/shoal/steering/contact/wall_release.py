@@ -54,8 +54,8 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
     """Return small moves that lead one particle off its walls while a wall holds the other particle, each with its resulting state.
 
-    A planner needs a small move of one particle alone if no translation leads both particles off their walls. For example, the
-    particles may touch opposite walls.
+    A planner needs a small move of one particle alone if no translation leads both particles off their walls, for example if the
+    particles touch opposite walls.
     """
     found = []
     for held in (0, 1):

@@ -18,15 +18,15 @@ class Planner(Protocol):
 
     Notes
     -----
-    A planner may have four optional attributes:
+    A planner may have four optional attributes: ``general``, ``obstacles``, ``prefers`` and ``control``. The attribute ``general``
+    is true if the planner supports regions with obstacles and more than two particles. The attribute ``obstacles`` is true if the
+    planner supports two particles in a region with obstacles. A planner without ``general`` and ``obstacles`` gets only problems
+    with two particles in a convex workspace.
 
-    - ``general``: true if the planner supports regions with obstacles, and also more than two particles. A planner without
-      ``general`` and ``obstacles`` gets only problems with two particles in a convex workspace.
-    - ``obstacles``: true if the planner supports two particles in a region with obstacles.
-    - ``prefers``: "length" or "moves", the measure by which Shoal compares the plans for different assignments of interchangeable
-      goals.
-    - ``control(task, apparatus)``: a method for a closed loop, which sends moves and observes the particles instead of making a
-      plan in advance. The argument ``apparatus`` is a `shoal.steering.simulation.apparatus.Apparatus`.
+    The attribute ``prefers`` is "length" or "moves", the measure by which Shoal compares the plans for different assignments of
+    interchangeable goals. The method ``control(task, apparatus)`` is for a closed loop: it sends moves and observes the particles
+    instead of making a plan in advance. The argument ``apparatus`` of ``control`` is a
+    `shoal.steering.simulation.apparatus.Apparatus`.
     """
 
     name: str

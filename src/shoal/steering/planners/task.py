@@ -1,6 +1,6 @@
 """The class SteeringTask, which describes to a planner what its plan must achieve.
 
-The module also contains proofs that two particles in a convex workspace cannot reach their goals.
+The module contains proofs that two particles in a convex workspace cannot reach their goals.
 """
 
 from __future__ import annotations

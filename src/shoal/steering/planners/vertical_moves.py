@@ -49,8 +49,8 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
     Returns
     -------
     ndarray of float64, shape (moves, 3), or None
-        The plan with vertical components, or None if no vertical components solve the task. For example, no solution may exist if a
-        wall holds one particle during all moves except one.
+        The plan with vertical components, or None if no vertical components solve the task, for example because a wall holds one
+        particle during all moves except one.
 
     Notes
     -----

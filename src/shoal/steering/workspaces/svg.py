@@ -40,9 +40,9 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     """Return the content of an SVG drawing: a disk for a single circle, or else the closed lines, largest first.
 
-    The function reads paths (also with arcs), polygons, polylines, rectangles, circles and ellipses. The function also reads
-    groups, transforms and repeated elements (``use``). The function skips elements that are not displayed. The returned lines have
-    the units of the drawing and a y axis that points upwards.
+    The function reads paths (with lines, curves and arcs), polygons, polylines, rectangles, circles and ellipses. The function
+    reads groups, transforms and repeated elements (``use``). The function skips elements that are not displayed. The returned lines
+    have the units of the drawing and a y axis that points upwards.
 
     Raises
     ------

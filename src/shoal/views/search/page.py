@@ -39,28 +39,31 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
     Returns
     -------
     dict
-        - ``title``, ``tour``, ``allocation`` and ``version`` are texts; ``seed``, ``takeovers`` and ``cells`` are integers;
-          ``cellTime`` is a number of seconds.
-        - ``end`` is the time of the last event, in cell times. ``covered`` is the time at which the search became complete, in cell
-          times, or None for an incomplete search.
-        - ``box`` holds the left, bottom, right and top edge of all squares, in metres. ``shape`` holds the numbers of rows and
-          columns of squares. ``size`` is the side of a square in metres. ``cellSize`` is a text with the sides of the cells.
-          ``labels`` holds [text, x, y] for the label above each layer, if the drawing has several layers.
-        - ``parts`` is a list of the region's polygons, each polygon a list of closed lines.
-        - ``first`` holds the time of the first search of each searched square (float32, increasing). ``searched`` holds the times
-          of the first searches of all cells, if the squares of the drawing are smaller than cells. For each searched square, ``by``
-          (uint16) holds the index of the searching robot, and ``where`` (uint32) holds the number row * columns + column. For each
-          searched square, ``taken`` (uint8) states whether the square lies in the part of a robot other than the searching robot.
-        - ``robots`` holds the data of each robot. For each robot, ``times`` (float32) and ``places`` (uint16) are the times and the
-          corners of its path. The numbers in ``places`` are x and y in turn, in 65,535ths of the drawing's width and height from
-          the lower left corner. For each robot, ``visits`` (float32) holds the time at which it first saw each cell that it
-          searched. For each robot, ``activities`` is a list of [begin, end, kind, other], the fields of
-          `shoal.views.search.history.Activity`. For each robot, ``outline`` (uint16) holds the border of the cells that it took
-          over, as segments column, row, column, row. For each robot, ``liar`` states whether it has the fault liar.
-        - ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles that the robots found.
-        - ``findings`` is a list of [x, y, time of the first discovery, confidence].
-        - ``north`` is the direction of north in degrees clockwise from up, or null. ``circle`` is the radius, in metres, of the
-          circles in which a fixed-wing aircraft waits, or 0 for other vehicles.
+        ``title``, ``tour``, ``allocation`` and ``version`` are texts; ``seed``, ``takeovers`` and ``cells`` are integers;
+        ``cellTime`` is a number of seconds. ``end`` is the time of the last event, in cell times. ``covered`` is the time at which
+        the search became complete, in cell times, or None for an incomplete search.
+
+        ``box`` holds the left, bottom, right and top edge of all squares, in metres. ``shape`` holds the numbers of rows and
+        columns of squares. ``size`` is the side of a square in metres. ``cellSize`` is a text with the sides of the cells.
+        ``labels`` holds [text, x, y] for the label above each layer, if the drawing has several layers. ``parts`` is a list of the
+        region's polygons, each polygon a list of closed lines.
+
+        ``first`` holds the time of the first search of each searched square (float32, increasing). ``searched`` holds the times of
+        the first searches of all cells, if the squares of the drawing are smaller than cells. For each searched square, ``by``
+        (uint16) holds the index of the searching robot, and ``where`` (uint32) holds the number row * columns + column. For each
+        searched square, ``taken`` (uint8) states whether the square lies in the part of a robot other than the searching robot.
+
+        ``robots`` holds the data of each robot. For each robot, ``times`` (float32) and ``places`` (uint16) are the times and the
+        corners of its path. The numbers in ``places`` are x and y in turn, in 65,535ths of the drawing's width and height from the
+        lower left corner. For each robot, ``visits`` (float32) holds the time at which it first saw each cell that it searched. For
+        each robot, ``activities`` is a list of [begin, end, kind, other], the fields of `shoal.views.search.history.Activity`. For
+        each robot, ``outline`` (uint16) holds the border of the cells that it took over, as segments column, row, column, row. For
+        each robot, ``liar`` states whether it has the fault liar.
+
+        ``obstacles`` is a list of [row * columns + column, time of discovery] for all obstacles that the robots found. ``findings``
+        is a list of [x, y, time of the first discovery, confidence]. ``north`` is the direction of north in degrees clockwise from
+        up, or null. ``circle`` is the radius, in metres, of the circles in which a fixed-wing aircraft waits, or 0 for other
+        vehicles.
 
     Raises
     ------
@@ -123,7 +126,7 @@ def _box(sides: tuple[float, float, float, float]) -> list[float]:
 def _found_at(history: SearchHistory, finding: Finding) -> float:
     """Return the time at which a robot first found something in the cell of ``finding``.
 
-    Other robots may have searched the cell earlier without finding anything.
+    An earlier search of the cell by a robot that found nothing does not count.
     """
     logs, seen = history.episode.trace.robots, history.episode.seen
     moments = [

@@ -33,18 +33,18 @@ def page_data(episode: SteeringEpisode) -> dict[str, object]:
     Returns
     -------
     dict
-        - ``title``, ``planner``, ``kind``, ``status``, ``reason`` and ``version`` are texts, and ``seed`` is an integer.
-        - ``size`` (of the workspace), ``radius`` (of a particle), ``tolerance`` (of the goals) and ``length`` (of the plan) are
-          numbers. ``bound`` is the lower bound on the length of all plans, or None.
-        - ``walls`` is the result of `_walls` for the workspace.
-        - ``start`` and ``goal`` are lists of points, one for each particle.
-        - ``trajectories`` is a list with the data ``{"sent", "length", "shares", "points", "held"}`` of each move; see the class
-          `shoal.views.steering.trajectories.MoveTrajectory`.
-        - ``starts`` and ``lasting`` are the start and the duration of each move in the film, in seconds. ``seconds`` is the
-          duration of the film in seconds.
-        - ``delta`` is None, or the data ``{"walls", "sets", "which"}`` of the Δ configuration space (all position differences). In
-          ``delta``, ``walls`` is the outline of the space, ``sets`` holds the sets that two moves can reach, and ``which`` is the
-          index of the set for each move.
+        ``title``, ``planner``, ``kind``, ``status``, ``reason`` and ``version`` are texts, and ``seed`` is an integer. ``size`` (of
+        the workspace), ``radius`` (of a particle), ``tolerance`` (of the goals) and ``length`` (of the plan) are numbers. ``bound``
+        is the lower bound on the length of all plans, or None. ``walls`` is the result of `_walls` for the workspace.
+
+        ``start`` and ``goal`` are lists of points, one for each particle. ``trajectories`` is a list with the data ``{"sent",
+        "length", "shares", "points", "held"}`` of each move; see the class `shoal.views.steering.trajectories.MoveTrajectory`.
+        ``starts`` and ``lasting`` are the start and the duration of each move in the film, in seconds. ``seconds`` is the duration
+        of the film in seconds.
+
+        ``delta`` holds the data ``{"walls", "sets", "which"}`` of the Δ configuration space (all position differences), or is None
+        if `has_delta` is false. In ``delta``, ``walls`` is the outline of the space, ``sets`` holds the sets that two moves can
+        reach, and ``which`` is the index of the set for each move.
 
     Raises
     ------

@@ -115,8 +115,8 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
     decades : sequence of int
         Exponents k of the largest distances 10^k.
     ours, best, growth : array_like of float, shape (k,)
-        ``ours`` and ``best`` are the larger of move ratio and scan ratio in the worst case: ``ours`` for the schedule i^i, ``best``
-        for the best possible schedule. ``growth`` is log D / log log D for the largest distance D.
+        ``ours`` is the larger of move ratio and scan ratio in the worst case for the schedule i^i, and ``best`` is the larger of
+        both ratios for the best possible schedule. ``growth`` is log D / log log D for the largest distance D.
     """
     figure = new_figure(7.6, 3.8)
     left, right = figure.subplots(1, 2)

@@ -146,7 +146,7 @@ def turned_view(
 
 
 def _surface(codes: NDArray[np.uint8], palette: CellPalette) -> NDArray[np.int64]:
-    """Return the drawn cells on the surface: beside a cell that is not drawn, or in the rim; int64, shape (n, 3)."""
+    """Return the drawn cells that lie in the rim or beside a cell that is not drawn; int64, shape (n, 3)."""
     shown = np.pad(palette.solid[codes], 1).ravel()
     flat = np.flatnonzero(shown)
     hidden = np.ones(len(flat), dtype=np.bool_)
@@ -193,7 +193,7 @@ def sheet_width(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | 
 
 
 def _room(shape: tuple[int, ...], side: int, spacing: tuple[float, ...] | None) -> tuple[int, int, int]:
-    """Return the maximum height of a slice, the maximum width of a slice, and the height of its name, all in pixels."""
+    """Return the maximum height of a slice, the maximum width of a slice, and the height of a slice's name, all in pixels."""
     line = max(LEAST_LINE, side // 30)
     high = (side - 2 * GAP) // 3 - line
     deep, tall, wide = (length * size for length, size in zip(shape, _sizes(spacing), strict=True))

@@ -27,7 +27,7 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
     -----
     Let S and G be the two points as complex numbers, and let r be the radius of the circle. The contact z with |z| = 1 is a root of
     A z^4 - B z^3 + conj(B) z - conj(A) with A = conj(S G) and B = r conj(S + G) (Alhazen's problem). For points near the circle,
-    several roots lie close together, and the nearest points on the circle serve equally well.
+    several roots lie close together, so the function adds the points of the circle nearest to S and G to the possible contacts.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
