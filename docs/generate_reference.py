@@ -7,6 +7,7 @@ Run: python docs/generate_reference.py
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -27,11 +28,11 @@ INTRO = """# Commands
 
 Shoal's commands print results on stdout, and messages and progress on stderr. A command ends with one of four exit codes:
 
-- 0: the command succeeded.
-- 1: a check failed or a task was not completed, as the help of the command states.
-- 2: the input is wrong, or Shoal could not write a result. The command prints an error message of one sentence on stderr, and
-  leaves no incomplete file.
-- 130: the user interrupted the command.
+- Exit code 0 means that the command succeeded.
+- Exit code 1 means that a check failed or a task was not completed, as the help of the command states.
+- Exit code 2 means that the input is wrong, or that Shoal could not write a result. The command then prints an error message of
+  one sentence on stderr, and leaves no incomplete file.
+- Exit code 130 means that the user interrupted the command.
 """
 
 
@@ -96,7 +97,7 @@ ENVIRONMENT_PAGE = """# Environments
 An environment accepts almost all fields of its [problem](problems.md) as options. The tables of this page list the options that
 environments have in addition to the fields of problems. The line below each table lists the fields of the problem that are not
 options of the environment. For example, `policy` is not an option, because the agent makes the decisions. [Use the
-environments](../how-to/environments.md) shows examples.
+environments](../how-to/environments.md) shows examples of environments.
 
 | id | class | options whose default differs from the field's default |
 |---|---|---|
@@ -126,10 +127,13 @@ def row(declared: Declaration) -> str:
     option = declared.option
     kind = {int: "whole number", float: "number", bool: "true or false", str: "text"}.get(declared.type, option.metavar or "value")
     default = "" if declared.required else "none" if declared.default is None else f"`{declared.default}`"
-    meaning = (
-        option.help + (f" Range: {declared.range}." if declared.range else "") + (f" Unit: {option.unit}." if option.unit else "")
-    )
-    meaning += f" One of {', '.join(f'`{choice}`' for choice in option.choices)}." if option.choices else ""
+    limits = [
+        f"one of {', '.join(f'`{choice}`' for choice in option.choices)}" if option.choices else "",
+        f"range: {declared.range}" if declared.range else "",
+        f"unit: {option.unit}" if option.unit else "",
+    ]
+    told = "; ".join(filter(None, limits))
+    meaning = re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", option.help, count=1) if told else option.help
     cells = [f"`{declared.name}`", kind, default, meaning]
     return f"| {' | '.join(cell.replace('|', ' or ') for cell in cells)} |\n"
 

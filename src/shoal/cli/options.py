@@ -46,7 +46,7 @@ Film = Annotated[
     typer.Option(
         "--film",
         metavar="FILE",
-        help="Write a film: .gif, .mp4 or .html (the player). The option can be repeated.",
+        help="Write a film: .gif, .mp4 or .html (the player); the option can be repeated.",
     ),
 ]
 Trust = Annotated[

@@ -154,7 +154,7 @@ class SteeringProblem(Problem):
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
-        None, help="Time limit of the planner. At the limit, Shoal takes the best plan so far, which is never longer than the "
+        None, help="Time limit of the planner. At the time limit, Shoal takes the best plan so far, which is never longer than the "
         "plan of greedy.", unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
@@ -170,11 +170,11 @@ class SteeringProblem(Problem):
         "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
     )  # fmt: skip
     goal_x: float | None = option(
-        None, help="X coordinate of a new goal for one particle (see varied). The new goal may lie outside the workspace."
+        None, help="X coordinate of a new goal for the particle whose number is varied. The new goal may lie outside the workspace."
     )
-    goal_y: float | None = option(None, help="Y coordinate of the new goal, whose x coordinate is goal_x.")
+    goal_y: float | None = option(None, help="Y coordinate of the new goal whose x coordinate is goal_x.")
     varied: int = option(
-        2, help="Number of the particle that gets the new goal (goal_x, goal_y). The first particle has number 1.", least=1
+        2, help="Number, from 1, of the particle that gets the new goal with the coordinates goal_x and goal_y.", least=1
     )
 
     def check_together(self) -> None:

@@ -140,7 +140,7 @@ class SwarmProblem(Problem):
         argument=True, metavar="MAP", check=_check_map, dump=lambda given: given if isinstance(given, str) else given.to_dict(),
     )  # fmt: skip
     task: Any = option("mapping", help=f"Task: {', '.join(TASK_NAMES)} or MODULE:ATTRIBUTE.", names=TASK_NAMES, **_named("task"))
-    subset: float | None = option(None, help="For coverage: share of the free cells to visit, drawn at random.", above=0, most=1)
+    subset: float | None = option(None, help="For coverage: random share of the free cells that must be visited.", above=0, most=1)
     particles: int = option(100, help="Number of particles.", short="-n", least=1)
     placement: Any = option(
         "uniform", help=f"Placement of the particles: {', '.join(PLACEMENT_NAMES)} or MODULE:ATTRIBUTE.", names=PLACEMENT_NAMES,
@@ -155,12 +155,12 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
-        "in closest-frontier:ties=row-major. For mapping without noise, with a scan after each move and rule block or merge, auto "
-        "means best. In all other cases, auto means closest-frontier.", names=POLICY_NAMES, **_named("policy"),
+        "in closest-frontier:ties=row-major. auto means best for mapping without noise, with a scan after each move and rule block "
+        "or merge, and closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
-        "particles. With other numbers of particles, best and rollout simulate up to ten times as many moves.", above=0, most=1e12,
+        "particles. With fewer or more particles, best and rollout simulate up to ten times as many moves.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
         None, help="For planners: mean computation time for each move, in place of a budget. With a given time, the commands "
@@ -169,7 +169,7 @@ class SwarmProblem(Problem):
     max_moves: int = option(1_000_000, help="Maximum number of moves; an episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
         1, help="Number of equal commands before each scan: a number, doubling (1, 2, 4, ...), hyper (1, 4, 27, ...) or adaptive "
-        "(most classified cells for the price). Under noise, a number is the maximum number of commands before each scan.",
+        "(most classified cells for the price). Under noise, a given number is the maximum number of commands before each scan.",
         metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
@@ -191,15 +191,15 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     high: float = option(
         1.2, help="With --vessels: upper threshold of the filter response, as a multiple of the automatic threshold. The response "
-        "of every vessel exceeds the upper threshold somewhere. With a lower value, Shoal finds more vessels.", above=0, most=10,
+        "of every vessel exceeds the upper threshold somewhere. A lower upper threshold gives more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than their surroundings. By default, Shoal takes bright lines or dark "
         "lines as vessels, whichever are clearer.",
     )  # fmt: skip
     thickest: float | None = option(
-        None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side. Default: 0.0185 if "
-        "the picture shows a round field of view, else 0.035.", above=0, most=0.5,
+        None, help="With --vessels: width of the thickest vessel, as a fraction of the picture's larger side; by default 0.0185 "
+        "if the picture shows a round field of view, else 0.035.", above=0, most=0.5,
     )  # fmt: skip
     threshold: float = option(
         0.5, help="For pictures: minimum brightness of a free pixel, from 0 (black) to 1 (white).", least=0, most=1
@@ -209,7 +209,7 @@ class SwarmProblem(Problem):
     level: float | None = option(None, help="For arrays and volumes: minimum value of a free cell.")
     label: int | None = option(None, help="For arrays and volumes: value (label) of all free cells.")
     largest_component: bool = option(False, help="Keep the largest connected part of the free space, and remove all other parts.")
-    cell_size: float | None = option(None, help="Side of a cell. Default: the size in the map file.", unit="mm", above=0, most=1e6)
+    cell_size: float | None = option(None, help="Side of a cell; by default as in the map file.", unit="mm", above=0, most=1e6)
 
     def check_together(self) -> None:
         """Refuse a problem whose fields contradict each other. Do not open the map file."""

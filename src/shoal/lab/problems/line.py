@@ -17,7 +17,7 @@ from shoal.swarm.theory.scan_schedules import EveryStep, Hyperexponential, OneJu
 
 @dataclass(frozen=True, eq=False)
 class LineProblem(MeasuredProblem):
-    """Random placements of particles on a line. A trial computes means over ``placements`` placements (paper M, section III.A)."""
+    """Random placements of particles on a line. A trial computes means over many placements (paper M, section III.A)."""
 
     part = "line"
     measures = ("first", "last", "largest_gap", "spread", "boundary", "coverage", "printed_coverage")

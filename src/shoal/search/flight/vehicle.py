@@ -70,7 +70,7 @@ class Vehicle(Problem):
     sink_speed: float | None = option(None, help="Vertical speed of a descent.", unit="m/s", above=0, most=50)
     acceleration: float | None = option(None, help="Acceleration before and after a turn.", unit="m/s2", above=0)
     turn_time: float | None = option(
-        None, help="Duration of a turn. Default: cruise_speed / acceleration.", unit="s", least=0, most=600
+        None, help="Duration of a turn; by default cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
         None, help="Smallest turn radius of a fixed wing without wind; 0 for other vehicles.", unit="m", least=0, most=10_000
@@ -99,7 +99,7 @@ class Vehicle(Problem):
         unit="degrees", least=-360, most=360,
     )  # fmt: skip
     acceptance_radius: float | None = option(
-        None, help="Distance at which a waypoint is reached. Default: the value of the autopilot.", unit="m", above=0, most=1000
+        None, help="Distance at which a waypoint is reached; by default the autopilot's value.", unit="m", above=0, most=1000
     )
 
     def __post_init__(self) -> None:

@@ -89,13 +89,13 @@ class SearchProblem(Problem):
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees: one number for all robots, or one for each robot such as 2,2,6. "
-        "Default: the view of the vehicle's camera or detector, or 10.",
+        None, help="Side of the square that a robot sees: one number for all robots, or one for each robot such as 2,2,6; "
+        "by default the view of the vehicle's camera or detector, or 10.",
         unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
-        None, help="Altitudes at which robots search the whole region, along one tour. Default: the vehicle's altitude; for a "
-        "box, as many altitudes as footprints fit into its height.", unit="m", metavar="H,H,...", parse=parse_numbers,
+        None, help="Altitudes at which robots search the whole region, along one tour; by default the vehicle's altitude, or in "
+        "a box, as many altitudes as footprints fit into the height of the box.", unit="m", metavar="H,H,...", parse=parse_numbers,
         check=check_bands,
     )  # fmt: skip
     passes: int = option(
@@ -108,34 +108,34 @@ class SearchProblem(Problem):
     )  # fmt: skip
     launch: str | tuple[tuple[float, float], ...] | None = option(
         None, help="Launch points inside or outside the region, in place of --starts: one x,y for all robots, or one for each "
-        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). The value may also be a CSV or "
-        "GeoJSON file of points, or of a line such as a road, along which robots start at equal distances.",
+        "robot, separated by semicolons (metres; longitude,latitude for a region on Earth). The value of --launch may be a "
+        "CSV or GeoJSON file of points, or of a line such as a road, along which robots start at equal distances.",
         metavar="POINTS|FILE", check=check_places("launch", "points or a file"),
     )  # fmt: skip
     land: str | tuple[tuple[float, float], ...] | None = option(
-        None, help="Landing points, in the same form as --launch. Default: the launch points.", metavar="POINTS|FILE",
+        None, help="Landing points, in the same form as --launch; by default the launch points.", metavar="POINTS|FILE",
         check=check_places("land", "points or a file"),
     )  # fmt: skip
     delays: tuple[float, ...] | None = option(
-        None, help="Delay of each robot's start. Default: 0; if missions are written, the delays that keep robots apart.", unit="s",
+        None, help="Delay of each robot's start; by default 0, or with missions, the delays that keep robots apart.", unit="s",
         metavar="S,S,...", parse=parse_numbers,
         check=lambda value: check_number_list(value, "delays", "numbers, 0 or more, one per robot", least=0),
     )  # fmt: skip
     tour: str = option(
         "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time or Shoal "
-        "chooses the angle, auto means the faster tour of spanning-tree and boustrophedon.", names=TOURS,
+        "chooses the angle of the rows, auto means the faster tour of spanning-tree and boustrophedon.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
         "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
         "fastest rule, but hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows of cells, counter-clockwise from east. With auto, Shoal chooses the angle and shift of the "
-        "rows with which one robot is fastest, turns included. If --tour is auto, Shoal also chooses the tour. Default: auto for "
-        "a region on Earth, else 0.", unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
+        None, help="Angle of the rows of cells, counter-clockwise from east; by default auto for a region on Earth, else 0. With "
+        "auto, Shoal chooses the angle and shift of the rows with which one robot is fastest, turns included.",
+        unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
-        (), help="File of no-go zones, in the same units as REGION. The option can be repeated.", metavar="FILE", repeated=True,
+        (), help="File of no-go zones, in the same units as REGION (the option can be repeated).", metavar="FILE", repeated=True,
         parse=list, check=check_no_go, dump=dump_no_go,
     )  # fmt: skip
     margin: float = option(
@@ -143,13 +143,13 @@ class SearchProblem(Problem):
     )
     layer: str | None = option(None, help="Name of a layer of a GeoPackage file, required if the file has several layers.")
     inner: str | None = option(
-        None, help="Meaning of an unmarked polygon inside another polygon: no-go or search. By default, Shoal refuses a file with "
+        None, help="Meaning of an unmarked polygon inside another polygon. By default, Shoal refuses a file with "
         "an unmarked inner polygon.", choices=INNER,
     )  # fmt: skip
     across_zones: bool = option(False, help="Accept a region that lies in two UTM zones.")
     vehicle: Vehicle | str | None = option(
         None, help="Vehicle: multirotor, fixed-wing, rover, ideal (1 m/s, turns take no time, no battery limit) or a .toml or "
-        ".json file. Changed fields may follow, as in rover,cruise_speed=2. Default: ideal; with missions, multirotor.",
+        ".json file; by default ideal, or with missions, multirotor. Changed fields may follow the name: rover,cruise_speed=2.",
         metavar="NAME|FILE[,FIELD=VALUE...]", check=vehicle_of, dump=Vehicle.to_dict,
     )  # fmt: skip
     rates: tuple[float, ...] | None = option(
@@ -173,8 +173,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
-        "liar:R. R is the number of a robot, counted from 1. The unit of times and energy is one searched cell. The option can be "
-        "repeated.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        "liar:R (the option can be repeated). R is the number of a robot, counted from 1. TIME, UNTIL and ENERGY are "
+        "numbers of searched cells.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
         dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
     crashes: int = option(
@@ -194,12 +194,12 @@ class SearchProblem(Problem):
         metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages. Default: yes, unless there are more than 126 robots, or cells times robots "
-        "exceed a million.",
+        None, help="Simulate robots and messages; by default yes, unless there are more than 126 robots, or the number of cells "
+        "times the number of robots exceeds a million.",
     )  # fmt: skip
     live: float | None = option(
-        None, help="Speed of a search with one process for each robot and real UDP messages, in place of a simulation. At a "
-        "crash, Shoal kills the process of the robot.", unit="cells/s", metavar="RATE", above=0,
+        None, help="Speed of a search with one process for each robot and real UDP messages, in place of a simulation. If a "
+        "robot crashes, Shoal kills the process of the robot.", unit="cells/s", metavar="RATE", above=0,
     )  # fmt: skip
 
     def check_together(self) -> None:
