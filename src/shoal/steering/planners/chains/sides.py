@@ -20,7 +20,7 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 def between_few_sides(query: ChainQuery) -> ChainQuery:
     """Return a copy of the query in which the polygon has only `FEW` of its sides.
 
-    If the polygon already has few sides, or if the chosen sides enclose no area, the function returns ``query`` unchanged.
+    If the polygon has at most `MANY` sides, or if the chosen sides enclose no area, the function returns ``query`` unchanged.
     """
     found = with_few_sides(query.walls, FEW) if query.walls.sides > MANY else None
     return query if found is None else replace(query, walls=found)
