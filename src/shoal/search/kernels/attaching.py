@@ -1,4 +1,7 @@
-"""Merging of cycles that cannot merge without additional length. The cheapest pair of neighbouring cells comes first."""
+"""Merging of cycles that cannot merge without additional length of the tour.
+
+The kernel first merges the cheapest pair of neighbouring cells.
+"""
 
 from __future__ import annotations
 
@@ -48,7 +51,10 @@ def offer(heap, mask, links, parent, c):
 
 @kernel
 def attach(mask, links, parent):
-    """Merge all cycles of a connected component into one cycle by the cheapest exchanges. Call `grow` after each exchange."""
+    """Merge all cycles of a connected component into one cycle by the cheapest exchanges.
+
+    After each exchange, the kernel calls `grow`.
+    """
     width = mask.shape[1]
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     touched = np.empty(TOUCHED, dtype=np.int64)

@@ -39,7 +39,7 @@ def merge(links, parent, c, d, a, b):
 
 @kernel
 def ring(links, parent, k, width):
-    """Make a cycle of 2 x 2 cells. The upper left cell is k."""
+    """Make a cycle of 2 x 2 cells, of which k is the upper left cell."""
     corners = (k, k + 1, k + width + 1, k + width)
     for i in range(4):
         links[corners[i], 0], links[corners[i], 1] = corners[i - 1], corners[(i + 1) % 4]
@@ -110,10 +110,10 @@ def border(mask, parent, listed):
 
 @kernel
 def grow(mask, links, parent, queue, queued, head, count, touched):
-    """Merge all cells beside an edge of a queued cell that do not lengthen the tour. Return the number of changed cells.
+    """Merge into a cycle all cells beside edges of its queued cells, where the merge does not lengthen the tour.
 
-    Two cells a and b lie beside an edge c-d. The kernel merges a and b if they are an edge of another cycle, or two single cells.
-    The array ``queue`` is a ring buffer.
+    The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
+    array ``queue`` is a ring buffer. Return the number of changed cells.
     """
     height, width = mask.shape
     n_touched = 0
@@ -150,7 +150,7 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 
 @kernel
 def beside(c, d, side, height, width):
-    """Return the cells beside c and d, on the side ``side`` of the edge c-d.
+    """Return the cells beside c and d on one side of the edge c-d, given by ``side``.
 
     If c and d are not neighbours, or if a cell beside them is outside the grid, return (-1, -1).
     """
@@ -203,8 +203,8 @@ def chains(links, width, members, starts, order):
 
     ``members`` are the cells, sorted by cycle. ``starts`` contains the index of the first cell of each cycle, and the end of the
     last cycle. The first cycle begins at its first cell in ``members``. Every other cycle begins at its cell nearest to the end of
-    the previous cycle. The kernel opens each cycle at the longer one of the two edges of its begin cell. If only one cycle exists,
-    the kernel opens it at the shorter edge.
+    the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges. If only one cycle
+    exists, the kernel opens the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

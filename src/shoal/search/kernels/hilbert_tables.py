@@ -59,10 +59,10 @@ def _turn(rank: int, dimensions: int) -> int:
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
     """Return (decoding, encoding, begin) for ``levels`` levels per look-up.
 
-    The entry ``decoding[state << n * levels | digits]`` contains the shifted next state, and in its lower bits the coordinates. The
-    bits from j * levels on contain the coordinate of axis j. The table ``encoding`` exchanges digits and coordinates. The entry
-    ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. Leading zeros extend an order that is not a
-    multiple of ``levels``.
+    The entry ``decoding[state << n * levels | digits]`` contains the shifted next state, and in its lower bits the coordinates. In
+    an entry, the bits from j * levels on contain the coordinate of axis j. The table ``encoding`` exchanges digits and coordinates.
+    The entry ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. An index whose order is not a multiple
+    of ``levels`` begins with leading zeros.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels

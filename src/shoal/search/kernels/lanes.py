@@ -18,7 +18,10 @@ LOOK = 64
 
 @kernel
 def runs_of(mask):
-    """Return (row, begin, end) of all runs in reading order; int64, shape (R, 3). ``end`` is one past the last cell of a run."""
+    """Return (row, begin, end) of all runs in reading order; int64, shape (R, 3).
+
+    ``end`` is the column after the last cell of a run.
+    """
     height, width = mask.shape
     count = 0
     for row in range(height):
@@ -57,8 +60,8 @@ def overlaps(runs):
 def chains_of(runs, above, below):
     """Return (chain, first, last, following) for the chains of runs.
 
-    ``chain`` is the chain of each run. ``first`` and ``last`` are the first and the last run of each chain. ``following`` is the
-    next run of each run in its chain, or -1 at the end of the chain.
+    ``chain`` contains the chain of each run. ``first`` and ``last`` contain the first and the last run of each chain. ``following``
+    contains, for each run, the next run of the chain, or -1 at the end of the chain.
     """
     n = len(runs)
     up, down, over = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.full(n, -1)

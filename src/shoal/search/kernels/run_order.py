@@ -1,9 +1,9 @@
 """The order and the directions in which a vehicle drives rows of cells: exchanges shorten a closed tour of runs.
 
 A *run* consists of the cells of a row between two gaps. The array ``ends`` (R, 2, 2) contains the row and the column of the first
-and the last cell of each run. A closed tour is an ``order`` (R) of the runs and a flag ``backwards`` (R) for each run. The flag is
-1 if the vehicle drives the run from its last cell to its first cell. Link k of a tour leads from the run at place k - 1 of the
-order to the run at place k.
+and the last cell of each run. A closed tour is an ``order`` (R) of the runs and a flag ``backwards`` (R) for each run. The flag
+``backwards`` is 1 if the vehicle drives the run from its last cell to its first cell. Link k of a tour leads from the run at place
+k - 1 of the order to the run at place k.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def shorten(ends, order, backwards):
     """Shorten a closed tour of runs by exchanges and by random disturbances.
 
     A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the disturbed tour. The kernel keeps
-    a disturbed tour only if it is shorter than the best tour.
+    a disturbed tour only if it is shorter than the best tour so far.
     """
     n = len(order)
     if n <= _LONGEST + 2:

@@ -1,7 +1,7 @@
 """The progress of robots along a tour in a given time, for a bisection over the makespan (the time of the last robot).
 
-A pass goes once around the tour, beginning with the first robot. The pass assigns to each robot as many cells as the robot can
-search in the given time. ``borders`` receives the first cell of each robot.
+A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
+in the given time. The array ``borders`` receives the tour index of the first cell of each robot.
 """
 
 from __future__ import annotations
@@ -119,7 +119,7 @@ def back(tour, team, robot, one, other):
 def both_ways(tour, team, robot, at, low, budget):
     """Return how far forwards a robot gets if it also searches backwards from its start cell ``at`` to the cell ``low``.
 
-    The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` in its budget.
+    The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` within its budget.
     """
     n, ahead, gain = tour.points.shape[0], tour.ahead, team.gains[robot]
     budget = budget * gain

@@ -34,9 +34,9 @@ def fewest_links(points, starts, boxes, turn, reach, banned, before):
     """Write to ``before`` the predecessor of each point on the path with the smallest cost: its length plus ``turn`` for each link.
 
     ``points`` (K, 2) contains the points of all windows. The points of window k have the indices from ``starts[k]`` to ``starts[k +
-    1] - 1``. ``boxes`` (M, 4) contains the windows: left, low, right, high. The first and the last window have one point each. A
-    link leads at most ``reach`` windows ahead. Each entry of ``banned`` is a forbidden link as the number from * K + to. The
-    entries of ``banned`` increase.
+    1] - 1``. The array ``boxes`` (M, 4) contains the left, low, right and high border of each window. The first and the last window
+    have one point each. A link leads at most ``reach`` windows ahead. The array ``banned`` contains forbidden links in increasing
+    order, each as the number i * K + j for the link from point i to point j.
     """
     count, windows = len(points), len(boxes)
     cost = np.full(count, np.inf)

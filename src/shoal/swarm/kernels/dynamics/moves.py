@@ -2,9 +2,9 @@
 
 A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, the kernel processes each
 row after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end at a wall.
-For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry of the addition
-passes through these runs. For moves towards higher bits, the kernel first reverses the words. A run that continues in the next word
-is rare, and the kernel corrects it afterwards.
+For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry passes through
+each run. For moves towards higher bits, the kernel first reverses the bits of each word. Afterwards, the kernel corrects the rare
+runs that continue in the next word.
 
 The kernel processes boards in blocks of rows that fit into the processor's cache. A large board is therefore read from memory only
 once.
@@ -62,7 +62,8 @@ def segments(field, command):
 
 @in_place_kernel
 def move_across(field, command, rule):
-    """Move particles from row to row and classify. Return the numbers of cells travelled, classified and added to the frontier."""
+    """Move particles across rows and classify cells. Return the numbers of cells travelled, classified and added to the frontier.
+    """
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
     for line in range(lines):
@@ -86,8 +87,8 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
     ``tried`` receives the tried cells that are on ``board``, or, if ``flip`` is ALL, the tried cells that are not on ``board``.
-    Return the union of all tried cells as one word, and the number of particles that have moved. If ``counted`` is None, the kernel
-    does not count the moved particles, to save time, and the number is 0.
+    Return the union of all tried cells as one word, and the number of moved particles. If ``counted`` is None, the kernel saves the
+    time for counting, and the number of moved particles is 0.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):
@@ -146,9 +147,9 @@ def learn(field, first, last):
     """Classify the tried cells in the words ``first`` to ``last - 1`` from the new cells of the particles.
 
     Return the number of classified cells, and the number of cells added to the frontier. A tried cell is free if it now holds a
-    particle; if it holds no particle, it is an obstacle. The unknown neighbours of new free cells join the frontier. A neighbour
-    may be a tried cell that the loop has not yet classified. Each tried cell is already on the frontier, so the loop does not count
-    it twice.
+    particle; if it holds no particle, it is an obstacle. The unknown neighbours of new free cells join the frontier. An unknown
+    neighbour may be a tried cell that the loop has not yet classified. Tried cells are already on the frontier, so the loop counts
+    no tried cell twice.
     """
     classified, added = 0, 0
     for start in range(0, last - first, GROUP):
@@ -254,7 +255,7 @@ def held_above(here, free):
 
 @in_place_kernel
 def move_along(field, command, rule):
-    """Move particles along the rows and classify. Return the numbers of cells travelled, classified and added to the frontier."""
+    """Move particles along rows and classify cells. Return the numbers of cells travelled, classified and added to the frontier."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
     block = max(1, BLOCK_WORDS // field.width) * field.width
@@ -333,7 +334,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let every particle try one cell. Return the numbers of cells travelled, classified and added to the frontier."""
+    """Let each particle try its next cell. Return the numbers of cells travelled, classified and added to the frontier."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -1,6 +1,7 @@
-"""Simulated annealing of a plan for a known map. Annealing keeps a random change if the plan becomes shorter or little longer.
+"""Simulated annealing of a plan for a known map.
 
-To judge a change, the kernel simulates only the moves after the change, because it stores intermediate states at regular intervals.
+Annealing keeps a random change if the plan becomes shorter or only a little longer. To judge a change, the kernel simulates only
+the moves after the change, because it stores intermediate states at regular intervals.
 
 Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes
 are an addition by Shoal (docs/concepts/planners.md).
@@ -36,10 +37,11 @@ class AnnealedPlan(NamedTuple):
 
 @in_place_kernel
 def change(planner, plans, length):
-    """Write a changed copy of the current plan to the trial plan. Return (index of the first changed move, length).
+    """Write a changed copy of the current plan to the trial plan.
 
-    The place and the kind of the change are random. A change replaces one command; inserts, removes or overwrites 1, 2, 4 or 8
-    equal commands; or replaces up to four commands by one command.
+    The place and the kind of the change are random. The kinds are: replace one command; insert 1, 2, 4 or 8 equal commands; remove
+    1, 2, 4 or 8 commands; overwrite 1, 2, 4 or 8 commands with equal commands; or replace up to four commands by one command.
+    Return the index of the first changed move and the length of the trial plan.
     """
     plan, trial = plans.plan, plans.trial
     at, kind = draw(planner, np.int64(length)), draw(planner, np.int64(5))
@@ -69,8 +71,8 @@ def change(planner, plans, length):
 def finish(planner, state, plan, at, length, limit):
     """Simulate a plan from move ``at`` on, beginning with ``state``, and append commands until no frontier cell is left.
 
-    The greedy base policy chooses the appended commands. Return (moves of the whole plan, simulated moves). If the plan needs more
-    than ``limit`` moves, the first number is ``limit + 1``.
+    The greedy base policy chooses the appended commands. Return the number of moves in the whole plan, and the number of simulated
+    moves. If the plan needs more than ``limit`` moves, the number of moves in the plan is given as ``limit + 1``.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)

@@ -12,7 +12,10 @@ from shoal.swarm.kernels.prediction.forward_model import advance, copy_state, di
 
 
 class Beam(NamedTuple):
-    """Working memory of the beam search: the states at two successive depths. The search uses the two halves alternately."""
+    """Working memory of the beam search: the states at two successive depths.
+
+    The search uses the two halves of each array alternately.
+    """
 
     states: NDArray[np.uint64]  # (2, width, boards, words)
     plans: NDArray[np.int8]  # (2, width, depth)

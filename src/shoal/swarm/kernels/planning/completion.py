@@ -51,7 +51,7 @@ def keep_best(kept, begin, length):
 def most(gains, last):
     """Return the command that classifies most cells, or -1 if no command classifies a cell.
 
-    Among equally good commands, prefer the last command.
+    Among equally good commands, prefer ``last``, which is the previous command of the plan.
     """
     best = last if last >= 0 and gains[last] > 0 else np.int64(-1)
     for command in range(gains.shape[0]):
@@ -64,7 +64,7 @@ def most(gains, last):
 def most_careful(scene, state, gains, moved, planes, last, charge):
     """Return the command with the highest worth: the number of classified cells minus ``charge`` per frontier cell left behind.
 
-    Only commands that classify at least one cell count. Without such a command, the result is -1.
+    The choice is among the commands that classify at least one cell. If no command classifies a cell, the result is -1.
     """
     best, best_worth = -1, 0.0
     at_hand, still = planes[UNREACHED], planes[MOD]  # this function uses the two planes only as working memory
@@ -105,14 +105,14 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
     """Simulate the first ``length`` commands of a plan, and append commands of the base policy up to the horizon.
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` must be the kept state of
-    the best plan before move ``begin``. The simulation stops early if the plan cannot become better than ``best``. The test for an
-    early stop assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are
-    left to classify.
+    the best plan before move ``begin``. The simulation stops early if the plan cannot become better than ``best``. The early stop
+    assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are left to
+    classify.
 
-    Return five numbers: time, value, length, moves and classified. The time is the number of moves up to the last classification,
-    or ``horizon`` if cells are left. The value is the discounted number of classified cells. The length is the number of commands
-    in the plan. The number of moves is the number of simulated commands, including the commands before ``begin``. The last number
-    is the number of classified cells.
+    Return five numbers: time, value, length, moves and classified. ``time`` is the number of moves up to the last classification,
+    or ``horizon`` if cells are left. ``value`` is the discounted number of classified cells. ``length`` is the number of commands
+    in the plan. ``moves`` is the number of simulated commands, including the commands before ``begin``. ``classified`` is the
+    number of classified cells.
     """
     value, weight, last, finished, total = 0.0, 1.0, np.int64(-1), 0, 0
     kept, at = space.kept, begin

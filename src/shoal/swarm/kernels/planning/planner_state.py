@@ -78,7 +78,7 @@ def next_command(planner):
 
 @in_place_kernel
 def force(field, planner):
-    """Set the incumbent to the path to the nearest frontier cell. The path always classifies a cell, so every episode ends."""
+    """Set the incumbent to the path to the nearest frontier cell. A whole path always classifies a cell, so every episode ends."""
     memory = planner.memory
     take_state(field, planner.root)
     for i in range(field.open.shape[0]):

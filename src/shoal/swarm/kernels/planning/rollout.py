@@ -50,9 +50,9 @@ def evaluate(planner, shared, length, best, few, style):
     """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher of the two values.
 
     The trial plan begins with the first ``shared`` commands of the incumbent. If the planner simulates plans to the end of the
-    task, ``few`` is the expected number of cells left to classify. In all other cases, ``few`` is 0. If ``few`` is 0, the value of
-    a plan is the discounted number of classified cells. If ``few`` is above 0, the value is a weight times the discounted number of
-    classified cells, minus the number of moves.
+    task, ``few`` is the expected number of cells left to classify. If the planner simulates plans only up to a near horizon,
+    ``few`` is 0. If ``few`` is 0, the value of a plan is the discounted number of classified cells. If ``few`` is above 0, the
+    value of a plan is a weight times the discounted number of classified cells, minus the number of moves.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
@@ -124,7 +124,10 @@ def search_plans(planner):
 
 @in_place_kernel
 def predicted_frontier(planner):
-    """Return the number of unseen cells beside predicted free cells. These cells join the frontier if the prediction is correct."""
+    """Return the number of unseen cells beside predicted free cells.
+
+    If the prediction is correct, the unseen cells beside predicted free cells join the frontier.
+    """
     beside(planner.scene, planner.scene.ground, planner.root[UNSEEN], planner.planes[MOD])
     return count(planner.planes[MOD])
 
@@ -168,9 +171,9 @@ def vary(planner):
     """Write a random variation of the incumbent to the trial plan. Return (number of commands before the first change, length).
 
     Each variation begins like the incumbent up to a random place. The first kind of variation continues with one random command,
-    and drops the rest of the incumbent. With ``run_candidates`` above 0, three more kinds are possible. The second kind continues
-    with 1, 2, 4 or 8 equal commands, and drops the rest. The third kind inserts 1, 2, 4 or 8 equal commands. The fourth kind
-    removes 1, 2, 4 or 8 commands.
+    and drops the rest of the incumbent. With ``run_candidates`` above 0, three more kinds of variation are possible. The second
+    kind of variation continues with 1, 2, 4 or 8 equal commands, and drops the rest of the incumbent. The third kind of variation
+    inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)

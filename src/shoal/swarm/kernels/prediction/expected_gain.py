@@ -1,9 +1,9 @@
 """Expected number of cells that a run of equal commands classifies, with the learned probability that free space continues.
 
 For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
-unknown cell. The run classifies each further unknown cell only if all cells before it on the path are free. Each episode learns the
-probability of a free cell from the start. The probability is the fraction of free cells among the classified cells with the same
-surroundings, smoothed towards the fraction for coarser surroundings.
+unknown cell. The run classifies each further unknown cell only if all cells before it on the path are free. In each episode, the
+scan rule learns the probability of a free cell without earlier data. The probability is the fraction of free cells among the
+classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def advance(scene, state, command):
 
 @in_place_kernel
 def push(scene, occupied, frontier, command):
-    """Move the particles in place, and write the frontier cells that a particle tries to enter to ``scene.tried``.
+    """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle tries to enter.
 
     Return the union of all words of ``scene.tried`` as one word.
     """

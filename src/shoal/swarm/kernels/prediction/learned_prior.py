@@ -50,7 +50,7 @@ class LearnedPrior(NamedTuple):
 
 @in_place_kernel
 def part_of_row(board, begin, width, column):
-    """Return SPAN cells of a row of a board from a column on. Cells beyond the ends of the row are not set."""
+    """Return SPAN cells of a row of a board, beginning with ``column``. Cells beyond the ends of the row are not set."""
     word, shift = column >> 6, np.uint64(column & 63)
     cells = ZERO
     if 0 <= word < width:
@@ -96,7 +96,7 @@ def list_weights(learned, command, kind, row, cells, size):
 def add_weights(learned, size):
     """Add the listed rows of the weights ``first`` to ``sums``.
 
-    The loop adds four rows at once, because it spends most of its time on storing the sums.
+    The loop adds four rows at once, because storing the sums takes most of the time.
     """
     first, sums, used = learned.first, learned.sums, learned.used
     for at in range(0, size - 3, 4):

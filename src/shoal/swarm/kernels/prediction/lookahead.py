@@ -1,8 +1,8 @@
 """Search for a path through known cells, after which one more command and a scan classify most cells.
 
-The belief determines the outcome of a command exactly if no particle tries to enter an unknown cell. The swarm can therefore shift
-twice, in perpendicular directions, to a place where many particles are beside unknown cells. The next command then tries all these
-unknown cells at once.
+If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The swarm can therefore shift twice,
+in perpendicular directions, to a place where many particles are beside unknown cells. With the next command, many particles try to
+enter unknown cells at once.
 """
 
 from __future__ import annotations

@@ -67,7 +67,10 @@ def list_cells(cells, size, i, word):
 
 @in_place_kernel
 def counted(prediction, prior, cell, number):
-    """Return the result of `counted_chance` for a cell. The kernel computes each result only once, and stores it."""
+    """Return the result of `counted_chance` for a cell.
+
+    The kernel computes each result of `counted_chance` only once, and stores it.
+    """
     at, places = place(prior, MODELS - 1, cell)
     entry = number * places + at
     if prediction.chances[entry] == NOT_ASKED:
@@ -127,7 +130,7 @@ def mixed(prediction, prior, k, number):
 def find_free(prediction, prior, learned, size, needed):
     """Predict cells of the layer as free if their probability is above ``needed`` from every side that a particle can enter from.
 
-    Return whether the layer contains such a cell.
+    Return whether the layer contains a cell that is predicted to be free.
     """
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
@@ -151,7 +154,7 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Return whether a board contains a cell. A cell outside the board is not contained."""
+    """Return whether a board contains a cell. A cell outside the board counts as not contained."""
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 

@@ -1,10 +1,10 @@
 """Probability that a cell is free: a mean of several experts, weighted by their predictions in the episode so far.
 
-The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. Fine
-surroundings are smoothed towards coarse surroundings. A particle enters a cell from a free neighbour. The surroundings of the cell
-are five cells: the cell behind the free neighbour, the two cells beside the free neighbour, and the two cells beside the cell
-itself. Model m > 0 also uses the position of the cell modulo 2 to the power m, because corridors of mazes, trees and chips often
-lie on a lattice. In each episode, the count experts start without counts. The last expert is a network trained on maps
+The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. The
+fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. The surroundings of a cell are five cells:
+the cell behind the free neighbour from which a particle enters, the two cells beside this neighbour, and the two cells beside the
+cell itself. Model m > 0 also uses the position of the cell modulo 2 to the power m, because corridors of mazes, trees and chips
+often lie on a lattice. In each episode, the count experts start without counts. The last expert is a network trained on maps
 (`learned_prior`).
 
 When a cell is classified, every expert estimates the probability of a free cell before it learns the result. The weight of an
@@ -164,7 +164,7 @@ def learn(prior, number, cell, free):
 def weigh(prior, free):
     """Multiply each expert's weight by the probability that the expert gave to the result.
 
-    Then distribute a small fraction of all weight evenly.
+    Then distribute a small fraction of all weight evenly over the experts.
     """
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):
