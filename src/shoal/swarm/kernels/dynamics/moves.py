@@ -62,8 +62,7 @@ def segments(field, command):
 
 @in_place_kernel
 def move_across(field, command, rule):
-    """Move particles across rows and classify cells. Return the numbers of cells travelled, classified and added to the frontier.
-    """
+    """Move particles across rows and classify cells. Return numbers of cells travelled, classified and added to the frontier."""
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
     for line in range(lines):
@@ -255,7 +254,7 @@ def held_above(here, free):
 
 @in_place_kernel
 def move_along(field, command, rule):
-    """Move particles along rows and classify cells. Return the numbers of cells travelled, classified and added to the frontier."""
+    """Move particles along rows and classify cells. Return numbers of cells travelled, classified and added to the frontier."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
     block = max(1, BLOCK_WORDS // field.width) * field.width
