@@ -124,7 +124,7 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
 
 
 def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
-    """Check a policy: it must end every episode, send valid commands, store no data in itself, and repeat its decisions.
+    """Check a policy: it must end every episode, send valid commands, store no data in itself, and decide equally in equal trials.
 
     Parameters
     ----------
@@ -175,7 +175,8 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check a tour maker: each tour must visit every True cell once, finish one component before the next, and be repeatable.
+    """Check a tour maker: each tour visits every True cell once and finishes each component at once, and equal masks give equal
+    tours.
 
     Parameters
     ----------

@@ -251,7 +251,7 @@ class _Run:
             self._tell()
 
     def _doubts(self, job: _Job, answer: Answer) -> bool:
-        """Return whether another worker should repeat a batch. Another worker repeats a batch if all trials of the batch failed.
+        """Return whether another worker should repeat a batch, because all trials of the batch failed on one worker.
 
         If all trials of a batch fail on one worker and some succeed on another worker, the first worker gets no more batches.
         """

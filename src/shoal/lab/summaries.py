@@ -137,7 +137,7 @@ def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, met
     """Return the mean of a measure, with a confidence interval, at each point of a sweep.
 
     For a measure that grows until the task is done, an unfinished trial gives a lower bound of its value. The estimate of a growing
-    measure is a restricted mean: values above ``bound`` count as ``bound``. Each row has a field ``bound``.
+    measure is a restricted mean: values above the field ``bound`` of a row count as ``bound``.
 
     Raises
     ------

@@ -46,7 +46,7 @@ class WorkerPool(Protocol):
 
 
 class _OneMachine:
-    """Workers on one machine. All workers share one environment, so that no worker fails for a reason of its own."""
+    """Workers on one machine. All workers share one environment, so that a batch that fails on one worker fails on all workers."""
 
     def has_others(self, worker: str) -> bool:
         """Return False, because all workers on one machine are alike."""
@@ -256,7 +256,7 @@ class Cluster:
         return [address for address, name in names.items() if (name == worker) == same]
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether Dask has given up a batch because workers died during the batch. Dask gives up after several attempts."""
+        """Return whether Dask has given up a batch because workers died during several attempts to run the batch."""
         return isinstance(error, self._killed)
 
     def close(self, *, at_once: bool) -> None:

@@ -1,4 +1,8 @@
-"""Run one episode of a swarm problem. Built-in policies run entirely in compiled code, and third-party policies in Python."""
+"""Run one episode of a swarm problem.
+
+If kernels support the policy, the task, the scan rule and the noise of a problem, compiled code runs the whole episode. Python code
+runs the episodes of all other problems.
+"""
 
 from __future__ import annotations
 
@@ -94,7 +98,7 @@ def run(
 
 
 def _game(problem: SwarmProblem, swarm: ExactSwarm | NoisySwarm, rng: Generator) -> Game | None:
-    """Return the object that runs a built-in policy in compiled code. Without kernels for the policy or the task, return None."""
+    """Return the object that runs an episode in compiled code, or None if kernels do not support the problem."""
     policy, task, scanning = problem.chosen_policy, problem.chosen_task, problem.scanning
     if isinstance(swarm, NoisySwarm):
         return NoisyGame(policy, swarm.noisy, swarm.rng, every=scanning.step) if isinstance(policy, ClosestFrontier) else None

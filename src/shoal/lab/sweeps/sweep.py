@@ -324,7 +324,7 @@ def _shortened(text: str) -> str:
 
 
 def distinct_places(points: tuple[Point, ...]) -> Iterator[Point]:
-    """Yield the first point with each map, workspace or region of a sweep."""
+    """For each map, workspace or region of a sweep, yield the first point that uses it."""
     seen: set[tuple[str, str | None]] = set()
     for point in points:
         place = (point.problem.part, point.problem.place_key())

@@ -130,7 +130,7 @@ class JobStore:
         self._connection.close()
 
     def _job(self, row: tuple[Any, ...]) -> dict[str, Any]:
-        """Validate a row of the store, and return its job. The store file may come from another person."""
+        """Return the job in a row of the store. Validate the row, because the store file may come from another person."""
         job = dict(zip(_COLUMNS.split(", "), row, strict=True))
         where = f"{self.path}: job {shortened(job['id'])}"
         check_choice(job["state"], what=f"{where}: state", choices=_STATES)

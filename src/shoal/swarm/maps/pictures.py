@@ -94,7 +94,8 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
-    """Return the result of ``turn`` for each page of a picture. Check the sizes of all pages before decoding the first page."""
+    """Return the result of the function ``turn`` for each page of a picture. Check the sizes of all pages before decoding the first
+    page."""
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS

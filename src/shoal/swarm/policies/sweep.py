@@ -27,8 +27,8 @@ class WallSweep(Compiled):
     of both ways as long as each cycle classifies cells.
 
     On a rectangle of m free cells that is k cells tall, the policy needs 4m/k moves if k particles start along the left wall
-    (placement left-wall). The policy sweep is not suitable for other shapes than rectangles. If a whole cycle classifies no cell,
-    the policy stops, and the episode ends as stalled. Source: paper D, section III.B.2.
+    (placement left-wall). The policy sweep is suitable for rectangles only. If a whole cycle classifies no cell, the policy stops,
+    and the episode ends as stalled. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"

@@ -79,7 +79,7 @@ class RemoteRig:
     on_event : callable, optional
         Function that the object calls with the events of the connection.
     session : str, optional
-        Identifier of the session. The default identifier is a random word.
+        Identifier of the session. The default identifier of a session is a random word.
 
     Raises
     ------

@@ -166,7 +166,7 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return each node with the highest rank among all nodes within the distance ``room`` (cells).
+    """Return the nodes that have the highest rank among all nodes within the distance ``room``, in cells.
 
     Choosing the nodes of highest rank prevents dense rows of parallel vessels.
     """

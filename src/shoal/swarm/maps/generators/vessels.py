@@ -57,8 +57,8 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
     """Return the start and end point (segments, 2) and the width in cells (segments,) of every straight vessel segment.
 
-    The width of a segment is a power of the total length of the vessels that the segment supplies. The exponent gives the widest
-    segment the width ``trunk_width`` and the ends of twigs the width ``TIP_WIDTH``.
+    The width of a segment is a power of the total length of the vessels that the segment supplies. The exponent of the power is
+    such that the widest segment has the width ``trunk_width``, and the ends of twigs have the width ``TIP_WIDTH``.
     """
     points, parents = network.points, network.parents
     size = subtrees(parents)[1]

@@ -179,7 +179,7 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
 def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
     """Mark all cells as free whose centre lies within ``radius`` of a ball's centre.
 
-    A thick branch needs fewer balls than a thin branch.
+    The balls of a thick branch lie farther apart than the balls of a thin branch.
     """
     for reach in range(1, int(np.ceil(radius.max())) + 1):
         thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))

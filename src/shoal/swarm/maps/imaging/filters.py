@@ -28,7 +28,7 @@ RIDGE_WEIGHT = 0.5  # weight of the ridge filters relative to the line detector
 def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
     """Return the vessel response of each pixel: how much the pixel looks like part of a vessel.
 
-    Background pixels have about the response 0.
+    Background pixels have a response of about 0.
 
     Parameters
     ----------

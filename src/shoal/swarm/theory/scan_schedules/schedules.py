@@ -211,8 +211,8 @@ class Powers(ScanSchedule):
 
     Notes
     -----
-    Source: paper M, section III.A.3. For a wall at distance D, paper M counts log_k D scans. With the scan at the start and the
-    scan after the first move, the schedule needs up to ceil(log_k(D + 1)) + 2 scans.
+    Source: paper M, section III.A.3. For a wall at distance D, paper M counts log_k D scans of the schedule with powers of k. With
+    the scan at the start and the scan after the first move, the schedule with powers of k needs up to ceil(log_k(D + 1)) + 2 scans.
 
     Examples
     --------
