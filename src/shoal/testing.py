@@ -175,8 +175,7 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check a tour maker: each tour visits every True cell once and finishes each component at once, and equal masks give equal
-    tours.
+    """Check a tour maker: each tour visits every True cell once, one component after the other; equal masks give equal tours.
 
     Parameters
     ----------

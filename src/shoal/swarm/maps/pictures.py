@@ -94,8 +94,10 @@ def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
 
 
 def _pages(path: Path, turn: Callable[[Image], T], *, most: int | None = None) -> list[T]:
-    """Return the result of the function ``turn`` for each page of a picture. Check the sizes of all pages before decoding the first
-    page."""
+    """Return the result of ``turn``, a function of a page, for each page of a picture.
+
+    The sizes of all pages are checked before the first page is decoded.
+    """
     from PIL import Image, UnidentifiedImageError
 
     limit = Image.MAX_IMAGE_PIXELS
