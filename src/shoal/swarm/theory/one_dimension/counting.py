@@ -1,8 +1,8 @@
 """Exact counting of particle placements on a line, with integers only.
 
 A placement of n particles on m cells is given by n + 1 gaps, with m - n empty cells in total. Full coverage takes
-a + 1 + max(t + 2, g(1), ..., g(n-1)) moves, where a is the first gap, t is the sum of the first and the last gap, and the inner gaps
-are g(1) ... g(n-1). The function `positions.coverage_moves` explains the number of moves for full coverage. In the maximum
+a + 1 + max(t + 2, g(1), ..., g(n-1)) moves, where a is the first gap, t is the sum of the first and the last gap, and the inner
+gaps are g(1) ... g(n-1). The function `positions.coverage_moves` explains the number of moves for full coverage. In the maximum
 max(t + 2, g(1), ..., g(n-1)), the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0, full coverage
 takes one move less than a + 1 + max(t + 2, g(1), ..., g(n-1)). The maximum max(t + 2, g(1), ..., g(n-1)) is at most g if
 t <= g - 2, the first nonzero inner gap is at most g + 1, and all other inner gaps are at most g. The first and the last gap can
