@@ -228,7 +228,7 @@ def parse_json(text: str, *, where: str) -> Any:
 
 
 def read_polygon(text: str, *, where: str) -> Any:
-    """Return a polygon or multipolygon from its well-known text. Refuse a geometry of another type.
+    """Return a polygon or multipolygon from its well-known text, and refuse any other geometry.
 
     Raises
     ------

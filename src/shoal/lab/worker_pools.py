@@ -138,8 +138,8 @@ class Processes(_OneMachine):
 def _interruptions_kept() -> Iterator[None]:
     """Delay Ctrl-C inside the ``with`` block. Processes that start inside the ``with`` block never receive Ctrl-C.
 
-    A terminal sends Ctrl-C to all processes of a command. Without the delay, a worker process that receives Ctrl-C during its start
-    would print a traceback.
+    A terminal sends Ctrl-C to all processes of a command. A worker process that receives Ctrl-C during its start would print a
+    traceback.
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

@@ -1,7 +1,7 @@
 """Run one episode of a swarm problem.
 
-If kernels support the policy, the task, the scan rule and the noise of a problem, compiled code runs the whole episode. Python code
-runs the episodes of all other problems.
+If kernels support the policy, the task, the scan rule and the noise of a problem, compiled code runs the whole episode. If kernels
+do not support a problem, Python code runs the episode.
 """
 
 from __future__ import annotations

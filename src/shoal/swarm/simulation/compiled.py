@@ -254,7 +254,7 @@ def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
 
 
 def scan_planner_of(layout: GridLayout, scanning: ScanRule | None) -> scan_runs.ScanPlanner | None:
-    """Return the working memory of the adaptive scan rule. For a scan rule of another kind, return None."""
+    """Return the working memory of the adaptive scan rule. For a scan rule that is not adaptive, return None."""
     if scanning is None or KINDS[scanning.kind] != scan_runs.ADAPTIVE:
         return None
     longest = min(max(layout.window), LONGEST_RUN)
