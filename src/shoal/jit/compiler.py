@@ -1,9 +1,10 @@
 """Compilation of kernels: a kernel is either an entry, which Python calls, or a part of another kernel.
 
-Numba only infers the types of a part and translates the part to LLVM code. LLVM optimizes an entry once, together with all parts of
-the entry. Without this module, Numba would optimize each kernel again at every level of calls. Without this module, Numba would
-also make machine code, a Python wrapper and a cache file for each kernel. The repeated optimization and the additional files would
-take two thirds of Numba's compilation time. The file docs/adr/0012-kernels-compiled-once.md contains the measurements.
+Numba infers the types of a part and translates the part to LLVM code, without optimization. LLVM optimizes an entry once, together
+with all parts of the entry. Without this module, Numba would optimize each kernel again at every level of calls. Without this
+module, Numba would also make machine code, a Python wrapper and a cache file for each kernel. The repeated optimization and the
+additional files would take two thirds of Numba's compilation time. The file docs/adr/0012-kernels-compiled-once.md contains the
+measurements of the compilation time.
 """
 
 from __future__ import annotations

@@ -77,7 +77,10 @@ def _private_folder() -> Path | None:
 
 
 def part_of(function: Callable[..., Any]) -> Path:
-    """Return the folder ``kernels`` that contains a kernel. After a change in this folder, the compiled kernel is out of date."""
+    """Return the folder ``kernels`` that contains a kernel.
+
+    A compiled kernel is out of date after any change in its folder ``kernels``.
+    """
     sources = Path(function.__code__.co_filename).parents
     return next((one for one in sources if one.name == "kernels"), sources[0])
 

@@ -13,7 +13,7 @@ import numpy as np
 from shoal.jit import kernel
 
 DEPTH = 512
-"""Size of the stack. A box with 2^31 cells along each side needs 4 entries for each halving."""
+"""Size of the stack of boxes. A box with 2^31 cells along each side needs 4 entries for each halving."""
 
 
 @kernel

@@ -162,9 +162,9 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Return whether a pass from any tried first border succeeds in the given time.
+    """Make passes with different first borders. Return whether one of these passes succeeds in the given time.
 
-    ``borders`` then contains the first cell of each robot.
+    A pass succeeds if the robots search all cells of the tour. After a success, ``borders`` contains the first cell of each robot.
     """
     reach, n, ahead, start = 0, tour.points.shape[0], tour.ahead, team.starts[0]
     while reach < n and ahead[start + n] - ahead[start + n - reach] <= time * team.rates[0] * team.gains[0]:

@@ -2,8 +2,8 @@
 
 The module `chain_limits` defines chains. On flat walls, the length of a chain and its constraints are convex functions of the
 unknowns. On the circle, a contact is an angle, and the result is a local optimum near the initial guess. The method minimizes
-``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of ``sharpness``. The logarithms keep every
-result strictly inside all limits.
+``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of the weight ``sharpness``. The logarithms of
+the limits keep every result of the method strictly inside all limits.
 """
 
 from __future__ import annotations
@@ -98,8 +98,9 @@ def assess(x, slack, sharpness, blur, kind, work, order):
 def newton_direction(derivatives, lower, direction, n):
     """Solve ``hessian @ direction = -gradient`` by a Cholesky decomposition. Return the Newton decrement.
 
-    If the Hessian is not positive definite, the function increases its diagonal until the decomposition succeeds. Only the first n
-    unknowns change. The last row of ``derivatives`` is the gradient, and the other rows are the Hessian.
+    If the Hessian is not positive definite, the function increases its diagonal until the decomposition succeeds. The function
+    computes ``direction`` only for the first ``n`` unknowns. The last row of ``derivatives`` is the gradient, and the other rows
+    are the Hessian.
     """
     last = derivatives.shape[1]
     raised = 0.0

@@ -1,10 +1,9 @@
 """The elements of a chain of wall contacts, and its limits and lengths with their derivatives.
 
-A chain has cycles with the numbers m = 0, ..., M-1. In cycle m, particle ``touchers[m]`` moves to the contact c[m] on wall
-``walls[m]``. The wall then holds particle ``touchers[m]`` while the other particle moves and changes the position difference D[m]
-to D[m+1]. D[0] is the difference of the starts, and D[M] is the difference of the goals. The unknowns are the contacts, as
-coordinates on their walls, and D[1] to D[M-1]. A limit is a constraint: a value that must be positive. The minimized function
-contains the negative logarithms of all limits. The *vector* is the first row of ``work.span``: a point or a displacement.
+In cycle m = 0, ..., M-1 of a chain, particle ``touchers[m]`` moves to the contact c[m] on wall ``walls[m]``. The wall then holds
+particle ``touchers[m]`` (the toucher) while a move of the other particle changes the position difference D[m] to D[m+1]. The
+position difference is D[0] at the start and D[M] at the goal. The unknowns are the contacts c[m], as coordinates on their walls,
+and the position differences D[1] to D[M-1]. A limit is a constraint: a value that must be positive.
 """
 
 from __future__ import annotations
@@ -32,9 +31,10 @@ Work = namedtuple(
 )
 """Working memory. ``contacts``, (cycles, d + 1, d): each contact's position, derivatives by its coordinates and, on the circle,
 second derivative by the arc. ``delta``, (cycles + 1, d): position differences. ``span``, (1 + unknowns, d): a vector and its
-derivatives by the unknowns ``index``. ``first``, ``second``: derivatives of a limit. ``sums``: sums over walls of normal / limit,
-normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``: Cholesky factor
-of the Hessian. ``direction``: Newton step. ``tried``, ``wide``: two chains, each with its slack as the last entry."""
+derivatives by the unknowns ``index``. ``first``, ``second``: first and second derivatives of a limit. ``sums``: sums over walls of
+normal / limit, normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``:
+Cholesky factor of the Hessian. ``direction``: Newton step. ``tried``, ``wide``: two chains, each with its slack as the last entry.
+"""
 
 
 def new_work(cycles: int, d: int) -> Work:
@@ -80,14 +80,14 @@ def put(x, kind, work):
 
 @in_place_kernel
 def begin(work, points, row, factor):
-    """Set the vector, which is the first row of ``work.span``, to ``factor`` times a row of ``points``."""
+    """Set the vector ``work.span[0]`` to ``factor`` times a row of ``points``."""
     for i in range(work.span.shape[1]):
         work.span[0, i] = factor * points[row, i]
 
 
 @in_place_kernel
 def combine(work, one, a, other, b, left, p, right, q):
-    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector in ``work.span``, and write its derivatives.
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector ``work.span[0]``, and write its derivatives.
 
     Return the number of unknowns on which the vector depends. A negative index omits its term.
     """
@@ -131,7 +131,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Add the derivatives of ``weight`` times the smoothed length of the vector in ``work.span``. Return the weighted length."""
+    """Add the derivatives of ``weight`` times the smoothed length of the vector ``work.span[0]``. Return the weighted length."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -157,8 +157,8 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Return ``-log(value + slack)``, or infinity if the logarithm is undefined, and add its derivatives.
 
-    ``slack`` is the last unknown, or NaN without slack. ``second`` counts only if ``curved``. A constant value is at least
-    ``-forgiven``.
+    If ``slack`` is not NaN, it is the last unknown. The second derivatives ``second`` matter only for a ``curved`` value. A
+    constant value may be as low as ``-forgiven``.
     """
     steep = 0.0
     for u in range(used):
@@ -191,7 +191,7 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Return the sum of the negative logarithms of a point's distances from the flat walls, each reduced by the margin.
+    """Return the sum of -log(distance - margin) over the flat walls, where distance is the distance of a point from a wall.
 
     The point is the vector ``work.span[0]``. If ``skipped`` is a wall, only the walls near wall number ``skipped`` count.
     """
@@ -245,9 +245,9 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert the derivatives ``sums`` with respect to a point to derivatives with respect to the unknowns, and add the results.
+    """Convert derivatives by a point (``sums``) to derivatives by the unknowns, and add them to ``work.derivatives``.
 
-    ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the derivatives with respect to the slack.
+    ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the derivatives by the slack.
     """
     span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]
@@ -287,7 +287,7 @@ def add_round(kind, work, used, one, forgiven, slack, order):
 
 @in_place_kernel
 def add_hold(kind, work, m, sign, slack, order):
-    """Return the negative logarithms of two limits of cycle m: the adjustment pushes into the wall and inside the friction cone."""
+    """Return the negative logarithms of two limits of cycle m: the push into the wall, and the friction cone of the push."""
     contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     begin(work, work.delta, m, 0.0)
@@ -328,9 +328,9 @@ def outward(kind, work, m, row):
 
 @in_place_kernel
 def add_cone(friction, work, into, used, slack, order):
-    """Add the friction limit |a|^2 <= (1 + friction^2) into^2 for a = ``work.span[0]``, with its component ``into`` into the wall.
+    """Return the negative logarithm of the friction limit |a|^2 <= (1 + friction^2) p^2 for the vector a = ``work.span[0]``.
 
-    Division by ``into`` gives the limit the unit of a length: (1 + friction^2) into - |a|^2 / into.
+    ``into`` is p, the component of a into the wall. Division by p gives the limit a unit of length: (1 + friction^2) p - |a|^2 / p.
     """
     span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction

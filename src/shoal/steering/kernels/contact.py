@@ -1,8 +1,8 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
 The tuple `Walls` describes flat walls and a circle. A point p is inside flat wall w if ``normals[w] @ p >= offsets[w]``. The circle
-(x, y, radius) bounds the first two coordinates of a particle. The radius is 0 if the workspace has no round wall. The array
-``gain`` contains (g, gx, gy, ...). A particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
+(x, y, radius) bounds the first two coordinates of a particle. The radius of the circle is 0 if the workspace has no round wall. If
+``gain`` is (g, gx, gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The position difference that one cycle can make nearest to the difference of the goals: algorithms 2 and 3 of paper W, corrected.
 
 A cycle changes the position difference of two particles from D to D': a wall holds one particle (the toucher) while the other
-particle moves. The sign s is 1 if the first particle is the toucher, and -1 if the second particle is the toucher. A cycle with the
+particle moves. The sign s is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. A cycle with the
 contact c on a wall must meet two conditions. First, the other particle must be inside the workspace before and after its move, at
 the points c + sD and c + sD'. Second, the wall must hold the toucher: the vector s(D' - D) must lie in the friction cone of the
 wall. On a polygon P, all possible vectors sD' from the toucher to the other particle form one convex polygon. The polygon of all
@@ -32,7 +32,7 @@ DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygon
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range (low, high) of contacts on a wall for which the particle without contact is inside by ``margin``.
+    """Return the range (low, high) of contacts on a wall for which the particle without contact keeps ``margin`` from all walls.
 
     ``low`` and ``high`` are positions along the wall, measured from the wall's midpoint. In an empty range, ``low`` is greater than
     ``high``.
@@ -141,8 +141,8 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
     """Write to ``found`` the position difference nearest to ``goal`` for each wall and toucher; shape (walls, 2, 5).
 
-    The five entries are: the distance from ``goal`` (infinite without a cycle), the two ends of the range of contacts, and the two
-    coordinates of the position difference.
+    The five entries for a wall and a toucher are: the distance from ``goal`` (infinite without a cycle), the two ends of the range
+    of contacts, and the two coordinates of the position difference.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):
@@ -269,9 +269,9 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
     A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle with particle
     s at the contact c and a following contact d of particle t. The signs s and t are 1 for particle 1, and -1 for particle 2. After
     the cycle, the position difference is D = s (q - c), where q is the position of the particle without contact. At the contact d,
-    the depth is t (N @ D), where N is the inward normal of the wall. The point q must lie inside the polygon, and at most
-    ``depths[s, c]`` below the wall of the contact c. The point d + t D must also lie inside the polygon. Because the possible
-    points q form a convex polygon, the largest depth occurs at a corner.
+    the depth is t (N @ D), where N is the inward normal of the wall. The position q must lie inside the polygon, and at most
+    ``depths[s, c]`` below the wall of the contact c. At the contact d, the other particle has the position d + t D, which must also
+    lie inside the polygon. Because the possible positions q form a convex polygon, the largest depth occurs at a corner.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):

@@ -1,4 +1,4 @@
-"""The position differences Δ of two particles that wall reactions with friction can reach, limited by a barrier curve.
+"""A barrier curve for the position difference Δ of two particles, which wall reactions with friction cannot cross.
 
 If a wall holds or brakes the first particle, its reaction changes Δ by a vector within the angle atan(friction) of the wall's
 outward normal. If a wall holds or brakes the second particle, its reaction changes Δ by a vector within the angle atan(friction) of
@@ -25,9 +25,9 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 def touchable(angle, step, most, model, ends, turns):
     """For a direction of Δ, write the maximum length |Δ| for each wall and particle, and the angles of the wall reactions.
 
-    Up to the maximum length, the particle can touch the wall. The array ``ends`` contains the maximum lengths, with 0 for a wall
-    that the particle can never touch. The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle
-    can touch the wall for some Δ whose direction differs by at most half of the angle ``step``.
+    If Δ is longer than the maximum length, the particle cannot touch the wall. The array ``ends`` contains the maximum lengths,
+    with 0 for a wall that the particle can never touch. The array ``turns`` contains the angles of the wall reactions. A wall
+    counts if a particle can touch the wall for some Δ within half of the angle ``step`` of the given direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -99,7 +99,7 @@ def kept_out(start, radius, angles, farthest, model, first, last, goal):
 
     The initial Δ has the angle with index ``start`` and the length ``radius``. The array ``angles`` ascends over the full circle.
     Between two neighbouring angles, Δ is never parallel to a wall. The array ``farthest`` contains the largest possible length |Δ|
-    at each angle. The result is False if the computation does not settle.
+    at each angle. The result is False if the computation does not converge.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

@@ -11,10 +11,10 @@ from shoal.steering.kernels.contact import PUSHED, TOUCH
 Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
 """The boundary of a region. Every field except ``size`` and ``boxes`` has one entry for each edge of the boundary.
 
-``ends``: x and y of both ends of each edge, with the free side on the left of the edge. ``normals``: inward unit normals.
-``lengths``: lengths of the edges. ``links``: indices of the previous and the next edge. ``reflex``: whether the corner at the
-beginning of an edge is wider than 180 degrees. ``size``: size of the region. ``boxes``: bounding boxes of groups of consecutive
-edges, as smallest x, largest x, smallest y and largest y. With the boxes, most edges need no test."""
+``ends``: x and y of both ends of each edge, with the free side on the left of the edge. ``normals``: inward unit normals of the
+edges. ``lengths``: lengths of the edges. ``links``: indices of the previous and the next edge. ``reflex``: whether the corner at
+the beginning of an edge is wider than 180 degrees. ``size``: size of the region. ``boxes``: bounding boxes of groups of consecutive
+edges, as smallest x, largest x, smallest y and largest y. A test of a box saves the tests of all edges in the box."""
 
 GAP = 1e-12  # fraction of the region's size: extension of edges, so that no particle passes between two edges
 
@@ -52,7 +52,7 @@ def pushes(move, edge, normals, length):
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
     """Return whether the edge ``other`` at a reflex corner releases a particle that the edge ``edge`` would hold.
 
-    At the corner, the edge ``other`` releases the particle if the move leads away from the edge ``other``. Farther from the corner,
+    At a reflex corner, the edge ``other`` releases a particle if the move leads away from the edge ``other``. Near a reflex corner,
     the wall between the two edges may be thinner than ``touch``. At a wall thinner than ``touch``, only the edge on the particle's
     side counts.
     """

@@ -1,4 +1,4 @@
-"""Links between position differences of two particles, and the path over such links with the fewest cycles.
+"""Links between position differences of two particles, and the path over links with the fewest cycles.
 
 A position difference is the position of the second particle minus the position of the first. In a cycle, one particle moves to a
 wall, and then the wall holds this particle while the other particle moves. A link means that one cycle changes one position
@@ -21,8 +21,8 @@ SHARES = 4  # number of adjustments tried in each direction: the longest adjustm
 def linked(before, after, model, step):
     """Return whether one cycle (contact and adjustment) can change the position difference ``before`` into ``after``.
 
-    If one cycle can, write three numbers to ``step``: the toucher (the particle that the wall holds), the wall, and the position of
-    the contact along the wall. Both position differences are vectors from the first particle to the second.
+    If a cycle exists, write the toucher, the wall and the contact to ``step``. The toucher is the particle that the wall holds. The
+    contact is given as a position along the wall. Both position differences are vectors from the first particle to the second.
     """
     if model.circle[2] > 0:
         return linked_on_circle(before, after, model, step)
@@ -139,7 +139,7 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
 
 @kernel
 def fewest_cycles(nodes, model, parents, order):
-    """Search breadth-first from node 0 for the path with the fewest cycles to node 1. Return whether a path exists.
+    """Search breadth-first from node 0 for the path with the fewest cycles to node 1. Return whether node 0 has a path to node 1.
 
     Write the parent of each node to ``parents``, and -1 for each node that the search has not reached. The array ``order`` is
     working memory.

@@ -136,7 +136,8 @@ def differing(state, goal, size):
 def wall_point(point, world, rng, place, normal):
     """Draw a random point of a wall. Write the point to ``place``, and the wall's inward normal at the point to ``normal``.
 
-    On straight edges, a quarter of the drawn points are the nearest points of an edge to the particle at ``point``.
+    On straight edges, a quarter of the drawn points are the points of an edge that are nearest to ``point``, the position of a
+    particle.
     """
     choice, where = rng.random(), rng.random()
     if world.flat:

@@ -1,13 +1,13 @@
 """Plans of few straight moves found by simulation: the search tries all moves except the last two, and computes the last two moves.
 
-The second-last move changes the position difference D of the particles to the difference Dg of the goals. A wall holds one
-particle, the toucher, while the other particle moves by ``s (Dg - D)``. The sign s is 1 if the first particle is the toucher, and
--1 if the second particle is the toucher. The vector ``s (Dg - D)`` determines the direction of the second-last move. The length of
-the second-last move is the distance from the toucher to its wall plus ``|Dg - D|``. The last move brings both particles to their
-goals.
+The second-last move changes the position difference D of the particles to the difference Dg of the goals. During the second-last
+move, a wall holds one particle (the toucher) while the other particle moves. If the toucher is the first particle, the other
+particle moves by ``Dg - D``; if the toucher is the second particle, the other particle moves by ``D - Dg``. The displacement of the
+other particle determines the direction of the second-last move. The length of the second-last move is the distance from the toucher
+to its wall plus ``|Dg - D|``. The last move brings both particles to their goals.
 
-The last two moves are feasible if the particle that is not the toucher meets no wall during the second-last move. The *shortage* of
-a plan is the part of the second-last move for which the particle that is not the toucher has no space. If no random plan is
+The last two moves are feasible if the free particle (not the toucher) meets no wall during the second-last move. The *shortage* of
+a plan is the part of the second-last move for which the free particle (not the toucher) has no space. If no random plan is
 feasible, the search repairs the plans with the smallest shortage by small changes of their moves.
 """
 
@@ -30,8 +30,8 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 def lengths_along(points, direction, shares, walls, lengths):
     """Write trial lengths of moves in a direction, from one particle's first wall contact to the other one's first wall contact.
 
-    Return the number of trial lengths. The first wall contact of a particle that a wall holds has the length 0. A move that ends
-    before the first wall contact does not change the position difference.
+    Return the number of trial lengths. For a particle that a wall already holds, the length up to the first wall contact is 0. A
+    move that ends before the first wall contact does not change the position difference.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -54,9 +54,9 @@ def lengths_along(points, direction, shares, walls, lengths):
 def shortage(points, goal, toucher, walls, direction):
     """Return the shortage of the second-last move with the given toucher, and the length of the second-last move.
 
-    The shortage is the part of the second-last move for which the particle that no wall holds has no space. The shortage is
-    negative if this particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of the
-    second-last move. Shortage and length are 0 if the position difference of the particles already equals the difference of the
+    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. The shortage is
+    negative if the free particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of
+    the second-last move. Shortage and length are 0 if the position difference of the particles already equals the difference of the
     goals.
     """
     d = points.shape[1]
@@ -200,8 +200,8 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 def least_shortage(start, goal, trial, walls, state, direction):
     """Return the smaller shortage of the two possible touchers after all moves of a plan except the last two moves.
 
-    The shortage is the part of the second-last move for which the particle that no wall holds has no space. Write the positions of
-    the particles before the second-last move to ``state``.
+    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. Write the positions
+    of the particles before the second-last move to ``state``.
     """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
@@ -215,7 +215,7 @@ def least_shortage(start, goal, trial, walls, state, direction):
 def repair(start, goal, walls, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
 
-    The shortage is the part of the second-last move for which the particle that no wall holds has no space. With a negative
+    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. With a negative
     shortage, the last two moves are feasible.
     """
     d = start.shape[1]

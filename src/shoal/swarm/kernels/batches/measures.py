@@ -88,7 +88,7 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
 def find_nearest(worlds, chosen, work, search, found, first, last):
     """Write to ``found`` the length, first command and end of the shortest path to the frontier in each world; int64, (worlds, 5).
 
-    The end of a path is given as layer, row and column. Without a path, all values are 0.
+    The end of a path is given as layer, row and column. For a world without a path, all five values are 0.
     """
     for i in range(first, last):
         field = field_of_world(worlds, chosen[i], work)

@@ -198,7 +198,7 @@ def notice_depth_first(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_sweep(field, policy_state, command, travelled, done):
-    """Update the phase of the policy sweep. A phase ends when its command left or right moves no particle."""
+    """Update the phase of the policy sweep. A phase of the sweep ends when its command left or right moves no particle."""
     memory = policy_state.memory
     memory.gain += done
     if memory.phase == 0 or memory.second == 1:

@@ -23,8 +23,8 @@ class Scanning(NamedTuple):
 class ScanPlanner(NamedTuple):
     """Knowledge and working memory of an adaptive policy.
 
-    Other policies pass None instead of a ``ScanPlanner``. With None, Numba does not compile the kernels of the adaptive policy,
-    which are as large as all other kernels of an episode together.
+    Policies that are not adaptive pass None instead of a ``ScanPlanner``. With None, Numba does not compile the kernels of the
+    adaptive policy, which are as large as all other kernels of an episode together.
     """
 
     gain: ExpectedGain
@@ -65,9 +65,9 @@ def decide_adaptive(field, rule, mapping, search, scan_planner):
     run is not yet known.
 
     A candidate is a run of equal commands, or a path followed by one more command. The plan is the candidate with the highest
-    expected number of classified cells per cost. If the path to the nearest frontier cell classifies more cells per cost, the plan
-    is the path to the nearest frontier cell. In coverage, no cell is unknown, so the plan is always the path to the nearest
-    frontier cell.
+    expected number of classified cells per cost. If the path to the nearest frontier cell classifies more cells per cost than every
+    candidate, the plan is the path to the nearest frontier cell. In coverage, no cell is unknown, so the plan is always the path to
+    the nearest frontier cell.
     """
     if not mapping:
         return nearest(field, search, field.occupied), 0

@@ -5,9 +5,10 @@ is the rim. Particles can try to enter rim cells like other walls. The two outer
 need no bounds test for neighbours. For each command, kernels process the cell ahead of a cell before the cell itself.
 
 For each cell, the belief contains the log-odds that the cell is free, and the probability that the cell holds a particle. A move
-with its scan updates the log-odds and the probabilities in two passes. The first pass predicts where particles may have moved. The
-second pass applies Bayes' rule to each cell together with the cell behind it, from which a particle may have tried to enter. Bayes'
-rule uses the detections in both cells, because a particle that could not enter the cell is still in the cell behind.
+with its scan updates the log-odds and the probabilities in two passes. The first pass of the update predicts where particles may
+have moved. The second pass of the update applies Bayes' rule to each pair of a cell and the cell behind it, from which a particle
+may have tried to enter. Bayes' rule uses the detections in both cells, because a particle that could not enter the cell is still in
+the cell behind.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Planning by rollouts: a base policy completes candidate plans in the predicted world, and the planner follows the best plan.
 
-The page docs/concepts/planners.md explains the method.
+The page docs/concepts/planners.md explains planning by rollouts.
 """
 
 from __future__ import annotations
@@ -47,12 +47,13 @@ def is_brief(planner):
 
 @in_place_kernel
 def evaluate(planner, shared, length, best, few, style):
-    """Complete the trial plan, and make it the incumbent if its value is above ``best``. Return the higher of the two values.
+    """Complete the trial plan, and make it the incumbent if its value is above ``best``.
 
-    The trial plan begins with the first ``shared`` commands of the incumbent. If the planner simulates plans to the end of the
-    task, ``few`` is the expected number of cells left to classify. If the planner simulates plans only up to a near horizon,
-    ``few`` is 0. If ``few`` is 0, the value of a plan is the discounted number of classified cells. If ``few`` is above 0, the
-    value of a plan is a weight times the discounted number of classified cells, minus the number of moves.
+    Return the value of the trial plan or ``best``, whichever is higher. The trial plan begins with the first ``shared`` commands of
+    the incumbent. If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify.
+    If the planner simulates plans only up to a near horizon, ``few`` is 0. If ``few`` is 0, the value of a plan is the discounted
+    number of classified cells. If ``few`` is above 0, the value of a plan is a weight times the discounted number of classified
+    cells, minus the number of moves.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
@@ -168,12 +169,13 @@ def try_leaves(planner, best, few):
 
 @in_place_kernel
 def vary(planner):
-    """Write a random variation of the incumbent to the trial plan. Return (number of commands before the first change, length).
+    """Write a random variation of the incumbent to the trial plan.
 
     Each variation begins like the incumbent up to a random place. The first kind of variation continues with one random command,
     and drops the rest of the incumbent. With ``run_candidates`` above 0, three more kinds of variation are possible. The second
     kind of variation continues with 1, 2, 4 or 8 equal commands, and drops the rest of the incumbent. The third kind of variation
-    inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands.
+    inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands. Return the number of commands
+    before the first change, and the length of the variation.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)

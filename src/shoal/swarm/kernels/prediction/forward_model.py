@@ -81,7 +81,7 @@ def immediate_gains(scene, state, gains):
 
 @in_place_kernel
 def advance(scene, state, command):
-    """Simulate one command in place. Return the number of classified frontier cells.
+    """Simulate one command, which changes ``state`` in place. Return the number of classified frontier cells.
 
     After the call, ``scene.tried`` contains the classified cells.
     """

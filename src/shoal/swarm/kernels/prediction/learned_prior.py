@@ -4,7 +4,7 @@ The network computes only with integers, so all machines give equal results. The
 window around the cell. The window is rotated so that the particle enters the cell from below. The kernel keeps the result for a
 cell until a cell in the window becomes known.
 
-The page docs/concepts/prediction.md explains the method.
+The page docs/concepts/prediction.md explains the learned prior.
 """
 
 from __future__ import annotations

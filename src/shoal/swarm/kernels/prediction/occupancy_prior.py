@@ -90,7 +90,7 @@ def pair_at(opened, known, cell, side):
 def around(opened, known, cell, step, side):
     """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
 
-    The free cell is not on the rim of the board, so all surrounding cells are on the board.
+    The free cell from which the particle comes is not on the rim of the board, so all surrounding cells are on the board.
     """
     number = state_of(opened, known, cell - 2 * step)
     number = number * PAIRS + pair_at(opened, known, cell - step, side)

@@ -84,7 +84,8 @@ def start_planes(planes, sources):
 def expand(field, planes, first, last, level):
     """Replace the level in WAVE by the next level of the search. Return whether the next level is empty.
 
-    The kernel processes the words from ``first`` to ``last - 1``. The other words must not contain cells of the next level.
+    The kernel processes the words from ``first`` to ``last - 1``. Words outside this range must not contain cells of the next
+    level.
     """
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]

@@ -1,7 +1,8 @@
-"""Minimum numbers of commands in one direction that particles need to reach cells. Lower bounds for episodes use these numbers.
+"""Minimum numbers of commands in one direction that particles need to reach cells.
 
-The grids are flat arrays with a rim: the index of the next cell is the index of a cell plus an offset. A particle may try to enter
-a wall, which classifies the wall, but no path continues from a wall.
+Lower bounds for episodes use these minimum numbers of commands. The grids are flat arrays with a rim: the index of the next cell is
+the index of a cell plus an offset. A particle may try to enter a wall, which classifies the wall, but no path continues from a
+wall.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ FAR = 1 << 30
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
     """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` are enough to reach every wanted cell.
 
-    Commands of all other directions cost nothing. For each number a in turn, b is the largest number of commands ``forth`` that any
-    wanted cell needs with at most a commands ``back``.
+    Commands other than ``back`` and ``forth`` cost nothing. For each number a in turn, b is the largest number of commands
+    ``forth`` that any wanted cell needs with at most a commands ``back``.
     """
     best = FAR
     for cell in range(costs.shape[0]):
