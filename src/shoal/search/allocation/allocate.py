@@ -32,11 +32,11 @@ class Allocation:
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to its first cell. A robot of speed 1 searches one cell per unit of time.
     lower_bound : float
-        Time below which no allocation can finish: the number of necessary cell visits divided by the search rate of all robots. The
-        search rate of a robot is its speed times its footprint width in cells.
+        Lower bound on the completion time of any allocation: the number of necessary cell visits divided by the sum of all search
+        rates. The search rate of a robot is its speed times its footprint width in cells.
     work : tuple of tuple of Arc
-        All arcs that each robot searches. If several robots must search each cell, a robot searches the arcs of the next robots
-        along the tour after its own arcs.
+        All arcs that each robot searches. If several robots must search each cell, a robot searches first its own arcs, and then
+        the arcs of the next robots along the tour.
     """
 
     allocator: str
@@ -89,8 +89,8 @@ def allocate(
 
     Notes
     -----
-    The allocator "stay" follows paper H, p. 5. All allocators except "stay" answer an open question of paper H: how much time does
-    "slightly more initial configuration movement" save?
+    The allocator "stay" follows page 5 of paper H. All allocators except "stay" answer an open question of paper H: how much time
+    does "slightly more initial configuration movement" save?
 
     Examples
     --------
@@ -139,7 +139,7 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
 def _team(
     tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
-    """Check the robots, and sort them by their start cells. Return the sorted robots, and the indices that sort robots."""
+    """Check the robots, and sort them by their start cells. Return the sorted robots, and the indices that sort them."""
     n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():

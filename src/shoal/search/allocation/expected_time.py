@@ -1,4 +1,4 @@
-"""Expected search time of robots that search from where they start (paper H, p. 8, Fig. 5): Monte Carlo estimate and theory."""
+"""Expected search time of robots that search from where they start (figure 5 of paper H): Monte Carlo estimate and theory."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
 
     Notes
     -----
-    In paper H, p. 8, T_UB is the search time of one robot, and T_LB = T_UB/m is the lower bound for m robots. The time of a trial
-    is the makespan of ``allocate(..., allocator="stay")``. Robots first move to the centres of their cells, so each part consists
-    of whole cells. If several robots start in the same cell, only one of these robots searches.
+    On page 8 of paper H, T_UB is the search time of one robot, and T_LB = T_UB/m is the lower bound for m robots. The time of a
+    trial is the makespan of ``allocate(..., allocator="stay")``. Robots first move to the centres of their cells, so each part
+    consists of whole cells. If several robots start in the same cell, only one of these robots searches.
 
     For many cells, the mean approaches `stay_share`. With 64 cells and 50 robots, most robots share a cell, and the exact mean is
     0.6 % above `stay_share` (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above

@@ -32,8 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Cost of a vertical metre in horizontal metres: how far a vehicle flies level in the mean time for climbing or descending one
-        metre.
+        Length in metres of the level flight that takes as long as a climb or descent of one metre, as the mean of both.
     """
 
     layers: tuple[CellGrid, ...]
@@ -321,7 +320,7 @@ def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
 
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
-    """Return the distances of a search from cell to cell, with climbs between cells above each other in consecutive layers.
+    """Return the distances for robots that move from cell to cell and climb between cells above each other in consecutive layers.
 
     Parameters
     ----------

@@ -198,9 +198,8 @@ def best_grid_tour(
 ) -> GridTour:
     """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
-    First, the function estimates the cost of each pair of an angle and a shift, from the number and the lengths of the rows. Then
-    the function computes complete tours for the four pairs with the lowest estimates. In large regions, the function computes
-    complete tours for fewer than four pairs.
+    The function estimates the cost of each pair of an angle and a shift from the number and the lengths of the rows. Only for the
+    four pairs with the lowest estimated cost (in large regions, for fewer pairs), the function computes complete tours.
 
     Parameters
     ----------

@@ -190,10 +190,11 @@ class TourCost:
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return the cost of the cheapest path between two cells, and the cells on it between which a robot moves directly.
+        """Return the cost of the cheapest path between two cells, and the cells at which the direct moves of this path end.
 
-        The path follows the tour if the tour is not blocked and not more expensive than the direct path. On a path along the tour,
-        only bends count as turns. Cells that other robots have searched never make the remaining path more expensive.
+        The path follows the tour if the tour is not blocked and not more expensive than the direct path. A path along the tour pays
+        only for the tour's bends, and a direct path pays for one turn. A robot's path never gets more expensive because other
+        robots have searched cells on it.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost

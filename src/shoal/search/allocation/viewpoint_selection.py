@@ -2,8 +2,8 @@
 
 The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The next stop is
 always the cell with the largest number of newly visible cells per cost of the path to the cell. The robot prefers stops along the
-border of the searched area, because a narrow unsearched strip costs as much as a wide strip. For any tour, the path therefore runs
-in circles inside the robot's part.
+border of the searched area, because a narrow unsearched strip costs as much as a wide strip. Because of these stops along the
+border, the robot's path runs in circles inside its part, for any tour.
 """
 
 from __future__ import annotations

@@ -151,9 +151,9 @@ class Clipped:
 def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
     """Cut a polygon, which is given in the lattice's frame, along the lines of the lattice.
 
-    The function divides blocks of cells recursively into quarters, and cuts the polygon into the same quarters. The function does
-    not divide a block that lies entirely inside the polygon. The computing time therefore grows with the length of the polygon's
-    border, not with the polygon's area.
+    The function divides blocks of cells recursively into quarters, and cuts the polygon into the same quarters. Because the
+    function does not divide blocks inside the polygon, the computing time grows with the length of the polygon's border, not with
+    the polygon's area.
     """
     import shapely
 

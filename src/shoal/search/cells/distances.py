@@ -89,7 +89,7 @@ class CellDistances:
         Climbs between layers, as three arrays: tour index of the first cell, tour index of the second cell, and length in cell
         sides.
     steps : array_like of float64, shape (N,), optional
-        Length in cell sides of the path from each cell of the tour to the next cell. Robots use these paths along the tour only
+        Length in cell sides of the path from each cell of the tour to the next cell. Robots use the paths along the tour only
         between cells that steps and climbs do not connect.
 
     Examples
@@ -173,7 +173,7 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the cells beside a step that must also be open: two cells for a diagonal step, and no cells for other steps."""
+        """Return the cells that must be open beside a step: two cells for a diagonal step, and no cells for other steps."""
         (*layer, row, col), (*to_layer, to_row, to_col) = self._cells[one].tolist(), self._cells[other].tolist()
         if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
             return ()

@@ -25,8 +25,8 @@ class CellGrid:
     """The cells of a region. The function `cells_of` creates a `CellGrid`.
 
     The border of the region may divide a cell into several pieces. The largest piece of a cell is called the cell's own piece. Any
-    piece that is not an own piece is assigned to the cell whose own piece is the fewest portals away. Thus no robot has to drive
-    around a wall to see a piece behind the wall.
+    piece that is not an own piece is assigned to the cell whose own piece is the fewest portals away, so that no robot has to drive
+    around a wall to see the piece.
 
     Parameters
     ----------

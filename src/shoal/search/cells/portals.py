@@ -80,7 +80,7 @@ def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
 
 
 def _matched(stretches: list[Stretch], clipped: Clipped, lattice: Lattice, axis: int) -> list[tuple[int, int, float, float, float]]:
-    """Return a portal for each pair of overlapping sides of two pieces that lie on different sides of a grid line."""
+    """Return a portal for each section of a grid line that two pieces, one on each side of the line, have in common."""
     width = lattice.shape[1]
     lines: dict[tuple[int, int], tuple[list[Stretch], list[Stretch]]] = defaultdict(lambda: ([], []))
     for stretch in stretches:

@@ -153,9 +153,9 @@ class VisibilityGraph:
         return others, away
 
     def _touched(self, corners: NDArray[np.int64], directions: Points) -> NDArray[np.bool_]:
-        """Return, for each corner and a line through it, whether both sides of the corner lie on one side of the line.
+        """Return, for each corner and a line through it, whether the border near the corner lies on one side of the line.
 
-        A shortest path can pass a corner only if both sides of the corner lie on one side of the path.
+        A shortest path can pass a corner only if the border near the corner lies on one side of the path.
         """
         sines = [directions[:, 0] * side[corners, 1] - directions[:, 1] * side[corners, 0] for side in self._sides]
         rounding = _ALONG * np.hypot(*directions.T)

@@ -20,9 +20,8 @@ class CombTour(TourByOrder):
     odd. If both sides of the rectangle are odd, the tour zigzags through the last two lanes. In a single row of cells, the step
     from the last cell back to the first is as long as the row.
 
-    On a shape that is not a rectangle, the tour is the shortest of three tours. One of the three tours is the comb of the bounding
-    rectangle without the cells outside the shape. Two of the three tours sweep the shape back and forth: one along rows, and one
-    along columns.
+    On a shape that is not a rectangle, the tour is the shortest of three tours: the comb of the bounding rectangle without the
+    cells outside the shape, a sweep back and forth along rows, and a sweep back and forth along columns.
     """
 
     name = "comb"

@@ -12,7 +12,7 @@ from shoal.search.tours.codec import MAX_ORDER, hilbert_encode, moore_encode
 
 @TOURS.register("hilbert")
 class HilbertTour(TourByOrder):
-    """The Hilbert curve through the smallest square around all cells whose side is a power of 2.
+    """The Hilbert curve through the smallest square that contains all cells and whose side is a power of 2.
 
     The lower left corner of the square is the lower left corner of the cells' bounding box. In 3 dimensions, the square is a cube.
 
@@ -46,7 +46,7 @@ class OpenHilbertTour(HilbertTour):
 
 @TOURS.register("moore")
 class MooreTour(HilbertTour):
-    """The Moore curve through the smallest square around all cells whose side is a power of 2.
+    """The Moore curve through the smallest square that contains all cells and whose side is a power of 2.
 
     The Moore curve consists of four Hilbert curves, closed by one step.
     """

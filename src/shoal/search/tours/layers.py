@@ -23,8 +23,8 @@ def joined(
     """Join the tours of several layers to one tour, which climbs from layer to layer and descends beside each climb.
 
     A climb and a descent replace one step of a layer's tour and one step of the next layer's tour. The function chooses the two
-    replaced steps so that the joined tour gets as short as possible. If all layers are equal, each further layer adds one climb and
-    one descent, and saves two steps.
+    replaced steps so that the joined tour gets as short as possible. If all layers are equal, each layer above the lowest adds one
+    climb and one descent, and saves two steps.
 
     Parameters
     ----------

@@ -20,12 +20,11 @@ class SpanningTreeTour:
     Of the four alignments of blocks, the tour uses the alignment with the largest number of full blocks. The spanning tree consists
     of straight corridors and a spine, because a tree of this shape gives few turns.
 
-    The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in pairs of cells beside its
-    edges, and full blocks that are not aligned with the other blocks. The additions of the first stage need no detour. In the
-    second stage, the tour connects cycles of cells that are still separate. A single cell counts as a cycle. To connect two cycles,
-    the tour replaces one edge of each cycle by two steps from cycle to cycle. Of the two steps between two cycles, one leads to a
-    neighbouring cell. The second of the two steps may be longer: a diagonal to a single cell, or the way back from a narrow dead
-    end.
+    The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in, without a detour, pairs of
+    cells beside its edges, and full blocks that are not aligned with the other blocks. In the second stage, the tour connects
+    cycles of cells that are still separate, where a single cell counts as a cycle. To connect two cycles, the tour replaces one
+    edge of each cycle by two steps from cycle to cycle. One step between two connected cycles leads to a neighbouring cell, and one
+    may be longer: a diagonal to a single cell, or the way back from a narrow dead end.
     """
 
     name = "spanning-tree"

@@ -27,7 +27,7 @@ class TourMetrics:
     closing_edge : float
         Length in cell sides of the step from the tour's last cell back to its first cell, or 0 for an open tour.
     turns : int
-        Number of cells at which the direction changes. On a closed tour, the first and the last cell may be turns, too.
+        Number of cells at which the direction changes. On a closed tour, the direction can change at the first and the last cell.
     turns_per_cell : float
         Number of turns divided by the number of cells.
     longest_step : float
@@ -40,9 +40,9 @@ class TourMetrics:
         direction. The neighbour stretch is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity
         preservation by space filling curves", IPDPS 2012.
     dilation : float
-        Largest ratio between the squared distance of two cells and their distance along the tour. On a closed tour, the step from
-        the last cell back to the first also counts. The dilation is computed only from pairs of cells at the tour distances 1, 2,
-        3, 4, 6, 8, 12, 16, ... steps. Therefore the dilation is a lower bound on the worst-case locality WL2 of Haverkort and van
+        Largest ratio between the squared distance of two cells and their distance along the tour. On a closed tour, the distance
+        along the tour is that of the shorter direction. Because the computation uses only pairs of cells at the tour distances 1,
+        2, 3, 4, 6, 8, 12, 16, ... steps, the dilation is a lower bound on the worst-case locality WL2 of Haverkort and van
         Walderveen, "Locality and bounding-box quality of two-dimensional space-filling curves", Computational Geometry 43, 2010.
         For the Hilbert curve, the locality WL2 tends to 6.
     """
