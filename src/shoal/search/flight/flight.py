@@ -239,7 +239,7 @@ class Flight:
     def _departure(self, then: Points, up: float) -> Points:
         """Return the end of the straight climb after take-off. After the climb, the path continues to the point ``then``.
 
-        If circles make the path shorter, or if a straight climb has no room, the vehicle climbs the rest in circles.
+        If circles make the path shorter, or if a straight climb has no room, the vehicle climbs the rest of the height in circles.
         """
         import shapely
 
@@ -288,8 +288,7 @@ class Flight:
     def _clear(self, low: Points, high: Points, up: float) -> bool:
         """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
 
-        The height of the ground must be known along the leg. The ground must also be low where a turn at the upper end of the leg
-        leads.
+        The height of the ground must be known along the leg. A turn at the upper end of the leg must stay above the terrain, too.
         """
         if self.terrain is None:
             return True

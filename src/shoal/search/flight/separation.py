@@ -136,8 +136,8 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
     """Return the normals and limits of linear constraints ``normals @ times <= limits``, with shapes (n, k, 2) and (n, k).
 
     For each pair of legs, the two times count from the beginning of each leg. Both times must lie within the legs, and the heights
-    must differ by at most ``level`` metres. The argument ``shift`` holds the start time of the second vehicle and the tolerance.
-    With ``shift``, the vehicles must also fly both legs at the same time.
+    must differ by at most ``level`` metres. The argument ``shift`` holds the start time of the second vehicle and the tolerance. If
+    ``shift`` is given, additional constraints demand that the vehicles fly both legs at the same time.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -215,10 +215,7 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return a distance and two times for each pair of legs.
-
-    The distance is 0 if the legs cross within the constraints, and infinite for all other pairs of legs.
-    """
+    """Return, for each pair of legs, 0 if they cross within the constraints, or else infinity, and the times of the crossing."""
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times

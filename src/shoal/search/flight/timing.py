@@ -52,7 +52,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
     longer than the horizontal motion, the duration of the leg is that of the climb or descent. Each horizontal change of direction
-    by more than one degree adds the duration of a turn. A change between vertical and horizontal motion also adds the duration of a
+    by more than one degree adds the duration of a turn. Each change between vertical and horizontal motion adds the duration of a
     turn. The start and the stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must
     contain the turns as short legs.
 
@@ -134,8 +134,8 @@ def whole_way(
     """Return a complete path: up from the ground at home, along the waypoints, and down at home or at the landing point.
 
     The vehicle climbs vertically to the height ``climb``, and then flies straight to the first waypoint. By default, ``climb`` is
-    the height of the first waypoint. At the end of the path, the vehicle descends vertically. If ``glides`` is true, the vehicle
-    descends during the last leg instead.
+    the height of the first waypoint. If ``glides`` is true, the vehicle descends during the last leg, and otherwise vertically at
+    the end of the path.
 
     Examples
     --------

@@ -109,8 +109,8 @@ def turned_way(
     straight. The function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight
     leg, the function compares `HEADINGS` headings.
 
-    If all curves at an end of a straight leg are blocked, the path near this end passes points on the leg in any direction. The
-    passed points are at most a footprint or an eighth of the radius apart, whichever is longer.
+    If all curves at an end of a straight leg are blocked, the path near this end passes points on the leg in any direction, with
+    distances of at most a footprint or an eighth of the radius, whichever is longer.
 
     Parameters
     ----------
@@ -320,7 +320,7 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Join all legs and curves to a path, cut it into pieces, and leave out unmarked points on straight lines.
+    """Join all legs and curves to a path, cut it into pieces, and leave out points on straight lines that have no mark.
 
     The second point and the last but one point are always marked, because a mission sees the region between them.
     """

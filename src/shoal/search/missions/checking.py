@@ -189,8 +189,8 @@ def check_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the folder has no mission files (of the given format), or if a robot has no footprint. The function also raises the error
-        if only the region or only the missions are in degrees.
+        If the folder has no mission files (of the given format), if a robot has no footprint, or if only the region or only the
+        missions are in degrees.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(

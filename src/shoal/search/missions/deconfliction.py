@@ -1,6 +1,6 @@
 """Deconfliction: the missions of all robots of a plan, which altitude layers and staggered starts keep apart.
 
-The missions also get a fence and rally points.
+The missions of a plan get a fence and rally points.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def plan_missions(
         a separation, `missions_of` chooses the default. In a return, vehicles might not keep the separation, because the autopilot
         chooses the altitude of the return.
     options
-        Further arguments of `missions_of`, such as ``autopilot``, which the plan does not determine.
+        Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
 
     Raises
     ------

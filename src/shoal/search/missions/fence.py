@@ -58,9 +58,9 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they interpret
     several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
-    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. The function also
-    simplifies an exclusion zone if no path enters the simplified zone. If the simplified fence still has too many corners, Shoal
-    prints a notice.
+    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. In a fence with too
+    many corners, the function simplifies each exclusion zone whose simplified form no path enters. If the simplified fence still
+    has too many corners, Shoal prints a notice.
 
     Parameters
     ----------

@@ -310,9 +310,9 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
     """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
 
-    For rovers, the function also checks whether the paths from home and back home leave the allowed area. The result tells which
-    legs a fixed wing flies outside the region during the search. The function adds no diagnostics for legs that a fixed wing flies
-    outside the region.
+    Only for rovers, a leg from home or back home that leaves the allowed area is a mistake. The result tells which legs a fixed
+    wing flies outside the region during the search. The function adds no diagnostics for legs that a fixed wing flies outside the
+    region.
     """
     import shapely
 

@@ -33,7 +33,7 @@ def check_region(value: Any) -> str | SearchRegion:
 
 
 def check_path(value: Any, what: str, expected: str) -> str:
-    """Return a path or a name as a text. Error messages call the field ``what``, and describe a correct text by ``expected``."""
+    """Return a path or a name as a text. Error messages contain the field name ``what`` and the correct form ``expected``."""
     path = os.fspath(value) if isinstance(value, str | os.PathLike) else None
     if not isinstance(path, str) or not path:
         raise InvalidInputError(f"{what}: expected {expected}, got {shortened(value)}")

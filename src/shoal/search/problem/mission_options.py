@@ -44,7 +44,7 @@ def parse_separation(text: str) -> tuple[float, ...]:
 
 
 def check_separation(value: Any) -> tuple[float, ...]:
-    """Check a horizontal and a vertical separation in metres. If the horizontal one is 0, the result is (0,): no separation.
+    """Check a horizontal and a vertical separation in metres. Return (0,) if the horizontal separation is 0.
 
     Raises
     ------

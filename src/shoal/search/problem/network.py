@@ -157,8 +157,8 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     - ``duplicates:P``: with probability P, a copy of a message arrives a second time, at most one unit of time later.
     - ``corruption:P``: each copy of a message is damaged with probability P.
     - ``replays:P``: for each message, with probability P, an attacker sends a recorded message of any robot again.
-    - ``forgeries:P``: for each message, with probability P, an attacker without the key sends a message in the name of a robot. The
-      attacker's message declares that all cells are searched.
+    - ``forgeries:P``: for each message, with probability P, an attacker without the key sends a message in the name of a robot. A
+      forged message declares that all cells are searched.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
 """Content and encoding of the robots' messages. Messages store numbers with a variable length, and sets of cells as intervals.
 
-Every message contains complete facts, and a robot understands each fact without any other message. Therefore the protocol tolerates
-lost, duplicated and reordered messages. A beacon that is too long for one message is divided into several messages.
+The protocol tolerates lost, duplicated and reordered messages, because a robot understands each fact in a message without any other
+message. A beacon that is too long for one message is divided into several messages.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
 
 
 def _facts(beacon: Beacon) -> Iterator[bytes]:
-    """Yield the content of a beacon in pieces. Each piece is a complete fact."""
+    """Yield the content of a beacon in pieces, each of which is a complete fact."""
     for heartbeat in beacon.heartbeats:
         yield _told(heartbeat)
     for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):

@@ -3,16 +3,15 @@
 The state machine uses only data that the robot has sensed or received. One and the same state machine runs in the simulation
 (`shoal.search.simulation`) and in the processes of live robots (`shoal.search.simulation.live`).
 
-A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. After its own part, the
-robot searches the remaining cells of the silent robots ahead, up to the part of the next live robot. If the next live robot is
-idle, that robot searches the cells of the silent robots from the other side.
+A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. After their own parts,
+idle robots divide the remaining cells of silent and late robots among themselves (`shoal.search.protocol.helping`).
 
 A robot without work waits while other robots work. A waiting robot resumes at the last moment at which it can still search all
 unsearched cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot
-first divides the tour. Thus a single surviving robot searches all cells in the time of one round, even if all messages and all
-other robots are lost. Paper H, p. 4 to 7, demands a complete search as long as one robot is alive.
+first divides the tour. Because of the deadline, a single surviving robot searches all cells in the time of one round, even if all
+messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as one robot is alive.
 
-A robot that finds a blocked cell reports this cell, and all robots then avoid it. Robots leave out cells that none of them can
+A robot that finds a blocked cell reports this cell, so that all robots avoid it. Robots leave out cells that none of them can
 reach.
 """
 
@@ -147,7 +146,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two moments, several beacon periods apart, and the lag of a peer at each moment, for an estimate of its speed."""
+    """Return two moments, several beacon periods apart, and a peer's lag at each moment, for an estimate of the peer's speed."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -177,7 +176,7 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
 def _allotted(robot: Robot, time: float) -> Robot:
     """Divide the tour among all known robots.
 
-    While too little time remains for this robot to search all other cells alone, the robot keeps its previous part.
+    If the robot, with its new part, could not search all remaining cells alone before its deadline, it keeps its previous part.
     """
     brief, n = robot.brief, len(robot.brief.tour_cost)
     known = {robot.number: (robot.start, robot.rate, robot.width)}
@@ -244,8 +243,8 @@ def next_action(robot: Robot, time: float) -> Decision:
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
     """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
-    If too little time would remain after a stop elsewhere, the result is the cell itself. The function computes the remaining work
-    for a footprint of one cell, so that the robot never plans more than it can do.
+    If the robot, after a stop elsewhere, could not search all remaining cells before its deadline, the result is the cell itself.
+    The function computes the remaining work for a footprint of one cell, so that the robot never plans more than it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)

@@ -140,7 +140,7 @@ def build_region(
     found : RegionOutlines
         The outlines of the region. Some outlines may be marked as no-go zones.
     extra : sequence
-        Further no-go zones in the unit of the outlines: files, Shapely polygons, or points of shape (n, 2).
+        No-go zones besides those in ``found``, in the unit of the outlines: files, Shapely polygons, or points of shape (n, 2).
     name : str
         Name of the region.
     across_zones, inner
@@ -193,7 +193,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return the indices of the polygons that lie mostly inside another polygon. Of two equal polygons, neither counts."""
+    """Return the indices of the polygons that lie mostly inside another polygon. Equal polygons do not count."""
     import shapely
 
     inside: set[int] = set()

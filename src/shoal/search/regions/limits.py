@@ -38,7 +38,7 @@ _FAULTS = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, Runtim
 
 @contextmanager
 def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
-    """Open a zip archive for reading. Error messages call the archive ``what``.
+    """Open a zip archive for reading. The argument ``what`` is the name of the archive in error messages.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
 
 
 def check_count(count: int, most: int, *, where: str, what: str) -> None:
-    """Refuse a file with more than ``most`` items. Error messages call the file ``where``, and the items ``what``.
+    """Refuse a file with more than ``most`` items. Error messages name the file ``where`` and the items ``what``.
 
     Raises
     ------

@@ -106,8 +106,8 @@ def check_ring(ring: Ring, *, closed: bool = True) -> Points:
     Raises
     ------
     InvalidInputError
-        If a coordinate is not finite, or if the ring is open but must be closed. A ring with fewer than 3 different vertices, a
-        ring along one line, and a ring that crosses itself also raise the error.
+        If a coordinate is not finite, or if the ring is open but must be closed, has fewer than 3 different vertices, lies along
+        one line, or crosses itself.
     """
     points = ring.points
     ring.check_vertices(np.isfinite(points).all(axis=1), "finite coordinates")
@@ -248,7 +248,7 @@ class RegionOutlines:
 
 
 def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:
-    """Return the polygons in a Shapely geometry as outlines. Error messages call the geometry ``where``."""
+    """Return the polygons in a Shapely geometry as outlines. The argument ``where`` is its name in error messages."""
     import shapely
 
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]

@@ -95,7 +95,7 @@ class SearchRegion:
     def border(self) -> Any:
         """The border of `reach` as a prepared Shapely geometry.
 
-        A segment that starts inside the region and does not meet this border lies inside the region.
+        A segment that starts inside the region and does not meet the border of `reach` lies inside the region.
         """
         import shapely
 
@@ -113,7 +113,7 @@ class SearchRegion:
     def check_inside(self, points: ArrayLike, *, what: str = "start") -> Points:
         """Check that points in metres lie inside the region, and return them as an array; float64, shape (n, 2).
 
-        Error messages call the points ``what``.
+        The argument ``what`` is the name of the points in error messages.
 
         Raises
         ------

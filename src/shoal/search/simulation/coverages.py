@@ -41,7 +41,7 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
     """Return, for each cell of a robot's log, the first and last route point of its observation; int64, shape (k, 2).
 
-    A robot may pass other cells on its way to a cell. The observation of a cell begins in the first of the passed cells.
+    If a robot passes other cells on its way to a cell, the observation of this cell begins in the first of the passed cells.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

@@ -201,7 +201,7 @@ def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault
 def _cells_of(plan: SearchPlan, given: Any, what: str, allowed: NDArray[np.int64], seed: list[int]) -> tuple[int, ...]:
     """Return the tour indices of cells that are given as a number of random cells, as points, or as a file of points.
 
-    A given point selects a cell in each layer. A random obstacle also lies in all layers, but a random target lies in one layer.
+    A given point selects a cell in each layer. A random obstacle lies in all layers, but a random target lies in one layer.
     """
     if isinstance(given, int):
         columns = what == "obstacles" and isinstance(plan.grid, LayeredGrid)

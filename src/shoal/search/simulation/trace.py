@@ -158,7 +158,7 @@ def _log_from(data: Any, what: str, n: int) -> RobotLog:
 
 
 def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
-    """Compute the trace of robots that follow a plan without faults, and go home to recharge, without any simulation.
+    """Compute, without a simulation, the trace of robots that follow a plan without faults and go home to recharge.
 
     Raises
     ------

@@ -37,7 +37,7 @@ def is_no_go(told: Mapping[str, Any], *names: Any) -> bool:
     told : mapping
         The properties of the feature by name.
     names
-        Further names of the feature, such as its identifier. The function ignores names that are not texts.
+        Names of the feature besides those in ``told``, such as its identifier. The function ignores names that are not texts.
 
     Examples
     --------

@@ -1,9 +1,10 @@
 """The program in the processes of live robots: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ...
 
-The `process_pool` starts a first process, which imports all slow modules once and forks one process for each robot. The first
-process then waits until its standard input closes, and ends the robots' processes that still run. The robots' processes share only
-the open file with the cell locks. A robot's process starts its search when it gets a message from IN. A robot's process writes one
-line of JSON for each event to OUT. If the supervisor ends, IN closes, and the robot's process ends too.
+The `process_pool` starts a first process, which imports all slow modules once and forks one process for each robot. After it has
+forked the robots' processes, the first process waits until its standard input closes, and then ends the robots' processes that
+still run. The robots' processes share only the open file with the cell locks. A robot's process starts its search when it gets a
+message from IN. A robot's process writes one line of JSON for each event to OUT. If the supervisor ends, IN closes, and the robot's
+process ends too.
 """
 
 from __future__ import annotations

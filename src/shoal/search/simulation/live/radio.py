@@ -2,9 +2,9 @@
 
 Messages go to a multicast group. If multicast is not available, a robot sends each message to the port of every other robot.
 
-Every process on the machine can send to the radio. Against false messages, robots sign messages with a key that only the robots of
-one search have. Against repetitions, a robot opens each message only once. The radio drops and counts messages that are unsigned,
-repeated or too long.
+Every process on the machine can send to the radio. To recognize false messages, robots sign their messages with a key that only the
+robots of one search have. To recognize repeated messages, a robot opens each message only once. The radio drops and counts messages
+that are unsigned, repeated or too long.
 """
 
 from __future__ import annotations
