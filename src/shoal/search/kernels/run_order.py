@@ -109,7 +109,7 @@ def move_runs(ends, order, backwards, active, rest, i, count):
 def exchange(ends, order, backwards, active, rest):
     """Shorten a closed tour of runs until no exchange at an active run makes the tour shorter.
 
-    An active run is a run at which an exchange may still shorten the tour. At the end, no run is active.
+    An active run is a run at which an exchange may still shorten the tour. After the last exchange, no run is active.
     """
     n, helped = len(order), True
     while helped:

@@ -29,12 +29,12 @@ the particle without contact keeps from walls. ``push`` is the smallest componen
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
 )
-"""Working memory. ``contacts``, (cycles, d + 1, d): each contact's position, derivatives by its coordinates and, on the circle,
-second derivative by the arc. ``delta``, (cycles + 1, d): position differences. ``span``, (1 + unknowns, d): a vector and its
-derivatives by the unknowns ``index``. ``first``, ``second``: first and second derivatives of a limit. ``sums``: sums over walls of
-normal / limit, normal / limit^2 and normal normal^T / limit^2. ``derivatives``: Hessian and, as its last row, gradient. ``lower``:
-Cholesky factor of the Hessian. ``direction``: Newton step. ``tried``, ``wide``: two chains, each with its slack as the last entry.
-"""
+"""Working memory. ``contacts``, shape (cycles, d + 1, d), holds the position of each contact and its derivatives by the coordinates
+on the wall; on the circle, it also holds the second derivative by the arc. ``delta``, shape (cycles + 1, d), holds the position
+differences. ``span``, shape (1 + unknowns, d), holds a vector and its derivatives by the unknowns with the numbers ``index``.
+``first`` and ``second`` hold the derivatives of a limit. ``sums`` holds sums over all walls of normal / limit, normal / limit^2 and
+normal normal^T / limit^2. ``derivatives`` holds the Hessian and, in the last row, the gradient. ``lower`` holds the Cholesky factor
+of the Hessian, and ``direction`` the Newton step. ``tried`` and ``wide`` hold two chains, each with its slack."""
 
 
 def new_work(cycles: int, d: int) -> Work:
@@ -122,7 +122,6 @@ def combine(work, one, a, other, b, left, p, right, q):
 
 @in_place_kernel
 def rows_dot(one, i, other, k):
-    """Return the scalar product of a row of one array and a row of another array."""
     total = 0.0
     for j in range(one.shape[1]):
         total += one[i, j] * other[k, j]

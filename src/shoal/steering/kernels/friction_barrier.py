@@ -1,4 +1,4 @@
-"""A barrier curve for the position difference Δ of two particles, which wall reactions with friction cannot cross.
+"""The barrier curve across which wall reactions with friction cannot move the position difference Δ of two particles.
 
 If a wall holds or brakes the first particle, its reaction changes Δ by a vector within the angle atan(friction) of the wall's
 outward normal. If a wall holds or brakes the second particle, its reaction changes Δ by a vector within the angle atan(friction) of

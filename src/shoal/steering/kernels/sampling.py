@@ -136,8 +136,8 @@ def differing(state, goal, size):
 def wall_point(point, world, rng, place, normal):
     """Draw a random point of a wall. Write the point to ``place``, and the wall's inward normal at the point to ``normal``.
 
-    On straight edges, a quarter of the drawn points are the points of an edge that are nearest to ``point``, the position of a
-    particle.
+    In a quarter of the draws on straight edges, the result is the point of the edge that is nearest to the particle position
+    ``point``.
     """
     choice, where = rng.random(), rng.random()
     if world.flat:

@@ -28,7 +28,7 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write trial lengths of moves in a direction, from one particle's first wall contact to the other one's first wall contact.
+    """Write trial lengths of moves in a direction. The lengths lie between the first wall contacts of the two particles.
 
     Return the number of trial lengths. For a particle that a wall already holds, the length up to the first wall contact is 0. A
     move that ends before the first wall contact does not change the position difference.
@@ -215,8 +215,8 @@ def least_shortage(start, goal, trial, walls, state, direction):
 def repair(start, goal, walls, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
 
-    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. With a negative
-    shortage, the last two moves are feasible.
+    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. If the shortage of
+    a plan is negative, the last two moves of the plan are feasible.
     """
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)

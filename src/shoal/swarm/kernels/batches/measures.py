@@ -48,10 +48,10 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
 def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
     """Compute sums over the particles of each world, and write the sums to three arrays.
 
-    ``commands``, int64, (worlds, commands, 2): the number of particles that would enter a frontier cell, and the number of
-    particles whose next cell is not a known obstacle and holds no particle. ``axes``, (worlds, 3, 2): the sums of the particles'
-    layers, rows and columns, and the sums of their squares. ``totals``, (worlds, 3): the number of particles, the number of
-    frontier cells, and the number of cells that are known or in the frontier.
+    ``commands``, int64, shape (worlds, commands, 2), counts two kinds of particles for each command: particles that would enter a
+    frontier cell, and particles whose next cell is not a known obstacle and holds no particle. ``axes``, shape (worlds, 3, 2),
+    contains the sums of the particles' layers, rows and columns, and the sums of their squares. ``totals``, shape (worlds, 3),
+    contains the number of particles, the number of frontier cells, and the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
     for i in range(first, last):

@@ -62,8 +62,8 @@ def count_particles(counts, cells):
 def mark_commands(worlds, chosen, merge, masks, first, last):
     """Mark in ``masks``, shape (worlds, commands), the commands for which the belief allows at least one particle to move.
 
-    The belief allows a particle to move if the next cell is not a known obstacle and, except for ``merge``, holds no particle. No
-    particle is in the rim, so a shift never carries a particle into another row.
+    The belief allows a particle to move if the next cell is not a known obstacle and holds no particle. Under the rule merge, the
+    next cell may hold particles. No particle is in the rim, so a shift never carries a particle into another row.
     """
     width, size = worlds.width, worlds.occupied.shape[1]
     layer = width * worlds.rows

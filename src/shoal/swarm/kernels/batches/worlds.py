@@ -1,6 +1,6 @@
 """Many worlds, whose boards are stored one after the other. Each thread processes a range of the selected worlds.
 
-The boards of all worlds have one shape. A map smaller than its board occupies the first rows and columns of the board. Particles
+The boards of all worlds have equal shapes. A map smaller than its board occupies the first rows and columns of the board. Particles
 cannot leave their map.
 """
 
@@ -85,7 +85,8 @@ def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mappin
     """Start episodes in the worlds ``chosen[first:last]``.
 
     ``cells`` contains the start cells (row and column) of all worlds, one world after the other. ``ends`` contains, for each world,
-    the index after its last start cell. ``targets`` contains the cells to cover of each world, and is empty for mapping.
+    the index after its last start cell. For coverage, ``targets`` contains the target cells of each world; for mapping, ``targets``
+    is empty.
     """
     for i in range(first, last):
         world = chosen[i]

@@ -1,7 +1,7 @@
 """Arithmetic on words of 64 bits, in which each bit is a cell.
 
-In Numba, ``uint64 - 1`` becomes int64, and ``>>`` of an int64 extends the sign. Therefore, every constant is a ``np.uint64``. No
-shift is by 64 bits, because compiled code and Python give different results for a shift by 64 bits.
+In Numba, ``uint64 - 1`` becomes int64, and ``>>`` of an int64 extends the sign. Therefore, every constant of this module is a
+``np.uint64``. No function shifts a word by 64 bits, because compiled code and Python give different results for a shift by 64 bits.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""One command: every particle tries to enter its next cell, and the command classifies all unknown cells that particles try.
+"""One command: particles try to enter their next cells, and the command classifies the unknown cells among these next cells.
 
 A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, the kernel processes each
 row after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end at a wall.
 For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry passes through
-each run. For moves towards higher bits, the kernel first reverses the bits of each word. Afterwards, the kernel corrects the rare
-runs that continue in the next word.
+each run. For moves towards higher bits, the kernel first reverses the bits of each word. The kernel afterwards corrects the rare
+runs of particles that continue in the next word.
 
-The kernel processes boards in blocks of rows that fit into the processor's cache. A large board is therefore read from memory only
-once.
+The kernel processes boards in blocks of rows that fit into the processor's cache. With blocks, the kernel reads a large board from
+memory only once.
 """
 
 from __future__ import annotations
@@ -85,9 +85,9 @@ def move_across(field, command, rule):
 def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
-    ``tried`` receives the tried cells that are on ``board``, or, if ``flip`` is ALL, the tried cells that are not on ``board``.
-    Return the union of all tried cells as one word, and the number of moved particles. If ``counted`` is None, the kernel saves the
-    time for counting, and the number of moved particles is 0.
+    ``tried`` receives the cells on ``board`` that particles try to enter. If ``flip`` is ALL, ``tried`` receives the cells outside
+    ``board`` that particles try to enter. Return the union of all words of ``tried`` as one word, and the number of moved
+    particles. If ``counted`` is None, the kernel saves the time for counting, and the number of moved particles is 0.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):

@@ -124,9 +124,9 @@ def decide_depth_first(field, mapping, policy_state):
 def decide_sweep(field, mapping, policy_state):
     """Plan one command of the policy sweep. Return the number of planned commands, 0 or 1.
 
-    The policy first moves left until no particle moves. Then the policy alternates up and right until right moves no particle. On
-    the way back, the policy alternates down and left until left moves no particle. The policy repeats the way there and back while
-    the moves classify cells.
+    In the first phase, the policy moves left until no particle moves. In the second phase, the policy alternates the commands up
+    and right until a command right moves no particle. In the third phase, the policy alternates the commands down and left until a
+    command left moves no particle. The policy repeats the second and the third phase while the moves classify cells.
     """
     memory, plan = policy_state.memory, policy_state.search.plan
     if memory.phase == 3:
@@ -175,7 +175,7 @@ def notice_no_command(field, policy_state, command, travelled, done):
 
 @in_place_kernel
 def notice_elect(field, policy_state, command, travelled, done):
-    """Update the elected particle. If the target cell is classified, request a new plan."""
+    """Update the elected particle. If the target cell is no longer a frontier cell, request a new plan."""
     memory = policy_state.memory
     follow(field, policy_state, command)
     if not has(field.frontier, field.width, memory.target_row, memory.target_column):

@@ -43,7 +43,7 @@ class ProgressGuard(NamedTuple):
 
 @in_place_kernel
 def find_frontier(field, given_up):
-    """Write the frontier: unclassified cells beside cells classified as free, except cells given up.
+    """Write the frontier: unclassified cells beside cells classified as free, without the cells that the guard has given up.
 
     Return the number of frontier cells.
     """

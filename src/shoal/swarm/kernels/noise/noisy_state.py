@@ -148,7 +148,7 @@ def spread_noisy(noisy, command):
 def stray(noisy, at, but):
     """Return the probability that a scan misplaces a particle of a neighbouring cell into the cell ``at``.
 
-    The neighbouring cell ``but`` does not count.
+    The function leaves out the neighbouring cell ``but``.
     """
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
     none = 1.0 - CLUTTER

@@ -28,8 +28,9 @@ class Beam(NamedTuple):
 def place_for(values, marks, size, value, mark):
     """Return the place in the beam for a new state, or -1 if the beam rejects the new state.
 
-    If the beam contains an equal state, the new state replaces the equal state only with a higher value. If the beam has a free
-    place, the new state takes the free place. In a full beam, the new state replaces the worst state only with a higher value.
+    If the beam contains an equal state, the new state replaces the equal state only if the new state has a higher value. If the
+    beam has a free place, the new state takes the free place. In a full beam, the new state replaces the worst state only if the
+    new state has a higher value.
     """
     for i in range(size):
         if marks[i] == mark:

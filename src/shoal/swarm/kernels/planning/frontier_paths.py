@@ -30,10 +30,11 @@ def begin_waves(scene, state, planes):
 
 @in_place_kernel
 def spread(scene, planes, frontier, level):
-    """Add the cells of the next level, including rim cells, to the plane of the level.
+    """Add the cells at the path length ``level``, including rim cells, to their plane.
 
-    Return the union of all words of the next level as one word, and the union of its frontier cells as one word. The plane of the
-    previous level also holds earlier levels. The search has already reached all neighbours of cells in earlier levels.
+    Return the union of the words of all added cells as one word, and the same union for the added frontier cells. The plane of the
+    previous path length also holds cells at smaller path lengths. The search has already reached all neighbours of cells at smaller
+    path lengths.
     """
     wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
     width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
@@ -59,9 +60,9 @@ def spread(scene, planes, frontier, level):
 
 @in_place_kernel
 def join(near, unreached, mark, frontier):
-    """Add the unreached cells among ``near`` to a level.
+    """Add the unreached cells among ``near`` to the plane ``mark``.
 
-    Return the union of all added cells as one word, and the union of the added frontier cells as one word.
+    Return the union of the words of all added cells as one word, and the same union for the added frontier cells.
     """
     some, hits = ZERO, ZERO
     for i in range(mark.shape[0]):
@@ -75,7 +76,7 @@ def join(near, unreached, mark, frontier):
 
 @in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
-    """Write the path to a frontier cell in word ``index``, reached at ``level``. Where possible, the path continues straight on."""
+    """Write the path to a frontier cell in word ``index``, at path length ``level``. Where possible, the path goes straight on."""
     hits = planes[MOD + level % 3, index] & state[FRONTIER, index]
     row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
     last = 0

@@ -81,7 +81,7 @@ def look(learned, opened, known, cell, command):
 
 @in_place_kernel
 def list_weights(learned, command, kind, row, cells, size):
-    """Append to the list ``used`` the rows of ``first`` that belong to cells in one row of the window.
+    """Append to the list ``used`` the indices of the rows of ``first`` that belong to cells in one row of the window.
 
     Return the length of the list.
     """

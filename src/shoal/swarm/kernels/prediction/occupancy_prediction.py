@@ -89,7 +89,7 @@ def ask_learned(prediction, learned, cell):
 
 @in_place_kernel
 def find_walls(prediction, prior, learned, size):
-    """Predict the cells of the layer that are hardly ever free as walls, before the prediction of free cells.
+    """Predict as walls the cells of the layer that are hardly ever free, before `find_free` predicts free cells.
 
     The experts then recognize the corridors between predicted walls.
     """

@@ -116,7 +116,7 @@ def smoothed(tallies, entry, likely):
 
 @in_place_kernel
 def chance(prior, model, number, cell):
-    """Return the probability of one count expert that a cell is free. ``number`` identifies the surroundings of the cell."""
+    """Return one count expert's probability that a cell is free. ``number`` identifies the surroundings of the cell."""
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely = smoothed(tallies, 0, 0.5)
     for level in range(model):

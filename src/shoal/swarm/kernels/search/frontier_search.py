@@ -1,7 +1,7 @@
 """Breadth-first search on sets of cells: the nearest frontier cell, and the commands that bring a particle to this cell.
 
-A board is a set of cells, packed into words of 64 bits. All cells with the same path length from the particles form a level of the
-search, which is stored as a board. The dilation of a level, limited to known free cells, gives the next level. One dilation costs
+A board is a set of cells, packed into words of 64 bits. The search stores all cells with the same path length from the particles as
+one board. To find the cells at the next path length, the search dilates the board within the known free cells. One dilation costs
 about as much time as one move. The particles follow the whole path before the next search, so planning costs no more time than
 moving.
 
@@ -82,10 +82,10 @@ def start_planes(planes, sources):
 
 @in_place_kernel
 def expand(field, planes, first, last, level):
-    """Replace the level in WAVE by the next level of the search. Return whether the next level is empty.
+    """Replace the cells in the plane WAVE by the cells at the next path length. Return whether the plane WAVE is then empty.
 
-    The kernel processes the words from ``first`` to ``last - 1``. Words outside this range must not contain cells of the next
-    level.
+    The kernel processes the words from ``first`` to ``last - 1``. Words before ``first`` and after ``last - 1`` must not contain
+    cells at the next path length.
     """
     dilate(planes[WAVE], field.open, planes[NEXT], first, last, field)
     wave, following = planes[WAVE, first:last], planes[NEXT, first:last]
@@ -202,7 +202,10 @@ def opposite(command):
 
 @in_place_kernel
 def trace_back(field, search, row, column, level):
-    """Write the plan from a source through a goal cell at ``level`` to a frontier cell. Return the length of the plan."""
+    """Write the plan from a source through a goal cell at the path length ``level`` to a frontier cell.
+
+    Return the length of the plan.
+    """
     plan, width = search.plan, field.width
     for command in search.neighbours:
         r, c = ahead(row, column, command, field.rows)

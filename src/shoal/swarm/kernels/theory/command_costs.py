@@ -14,10 +14,10 @@ FAR = 1 << 30
 
 @in_place_kernel
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
-    """Return the smallest a + b for which a commands ``back`` and b commands ``forth`` are enough to reach every wanted cell.
+    """Return the smallest i + j for which i commands ``back`` and j commands ``forth`` are enough to reach every wanted cell.
 
-    Commands other than ``back`` and ``forth`` cost nothing. For each number a in turn, b is the largest number of commands
-    ``forth`` that any wanted cell needs with at most a commands ``back``.
+    Commands other than ``back`` and ``forth`` cost nothing. For each number i in turn, j is the largest number of commands
+    ``forth`` that any wanted cell needs with at most i commands ``back``.
     """
     best = FAR
     for cell in range(costs.shape[0]):
