@@ -87,9 +87,9 @@ def begin(work, points, row, factor):
 
 @in_place_kernel
 def combine(work, one, a, other, b, left, p, right, q):
-    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` to the vector ``work.span[0]``, and write its derivatives.
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` of contacts c and position differences D to ``work.span[0]``.
 
-    Return the number of unknowns on which the vector depends. A negative index omits its term.
+    Write the derivatives. Return the number of unknowns on which ``work.span[0]`` depends. A negative index omits its term.
     """
     contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -329,7 +329,7 @@ def outward(kind, work, m, row):
 def add_cone(friction, work, into, used, slack, order):
     """Return the negative logarithm of the friction limit |a|^2 <= (1 + friction^2) p^2 for the vector a = ``work.span[0]``.
 
-    ``into`` is p, the component of a into the wall. Division by p gives the limit a unit of length: (1 + friction^2) p - |a|^2 / p.
+    ``into`` is p, the component of the vector a into the wall. The code divides the limit by p to get a length.
     """
     span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction

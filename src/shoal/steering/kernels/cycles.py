@@ -1,11 +1,11 @@
 """The position difference that one cycle can make nearest to the difference of the goals: algorithms 2 and 3 of paper W, corrected.
 
-A cycle changes the position difference of two particles from D to D': a wall holds one particle (the toucher) while the other
-particle moves. The sign s is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. A cycle with the
-contact c on a wall must meet two conditions. First, the other particle must be inside the workspace before and after its move, at
-the points c + sD and c + sD'. Second, the wall must hold the toucher: the vector s(D' - D) must lie in the friction cone of the
-wall. On a polygon P, all possible vectors sD' from the toucher to the other particle form one convex polygon. The polygon of all
-vectors sD' is the union of P shifted by -c for all possible contacts c, cut by the friction cone.
+A cycle changes the position difference of two particles: a wall holds one particle (the toucher) while the other particle moves. In
+the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. A cycle must meet two
+conditions. First, the other particle must be inside the workspace before and after its move. Second, the push of the toucher into
+the wall must lie in the friction cone of the wall. On a polygon, all possible vectors from the toucher to the other particle form
+one convex polygon. To construct this polygon of vectors, shift the workspace by the negative of each possible contact, form the
+union, and cut the union by the friction cone.
 """
 
 from __future__ import annotations
@@ -266,12 +266,11 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
     """Write the largest depths that one more cycle can make to ``best``, shape (2, contacts); -1 for an impossible contact.
 
-    A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle with particle
-    s at the contact c and a following contact d of particle t. The signs s and t are 1 for particle 1, and -1 for particle 2. After
-    the cycle, the position difference is D = s (q - c), where q is the position of the particle without contact. At the contact d,
-    the depth is t (N @ D), where N is the inward normal of the wall. The position q must lie inside the polygon, and at most
-    ``depths[s, c]`` below the wall of the contact c. At the contact d, the other particle has the position d + t D, which must also
-    lie inside the polygon. Because the possible positions q form a convex polygon, the largest depth occurs at a corner.
+    A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle at one contact
+    with a following contact, for all pairs of contacts and touchers. During the cycle, the particle without contact may be at each
+    point of the polygon that is at most ``depths[toucher, contact]`` below the wall of the contact. At the following contact, the
+    other particle must also be inside the polygon. The possible points form a convex polygon, so the largest depth occurs at a
+    corner.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):

@@ -1,10 +1,11 @@
 """The barrier curve across which wall reactions with friction cannot move the position difference Δ of two particles.
 
-If a wall holds or brakes the first particle, its reaction changes Δ by a vector within the angle atan(friction) of the wall's
-outward normal. If a wall holds or brakes the second particle, its reaction changes Δ by a vector within the angle atan(friction) of
-the wall's inward normal. Whether a particle can touch a wall depends on Δ. If Δ keeps its direction, particles can touch each wall
-up to some length of Δ. The code computes the barrier in polar coordinates, and measures angles of wall reactions from the direction
-of -Δ, counter-clockwise.
+If a wall holds or brakes the first particle, the wall's reaction changes the position difference Δ by a vector near the wall's
+outward normal. If a wall holds or brakes the second particle, the wall's reaction changes Δ by a vector near the wall's inward
+normal. The angle between the change of Δ and the normal is at most atan(friction). A particle can touch a wall only if the other
+particle is inside the workspace, which depends on the position difference Δ. In each direction of Δ, a particle can touch a wall
+only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions are measured from the
+direction opposite to Δ, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """For a direction of Δ, write the maximum length |Δ| for each wall and particle, and the angles of the wall reactions.
+    """For one direction of Δ, write the greatest length of Δ for each wall and particle, and the angles of the wall reactions.
 
-    If Δ is longer than the maximum length, the particle cannot touch the wall. The array ``ends`` contains the maximum lengths,
-    with 0 for a wall that the particle can never touch. The array ``turns`` contains the angles of the wall reactions. A wall
-    counts if a particle can touch the wall for some Δ within half of the angle ``step`` of the given direction.
+    Δ is the position difference of the two particles. If Δ is longer than the greatest length, the particle cannot touch the wall.
+    The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never touch. The array ``turns``
+    contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some position difference within
+    half of the angle ``step`` of the given direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -61,8 +63,8 @@ def touchable(angle, step, most, model, ends, turns):
 def carried(radius, side, step, most, ends, turns, cone):
     """Return the largest length of Δ after wall reactions have turned Δ by one step, and the largest length before the turn.
 
-    At first, the length of Δ is at most ``radius``. Wall reactions can lengthen Δ without turning Δ only where the reactions do not
-    all point into one half-plane.
+    Δ is the position difference of the two particles. Before the wall reactions, the length of Δ is at most ``radius``. Where all
+    wall reactions point into one half-plane, the wall reactions cannot lengthen the position difference Δ without turning it.
     """
     rows = ends.shape[0]
     before = radius
@@ -85,7 +87,10 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the wall reactions that are possible for a given length of Δ."""
+    """Return the smallest and the largest angle of the wall reactions that are possible for a given length of Δ.
+
+    Δ is the position difference of the two particles.
+    """
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:
@@ -97,9 +102,10 @@ def spread_at(place, ends, turns, cone):
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
     """Return whether wall reactions can never bring Δ to the length ``goal`` at any angle with an index from ``first`` to ``last``.
 
-    The initial Δ has the angle with index ``start`` and the length ``radius``. The array ``angles`` ascends over the full circle.
-    Between two neighbouring angles, Δ is never parallel to a wall. The array ``farthest`` contains the largest possible length |Δ|
-    at each angle. The result is False if the computation does not converge.
+    Δ is the position difference of the two particles. At the start, Δ has the angle with index ``start`` and the length ``radius``.
+    The array ``angles`` ascends over the full circle. Between two neighbouring angles in ``angles``, the position difference is
+    never parallel to a wall. The array ``farthest`` contains the largest possible length of the position difference at each angle.
+    The result is False if the computation does not converge.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

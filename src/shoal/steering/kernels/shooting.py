@@ -1,10 +1,10 @@
 """Plans of few straight moves found by simulation: the search tries all moves except the last two, and computes the last two moves.
 
-The second-last move changes the position difference D of the particles to the difference Dg of the goals. During the second-last
-move, a wall holds one particle (the toucher) while the other particle moves. If the toucher is the first particle, the other
-particle moves by ``Dg - D``; if the toucher is the second particle, the other particle moves by ``D - Dg``. The displacement of the
+The second-last move of a plan changes the position difference of the particles to the difference of the goals. During the
+second-last move, a wall holds one particle (the toucher) while the other particle moves. The displacement of the other particle is
+the missing change of the position difference, with the opposite sign if the toucher is the second particle. The displacement of the
 other particle determines the direction of the second-last move. The length of the second-last move is the distance from the toucher
-to its wall plus ``|Dg - D|``. The last move brings both particles to their goals.
+to its wall, plus the length of the other particle's displacement. The last move of a plan brings both particles to their goals.
 
 The last two moves are feasible if the free particle (not the toucher) meets no wall during the second-last move. The *shortage* of
 a plan is the part of the second-last move for which the free particle (not the toucher) has no space. If no random plan is
