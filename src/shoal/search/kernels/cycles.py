@@ -110,7 +110,7 @@ def border(mask, parent, listed):
 
 @kernel
 def grow(mask, links, parent, queue, queued, head, count, touched):
-    """Merge into a cycle all cells beside edges of its queued cells, where the merge does not lengthen the tour.
+    """Merge into a cycle all cells beside edges of queued cells, if the merge does not lengthen the tour.
 
     The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
     array ``queue`` is a ring buffer. Return the number of changed cells.

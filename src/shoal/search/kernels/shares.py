@@ -162,7 +162,7 @@ def two_way_pass(tour, team, time, first, borders):
 
 @kernel
 def best_start(two_ways, tour, team, time, stride, borders):
-    """Make passes with different first borders. Return whether one of these passes succeeds in the given time.
+    """Make passes with different first borders until a pass succeeds in the given time. Return whether a pass has succeeded.
 
     A pass succeeds if the robots search all cells of the tour. After a success, ``borders`` contains the first cell of each robot.
     """

@@ -92,7 +92,7 @@ def force(field, planner):
 def take_greedily(field, planner):
     """Set the incumbent to the command that classifies most cells with one move, or to the path to the nearest frontier cell.
 
-    The path is used if no single command classifies a cell.
+    The function uses the path to the nearest frontier cell only if no single command classifies a cell.
     """
     memory = planner.memory
     take_state(field, planner.root)

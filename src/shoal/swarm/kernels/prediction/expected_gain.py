@@ -2,8 +2,8 @@
 
 For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
 unknown cell. The run classifies each further unknown cell only if all cells before it on the path are free. In each episode, the
-scan rule learns the probability of a free cell without earlier data. The probability is the fraction of free cells among the
-classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
+scan rule learns the probability of a free cell without earlier data. The probability of a free cell is the fraction of free cells
+among the classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
 """
 
 from __future__ import annotations
