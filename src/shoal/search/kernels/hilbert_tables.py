@@ -1,7 +1,7 @@
 """State tables of the Hilbert curve, which convert several levels of the curve per look-up.
 
 One level of a curve in n dimensions visits the 2^n parts of a cube in the order of a Gray code, rotated and mirrored. The *state*
-describes the rotation and the mirroring by an entry corner and a direction. The states and their successors are from C. Hamilton,
+describes the rotation and the mirroring by an entry corner and a direction. The states and their successors are from Hamilton,
 "Compact Hilbert indices", technical report CS-2006-07, Dalhousie University, section 2. This module combines several levels of
 states into one table.
 """

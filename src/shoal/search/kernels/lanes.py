@@ -1,9 +1,9 @@
 """Back and forth over any mask: runs of cells, chains of runs in consecutive rows, and the path from chain to chain.
 
 A *run* consists of the cells of a row between two gaps. Where the region neither splits nor joins, each run touches one run of the
-next row, and the runs form a *chain*. The path sweeps each chain back and forth. In H. Choset, "Coverage of known spaces: the
-boustrophedon cellular decomposition", Autonomous Robots 9, 2000, a chain is called a cell. The path visits the chains depth first.
-The next chain of the path is the unvisited neighbouring chain whose end is nearest to the present cell.
+next row, and the runs form a *chain*. The path sweeps each chain back and forth. Choset calls a chain a cell in "Coverage of known
+spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. The path visits the chains depth first. The next chain
+of the path is the unvisited neighbouring chain whose end is nearest to the present cell.
 """
 
 from __future__ import annotations

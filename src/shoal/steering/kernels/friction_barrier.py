@@ -1,11 +1,12 @@
 """The barrier curve across which wall reactions with friction cannot move the position difference Δ of two particles.
 
 If a wall holds or brakes the first particle, the wall's reaction changes the position difference Δ by a vector near the wall's
-outward normal. If a wall holds or brakes the second particle, the wall's reaction changes Δ by a vector near the wall's inward
-normal. The angle between the change of Δ and the normal is at most atan(friction). A particle can touch a wall only if the other
-particle is inside the workspace, which depends on the position difference Δ. In each direction of Δ, a particle can touch a wall
-only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions are measured from the
-direction opposite to Δ, counter-clockwise.
+outward normal. If a wall holds or brakes the second particle, the wall's reaction changes the position difference Δ by a vector
+near the wall's inward normal. The angle between the change of the position difference and the normal is at most atan(friction). A
+particle can touch a wall only if the other particle is inside the workspace, which depends on the position difference Δ. For each
+direction of the position difference, a particle can touch a wall only up to some length of the position difference. The code
+computes the barrier in polar coordinates. Angles of wall reactions are measured from the direction opposite to the position
+difference Δ, counter-clockwise.
 """
 
 from __future__ import annotations
@@ -26,10 +27,10 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 def touchable(angle, step, most, model, ends, turns):
     """For one direction of Δ, write the greatest length of Δ for each wall and particle, and the angles of the wall reactions.
 
-    Δ is the position difference of the two particles. If Δ is longer than the greatest length, the particle cannot touch the wall.
-    The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never touch. The array ``turns``
-    contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some position difference within
-    half of the angle ``step`` of the given direction.
+    Δ is the position difference of the two particles. If the position difference is longer than the greatest length, the particle
+    cannot touch the wall. The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never touch.
+    The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some position
+    difference within half of the angle ``step`` of the given direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -102,10 +103,10 @@ def spread_at(place, ends, turns, cone):
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
     """Return whether wall reactions can never bring Δ to the length ``goal`` at any angle with an index from ``first`` to ``last``.
 
-    Δ is the position difference of the two particles. At the start, Δ has the angle with index ``start`` and the length ``radius``.
-    The array ``angles`` ascends over the full circle. Between two neighbouring angles in ``angles``, the position difference is
-    never parallel to a wall. The array ``farthest`` contains the largest possible length of the position difference at each angle.
-    The result is False if the computation does not converge.
+    Δ is the position difference of the two particles. At the start, the position difference has the angle with index ``start`` and
+    the length ``radius``. The array ``angles`` ascends over the full circle. Between two neighbouring angles in ``angles``, the
+    position difference is never parallel to a wall. The array ``farthest`` contains the largest possible length of the position
+    difference at each angle. The result is False if the computation does not converge.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

@@ -1,9 +1,10 @@
 """A search tree over the positions of all particles. The tree grows by random manoeuvres, and every manoeuvre is simulated.
 
-An offset is the position of a particle minus the position of its goal. A translation changes all offsets by the same vector.
-Therefore, a translation can complete the task if all offsets are equal. Most manoeuvres bring one particle to a wall, and then make
-the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres make only one component of two
-particles' offsets equal. Other manoeuvres are random moves, which may find solutions that no plan anticipates.
+An offset is the position of a particle minus the position of its goal. A translation changes the offsets of all particles by the
+same vector. A translation can therefore complete the task if all particles have equal offsets from their goals. Most manoeuvres
+bring one particle to a wall, and then make the offset of another particle equal to the offset of the particle at the wall. Some
+manoeuvres make only one component of two particles' offsets equal. Other manoeuvres are random moves, which may find solutions that
+no plan anticipates.
 """
 
 from __future__ import annotations
@@ -257,8 +258,7 @@ def pick(total, tree, rng):
 def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
     """Grow a search tree in place by at most ``rounds`` manoeuvres.
 
-    Return the number of nodes, the number of rounds left, and whether the last node is a hit. A hit is a node from which one
-    translation completes the task.
+    Return the number of nodes, the number of rounds left, and whether one translation from the last node completes the task.
     """
     states, depths, keys = tree.states, tree.depths, tree.keys
     moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)

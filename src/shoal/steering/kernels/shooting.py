@@ -28,10 +28,11 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write trial lengths of moves in a direction. The lengths lie between the first wall contacts of the two particles.
+    """Write trial lengths of moves in a direction.
 
-    Return the number of trial lengths. For a particle that a wall already holds, the length up to the first wall contact is 0. A
-    move that ends before the first wall contact does not change the position difference.
+    The trial lengths lie between the lengths up to the first wall contacts of the two particles. For a particle that a wall already
+    holds, the length up to the first wall contact is 0. A move that ends before the first wall contact does not change the position
+    difference. Return the number of trial lengths.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -84,7 +85,7 @@ def shortage(points, goal, toucher, walls, direction):
 def finish(points, goal, toucher, walls, moves):
     """Write the last two moves of a plan with the given toucher (the particle that a wall holds).
 
-    Return the largest remaining distance of a particle from its goal, or infinity without feasible moves.
+    Return the largest remaining distance of a particle from its goal, or infinity if no feasible moves exist.
     """
     d = points.shape[1]
     direction = np.empty(d)

@@ -1,10 +1,10 @@
 """Improvement of plans for two particles: simulated annealing makes random changes of the plan's steps.
 
-Each step has a target, and computes a move to the target from any positions of the particles. The target of a contact is a place on
-a wall for one particle. The target of an adjustment is a position difference of the particles, and a wall holds one particle during
-the adjustment. The target of a translation is a midpoint of the two particles. Without noise, the last adjustment has the
-difference of the goals as its target, and the cost of a plan is its length. With noise, the cost of a plan is the mean number of
-moves.
+Each step has a target, and computes a move to the target from any positions of the particles. The target of a contact is the place
+on a wall to which one particle moves. The target of an adjustment is a position difference of the particles, and a wall holds one
+particle during the adjustment. The target of a translation is a midpoint of the two particles. Without noise, the last adjustment
+has the difference of the goals as its target, and the cost of a plan is its length. With noise, the cost of a plan is the mean
+number of moves.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def is_near(state, goal, tolerance):
 
 @kernel
 def play(steps, count, start, goal, tolerance, bound, world, state):
-    """Simulate a plan without noise. Return its length, infinite if the plan misses the goals or is longer than ``bound``.
+    """Simulate a plan without noise. Return the plan's length, infinite if the plan misses the goals or exceeds ``bound``.
 
     If a step misses its target, the next step still moves the particles from their actual positions to its own target.
     """
@@ -139,7 +139,7 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Move the steps of a plan with index ``first`` and above by ``by`` places. Return the new number of steps."""
+    """Move the steps with index ``first`` and above by ``by`` places in the plan. Return the new number of steps."""
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
@@ -263,7 +263,10 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 @kernel
 def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
-    """Return the length of a plan, or infinity above ``bound``. With noise, return the mean number of moves of the plan."""
+    """Return the length of a plan, or infinity if the length exceeds ``bound``.
+
+    With noise, return the mean number of moves of the plan instead of its length.
+    """
     if noise.starts.shape[0] == 0:
         return play(steps, count, start, goal, tolerance, bound, world, state)
     return expected_moves(steps, count, goal, tolerance, noise, world, state, move)

@@ -3,8 +3,8 @@
 Annealing keeps a random change if the plan becomes shorter or only a little longer. To judge a change, the kernel simulates only
 the moves after the change, because it stores intermediate states at regular intervals.
 
-Source: S. Kirkpatrick, C. D. Gelatt and M. P. Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes
-are an addition by Shoal (docs/concepts/planners.md).
+Source: Kirkpatrick, Gelatt and Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes are an
+addition by Shoal (docs/concepts/planners.md).
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ When a cell is classified, every expert estimates the probability of a free cell
 expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
 weight is distributed evenly, so that another expert can gain weight again.
 
-Sources: docs/concepts/prediction.md; A. P. Dawid, Statistical theory: the prequential approach, J. R. Stat. Soc. A 147 (1984); M.
-Herbster, M. K. Warmuth, Tracking the best expert, Machine Learning 32 (1998).
+Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal of the Royal Statistical Society
+A 147 (1984); Herbster and Warmuth, Tracking the best expert, Machine Learning 32 (1998).
 """
 
 from __future__ import annotations
