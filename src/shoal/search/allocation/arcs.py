@@ -69,8 +69,8 @@ class Arc:
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
     """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
-    With a cell ``start``, the function also computes the path from ``start`` to ``first``, which may lead around walls. The result
-    is the straight distance or the length of the path, whichever is larger.
+    If a cell ``start`` is given, the result is the straight distance or the length of the path from ``start`` to ``first`` around
+    walls, whichever is larger.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

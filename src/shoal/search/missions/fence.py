@@ -29,7 +29,7 @@ class Fence:
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        The ring that vehicles must not leave, without its first corner again at the end.
+        The ring that vehicles must not leave, in which the first corner is not repeated at the end.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
         Rings that vehicles must not enter.
     """

@@ -52,7 +52,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class WrongPosition:
-    """Fault: the robot believes that it starts ``off`` cells further along the tour than it does.
+    """Fault: the robot believes that its start is ``off`` cells further along the tour than it really is.
 
     As soon as the robot has moved to another cell, it knows its true position.
     """

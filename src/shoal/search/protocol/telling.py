@@ -39,8 +39,8 @@ def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tup
 def _window(robot: Robot, n: int) -> int:
     """Return the section of the tour whose facts the next beacon repeats, as a bitset.
 
-    The section of each beacon begins where the section of the last beacon ended. A section is as long as the space for facts in one
-    beacon allows.
+    The section of each beacon begins where the section of the previous beacon ended. A section is as long as the space for facts in
+    one beacon allows.
     """
     everything = robot.brief.everything
     total = _intervals(robot, everything)

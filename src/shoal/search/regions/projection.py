@@ -20,11 +20,11 @@ REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
 class LocalFrame:
     """A local frame in metres east and north of an origin: a transverse Mercator projection of WGS84 with scale 1 at the origin.
 
-    The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. Lengths in the frame exceed
-    lengths on Earth by the fraction (east / R)² / 2, where ``east`` is the distance to the east or west of the origin, and R is the
-    radius of the Earth. According to PROJ, lengths within 20 km of the origin are at most 4.9e-6 (5 mm per kilometre) too long, at
-    latitudes from 0 to 80 degrees. Lengths in the frame exceed lengths on Earth by at most 3.1e-5 within 50 km of the origin, and
-    by at most 1.2e-4 within 100 km.
+    The projection preserves angles, but lengths in the frame are slightly longer than lengths on Earth. At the distance x to the
+    east or west of the origin, lengths in the frame exceed lengths on Earth by the fraction (x / R)² / 2, where R is the radius of
+    the Earth. According to PROJ, lengths within 20 km of the origin are at most 4.9e-6 (5 mm per kilometre) too long, at latitudes
+    from 0 to 80 degrees. Lengths in the frame exceed lengths on Earth by at most 3.1e-5 within 50 km of the origin, and by at most
+    1.2e-4 within 100 km.
 
     Parameters
     ----------
