@@ -1,9 +1,9 @@
 """The generalized Hilbert curve: a path through a box of any size, from a corner to the far end of the first axis.
 
 The scheme of halvings is by Červený ("gilbert", 2018). A box that is much longer than wide is cut into two halves across its
-length. Every other box is cut into three parts (up, along, down) or, in 3-D, into five parts. The kernel makes halves with an even
-number of cells where possible, because a path along an even number of cells needs no diagonal step between corners. Instead of
-recursion, the kernel uses a stack of boxes.
+length. A box that is not much longer than wide is cut into three parts (up, along, down) or, in 3-D, into five parts. The kernel
+makes halves with an even number of cells where possible, because a path along an even number of cells needs no diagonal step
+between corners. Instead of recursion, the kernel uses a stack of boxes.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ A cycle changes the position difference of two particles: a wall holds one parti
 the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. In a possible cycle, the
 particle that is not held must be inside the workspace before and after its move. In a possible cycle, the push of the toucher into
 the wall must also lie in the friction cone of the wall. On a polygon, all possible vectors from the toucher to the other particle
-form one convex polygon. To construct the polygon of these vectors, shift the workspace by the negative of each possible contact,
-form the union, and cut the union by the friction cone.
+form one convex polygon. To construct the polygon of all possible vectors, shift the workspace by the negative of each possible
+contact, form the union, and cut the union by the friction cone.
 """
 
 from __future__ import annotations

@@ -62,7 +62,7 @@ def segments(field, command):
 
 @in_place_kernel
 def move_across(field, command, rule):
-    """Move particles across rows and classify cells. Return numbers of cells travelled, classified and added to the frontier."""
+    """Move particles across rows. Return the numbers of cells travelled, cells classified, and cells added to the frontier."""
     lines, line_stride, first, length, ahead = segments(field, command)
     travelled, classified, added = 0, 0, 0
     for line in range(lines):
@@ -254,7 +254,7 @@ def held_above(here, free):
 
 @in_place_kernel
 def move_along(field, command, rule):
-    """Move particles along rows and classify cells. Return numbers of cells travelled, classified and added to the frontier."""
+    """Move particles along rows. Return the numbers of cells travelled, cells classified, and cells added to the frontier."""
     travelled, classified, added = 0, 0, 0
     total = field.occupied.shape[0]
     block = max(1, BLOCK_WORDS // field.width) * field.width
@@ -333,7 +333,8 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let each particle try its next cell. Return the numbers of cells travelled, classified and added to the frontier."""
+    """Let particles try their next cells. Return the numbers of cells travelled, cells classified, and cells added to the frontier.
+    """
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -214,7 +214,7 @@ def end_run(field, policy_state, scan_planner, given):
     """Return whether a scan follows a run of equal commands.
 
     In a replay of given scans, the result is ``given``. An adaptive policy does not scan after a run that has classified no cell.
-    All other scan rules scan after each run.
+    All scan rules except the adaptive rule and given scans scan after each run.
     """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:

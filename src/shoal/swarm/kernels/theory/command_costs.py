@@ -1,6 +1,6 @@
 """Minimum numbers of commands in one direction that particles need to reach cells.
 
-Lower bounds for episodes use these minimum numbers of commands. The grids are flat arrays with a rim: the index of the next cell is
+Lower bounds for episodes use the minimum numbers of commands. The grids are flat arrays with a rim: the index of the next cell is
 the index of a cell plus an offset. A particle may try to enter a wall, which classifies the wall, but no path continues from a
 wall.
 """
