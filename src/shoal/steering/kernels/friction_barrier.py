@@ -25,12 +25,12 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """For one direction of Δ, write the greatest length of Δ for each wall and particle, and the angles of the wall reactions.
+    """Write the greatest length of the position difference Δ for each wall and particle, and the angles of the wall reactions.
 
-    Δ is the position difference of the two particles. If the position difference is longer than the greatest length, the particle
-    cannot touch the wall. The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never touch.
-    The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some position
-    difference within half of the angle ``step`` of the given direction.
+    The results are for one direction of the position difference. If the position difference is longer than the greatest length, the
+    particle cannot touch the wall. The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never
+    touch. The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some
+    position difference within half of the angle ``step`` of the given direction.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -62,10 +62,10 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest length of Δ after wall reactions have turned Δ by one step, and the largest length before the turn.
+    """Return the largest length of the position difference after wall reactions turn it by one step, and before the turn.
 
-    Δ is the position difference of the two particles. Before the wall reactions, the length of Δ is at most ``radius``. Where all
-    wall reactions point into one half-plane, the wall reactions cannot lengthen the position difference Δ without turning it.
+    Before the wall reactions, the length of the position difference is at most ``radius``. Where all wall reactions point into one
+    half-plane, the wall reactions cannot lengthen the position difference without turning it.
     """
     rows = ends.shape[0]
     before = radius
@@ -88,9 +88,9 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the wall reactions that are possible for a given length of Δ.
+    """Return the smallest and the largest angle of the wall reactions that are possible for a given position difference.
 
-    Δ is the position difference of the two particles.
+    ``place`` is the length of the position difference.
     """
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
@@ -101,12 +101,12 @@ def spread_at(place, ends, turns, cone):
 
 @kernel
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
-    """Return whether wall reactions can never bring Δ to the length ``goal`` at any angle with an index from ``first`` to ``last``.
+    """Return whether wall reactions can never bring the position difference to the length ``goal`` at given angles.
 
-    Δ is the position difference of the two particles. At the start, the position difference has the angle with index ``start`` and
-    the length ``radius``. The array ``angles`` ascends over the full circle. Between two neighbouring angles in ``angles``, the
-    position difference is never parallel to a wall. The array ``farthest`` contains the largest possible length of the position
-    difference at each angle. The result is False if the computation does not converge.
+    The given angles have the indices from ``first`` to ``last``. At the start, the position difference has the angle with index
+    ``start`` and the length ``radius``. The array ``angles`` ascends over the full circle. Between two neighbouring angles in
+    ``angles``, the position difference is never parallel to a wall. The array ``farthest`` contains the largest possible length of
+    the position difference at each angle. The result is False if the computation does not converge.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

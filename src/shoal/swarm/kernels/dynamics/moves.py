@@ -333,8 +333,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let particles try their next cells. Return the numbers of cells travelled, cells classified, and cells added to the frontier.
-    """
+    """Let particles try the next cells. Return the numbers of cells travelled, cells classified and cells added to the frontier."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -118,7 +118,10 @@ def first_belief(noisy):
 
 @in_place_kernel
 def foresee(noisy, command):
-    """Predict the particles after a command, before the scan. Write the predicted probabilities to ``staying`` and ``moved``."""
+    """Predict the cells of the particles after a command, before the scan.
+
+    Write the predicted probabilities to ``staying`` and ``moved``.
+    """
     inside, staying, moved = noisy.inside, noisy.staying, noisy.moved
     offset, slip = noisy.offsets[command], noisy.rates.slip
     at, step = first_and_step(inside.shape[0], offset)
