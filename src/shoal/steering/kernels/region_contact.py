@@ -53,8 +53,8 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
     """Return whether the edge ``other`` at a reflex corner releases a particle that the edge ``edge`` would hold.
 
     At a reflex corner, the edge ``other`` releases a particle if the move leads away from the edge ``other``. Near a reflex corner,
-    the wall between the two edges may be thinner than ``touch``. At a wall thinner than ``touch``, only the edge on the particle's
-    side counts.
+    the wall between the two edges of the corner may be thinner than ``touch``. At a wall thinner than ``touch``, only the edge on
+    the particle's side counts.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)

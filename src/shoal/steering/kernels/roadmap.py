@@ -49,9 +49,9 @@ def linked(before, after, model, step):
 
 @kernel
 def linked_on_circle(before, after, model, step):
-    """Return whether one cycle on a disk can change ``before`` into ``after`` with particle 1 as the toucher. See `linked`.
+    """Return whether one cycle on a disk can change the position difference ``before`` into ``after``. See `linked`.
 
-    A cycle exists if three arcs of contacts on the circle intersect.
+    Particle 1 is the toucher, which the wall holds. A cycle exists if three arcs of contacts on the circle intersect.
     """
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]

@@ -58,7 +58,7 @@ def chance(logit):
 
 @in_place_kernel
 def first_and_step(size, offset):
-    """Return (first cell, step) of a loop over all cells that processes the cell ahead of each cell before the cell itself."""
+    """Return (first cell, step) of a loop over all cells. The loop processes the cell ahead of a cell before the cell itself."""
     if offset > 0:
         return size - 1, -1
     return 0, 1
