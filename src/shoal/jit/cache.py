@@ -3,9 +3,9 @@
 Lowered code is LLVM code that is not yet optimized for a processor. For each kernel that Python calls, the cache of machine code
 has one file for each processor and each combination of argument types.
 
-The code of a kernel contains the code of all kernels that it calls. Therefore, Shoal compiles a kernel again after a change of any
-source file in the kernel's folder (see `part_of`). Shoal also compiles a kernel again if its cache file is damaged, and replaces
-the damaged file. If the cache folder is read-only or the disk is full, Shoal compiles kernels again in each run, but the run
+Shoal compiles a kernel again after a change of any source file in the kernel's folder (see `part_of`), because the code of a kernel
+contains the code of all kernels that it calls. If the cache file of a kernel is damaged, Shoal compiles the kernel again and
+replaces the file. If the cache folder is read-only or the disk is full, Shoal compiles kernels again in each run, but the run
 continues.
 """
 
@@ -113,7 +113,10 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel that hold constants. Loading environments without constants would only cost imports."""
+    """Return the environments of a kernel that hold constants.
+
+    The function omits environments without constants, because loading them would only cost the time of imports.
+    """
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 
 

@@ -2,8 +2,8 @@
 
 Numba infers the types of a part and translates the part to LLVM code, without optimization. LLVM optimizes an entry once, together
 with all parts of the entry. Without this module, Numba would optimize each kernel again at every level of calls. Without this
-module, Numba would also make machine code, a Python wrapper and a cache file for each kernel. The repeated optimization and the
-additional files would take two thirds of Numba's compilation time. The file docs/adr/0012-kernels-compiled-once.md contains the
+module, Numba would make machine code, a Python wrapper and a cache file for each kernel. Repeated optimization and additional files
+for each kernel would take two thirds of Numba's compilation time. The file docs/adr/0012-kernels-compiled-once.md contains the
 measurements of the compilation time.
 """
 
@@ -133,6 +133,6 @@ class CompiledForms:
     def part_type(self) -> Any:
         """The Numba type of the part, which is the form of the kernel that other kernels contain.
 
-        The Numba type has only a weak reference to the part. ``CompiledForms`` therefore keeps the part alive.
+        The Numba type has only a weak reference to the part, so ``CompiledForms`` keeps the part alive.
         """
         return types.Dispatcher(self._part)

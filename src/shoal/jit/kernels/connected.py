@@ -11,7 +11,7 @@ from shoal.jit.entry import in_place_kernel
 def connected_parts(free: NDArray[np.bool_], *, corners: bool = False) -> tuple[NDArray[np.int32], int]:
     """Label the connected components of the free cells. Return the labels of all cells and the number of components.
 
-    The result equals the result of `scipy.ndimage.label`. Shoal does not use SciPy here, because the import of `scipy.ndimage`
+    The result equals the result of `scipy.ndimage.label`. The function does not use SciPy, because the import of `scipy.ndimage`
     takes longer than a whole command of Shoal should take.
 
     Parameters

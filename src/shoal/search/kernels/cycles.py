@@ -51,8 +51,8 @@ def tree_of_blocks(full, origin, width, along_rows, links, parent):
     """Make a cycle of each full block of 2 x 2 cells, and merge neighbouring cycles along a spanning tree by Kruskal's algorithm.
 
     ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first block. Kruskal's algorithm first tries all
-    links along one direction, and then the links across this direction, line by line. The spanning tree therefore consists of
-    straight corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has few turns.
+    links along one direction, and then the links across this direction, line by line. The spanning tree consists of straight
+    corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -170,7 +170,7 @@ def beside(c, d, side, height, width):
 
 @kernel
 def grow_everywhere(mask, links, parent):
-    """Grow the cycles from all cells. Then make cycles of the remaining squares of 2 x 2 single cells, and grow again."""
+    """Grow the cycles from all cells, make cycles of the remaining squares of 2 x 2 single cells, and grow all cycles again."""
     height, width = mask.shape
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)

@@ -61,7 +61,7 @@ def begin_of(order, transposed):
     """Return the initial state for which the curve has state 0, or the transposed state, after the leading zeros."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
-        filled = (filled + 1) % 2  # each level of leading zeros transposes the curve once more once more
+        filled = (filled + 1) % 2  # each level of leading zeros transposes the curve once more
     return BEGIN_2[filled]
 
 
@@ -91,7 +91,7 @@ def decode_2(indices, order, cells):
 
 @kernel
 def encode_moore(cells, order, indices):
-    """Encode cells on the Moore curve, which consists of four Hilbert curves of order - 1.
+    """Encode cells on the Moore curve, which consists of four Hilbert curves of the order ``order - 1``.
 
     The Moore curve leads up through two Hilbert curves on the left, and down through two Hilbert curves on the right.
     """

@@ -27,7 +27,7 @@ def squared_distance(cells, a, b):
 def count_turns(cells, closed):
     """Return the number of cells at which the tour changes its direction.
 
-    In a closed tour, the first and the last cell count, too.
+    The first and the last cell count only in a closed tour.
     """
     n, turns = len(cells), 0
     if n < 3:

@@ -209,7 +209,8 @@ def hop_costs(tour, team, firsts, latest):
     """Write to ``latest`` the completion times of all cuts of the tour into arcs of equal search times, one arc for each robot.
 
     Each robot goes straight to its arc. The first arc of row k begins at cell ``firsts[k]``. In column j, robot j gets the first
-    arc, and the other robots follow in their order around the tour.
+    arc, and the other robots follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5 times as
+    long as the best cut before it.
     """
     # Local names for the inner loop, because passing the tuple would count references, which takes longer than all the rest.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far

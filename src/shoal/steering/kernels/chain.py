@@ -74,8 +74,9 @@ def add_lengths(kind, work, sharpness, blur, order):
 def assess(x, slack, sharpness, blur, kind, work, order):
     """Return the objective: the smoothed length of the chain times ``sharpness``, plus the logarithmic barrier of the limits.
 
-    If ``slack`` is not NaN, the objective contains the slack instead of the length of the chain. With ``order`` 1, write the
-    derivatives of the objective to ``work.derivatives``.
+    The slack is a number that the method adds to each limit that depends on an unknown. If ``slack`` is not NaN, the objective
+    contains ``slack`` instead of the length of the chain. With ``order`` 1, write the derivatives of the objective to
+    ``work.derivatives``.
     """
     derivatives = work.derivatives
     if order > 0:
@@ -144,8 +145,9 @@ def newton_direction(derivatives, lower, direction, n):
 def descend(phase, sharpness, blur, kind, work, enough):
     """Improve the chain in ``work.wide`` in place by Newton's method. At the start, the chain must satisfy all limits.
 
-    With ``phase``, the last entry of ``work.wide`` is the slack, and the method ends when the slack is below ``-enough``. Without
-    ``phase``, the method ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
+    With ``phase``, the last entry of ``work.wide`` is the slack: a number that the method adds to each limit. With ``phase``, the
+    method ends when the slack is below ``-enough``. Without ``phase``, the method ends when a step would shorten the chain by less
+    than about ``NEAR / sharpness``.
     """
     x, tried, direction = work.wide, work.tried, work.direction
     last = x.shape[0] - 1
@@ -173,7 +175,10 @@ def descend(phase, sharpness, blur, kind, work, enough):
 
 @in_place_kernel
 def worst_limit(x, kind, work):
-    """Return a slack with which the chain x satisfies all limits, 0 if x needs no slack, -inf if x violates a constant limit."""
+    """Return a number (slack) that makes all limits of the chain x positive when it is added to each limit.
+
+    The slack is 0 if x satisfies all limits, and -inf if x violates a constant limit.
+    """
     for tenth in range(-8, 5):
         slack = 0.0 if tenth == -8 else 10.0**tenth
         if assess(x, slack, 0.0, 0.0, kind, work, 0) < inf:

@@ -156,8 +156,8 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Return ``-log(value + slack)``, or infinity if the logarithm is undefined, and add its derivatives.
 
-    If ``slack`` is not NaN, it is the last unknown. The second derivatives ``second`` matter only for a ``curved`` value. A
-    constant value may be as low as ``-forgiven``.
+    If ``slack`` is not NaN, it is the last unknown. The function uses the second derivatives ``second`` only if ``curved`` is true.
+    A constant value may be as low as ``-forgiven``.
     """
     steep = 0.0
     for u in range(used):
@@ -244,9 +244,10 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert derivatives by a point (``sums``) to derivatives by the unknowns, and add them to ``work.derivatives``.
+    """Convert derivatives with respect to a point (``sums``) to derivatives with respect to the unknowns.
 
-    ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the derivatives by the slack.
+    Add the results to ``work.derivatives``. ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the
+    derivatives with respect to the slack.
     """
     span, index, sums, derivatives = work.span, work.index, work.sums, work.derivatives
     n, d = derivatives.shape[1], span.shape[1]

@@ -1,11 +1,13 @@
-"""The position difference that one cycle can make nearest to the difference of the goals: algorithms 2 and 3 of paper W, corrected.
+"""Of all position differences that one cycle can make, the one nearest to the difference of the goals.
+
+Source: algorithms 2 and 3 (corrected) of paper W.
 
 A cycle changes the position difference of two particles: a wall holds one particle (the toucher) while the other particle moves. In
 the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. In a possible cycle, the
 particle that is not held must be inside the workspace before and after its move. In a possible cycle, the push of the toucher into
-the wall must also lie in the friction cone of the wall. On a polygon, all possible vectors from the toucher to the other particle
-form one convex polygon. To construct the polygon of all possible vectors, shift the workspace by the negative of each possible
-contact, form the union, and cut the union by the friction cone.
+the wall must lie in the friction cone of the wall. On a polygon, all possible vectors from the toucher to the other particle form
+one convex polygon. To construct the polygon of all possible vectors, shift the workspace by the negative of each possible contact,
+form the union, and cut the union by the friction cone.
 """
 
 from __future__ import annotations
@@ -81,7 +83,7 @@ def copy_rows(source, count, target):
 def nearest_in(corners, count, point, found):
     """Write to ``found[3:5]`` the point of a convex counter-clockwise polygon that is nearest to ``point``.
 
-    Return the distance of the two points.
+    Return the distance from ``point`` to the polygon, 0 if ``point`` is inside the polygon.
     """
     inside, best = count > 2, np.inf
     for i in range(count):
@@ -269,8 +271,8 @@ def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other,
     A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle at one contact
     with a following contact, for all pairs of contacts and touchers. During the cycle, the particle without contact may be at each
     point of the polygon that is at most ``depths[toucher, contact]`` below the wall of the contact. At the following contact, the
-    other particle must also be inside the polygon. The possible points form a convex polygon, so the largest depth occurs at a
-    corner.
+    particle without contact must be inside the polygon. The possible points of the particle without contact form a convex polygon,
+    so the largest depth occurs at a corner.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):

@@ -62,7 +62,7 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest length of the position difference after wall reactions turn it by one step, and before the turn.
+    """Return (after, before): the largest lengths of the position difference after and before a turn of one step by wall reactions.
 
     Before the wall reactions, the length of the position difference is at most ``radius``. Where all wall reactions point into one
     half-plane, the wall reactions cannot lengthen the position difference without turning it.

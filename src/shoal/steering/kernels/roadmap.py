@@ -78,7 +78,7 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return the greatest length by which one cycle can change ``delta`` along a direction, or 0 without a cycle.
+    """Return the greatest length by which one cycle can change ``delta`` along a direction, or 0 if no cycle is possible.
 
     ``delta`` is a position difference of two particles. Without ``back``, the cycle starts at ``delta``; with ``back``, the cycle
     ends at ``delta``.
@@ -102,10 +102,10 @@ def farthest(delta, direction, back, most, model, tried, step):
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
     """Add to ``nodes`` extreme position differences that cycles can reach from the position difference ``delta``.
 
-    With ``back``, add extreme position differences from which cycles can reach ``delta``. A position difference is extreme if it is
-    longer than all earlier nodes in about the same direction. With ``back``, a position difference is extreme if it is shorter than
-    all earlier nodes in about the same direction. The array ``records`` holds the most extreme length in each range of directions.
-    Return the new number of nodes.
+    With ``back``, add extreme position differences from which cycles can reach ``delta``. Without ``back``, a position difference
+    is extreme if it is longer than all earlier nodes in about the same direction. With ``back``, a position difference is extreme
+    if it is shorter than all earlier nodes in about the same direction. The array ``records`` holds the most extreme length in each
+    range of directions. Return the new number of nodes.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))

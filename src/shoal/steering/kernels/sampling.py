@@ -1,10 +1,10 @@
 """A search tree over the positions of all particles. The tree grows by random manoeuvres, and every manoeuvre is simulated.
 
 An offset is the position of a particle minus the position of its goal. A translation changes the offsets of all particles by the
-same vector. A translation can therefore complete the task if all particles have equal offsets from their goals. Most manoeuvres
-bring one particle to a wall, and then make the offset of another particle equal to the offset of the particle at the wall. Some
-manoeuvres make only one component of two particles' offsets equal. Other manoeuvres are random moves, which may find solutions that
-no plan anticipates.
+same vector. If all particles have equal offsets from their goals, one translation can complete the task. Most manoeuvres bring one
+particle to a wall, and then make the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres
+make only one component of two particles' offsets equal. Some manoeuvres are random moves, which may find solutions that no plan
+anticipates.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def add_normals(point, world, total):
 
 @kernel
 def send(state, x, y, world, moves, count):
-    """Make the move (x, y) if it is not zero and the array ``moves`` has space. Return the number of moves made so far."""
+    """Make the move (x, y) if it is not zero and the array ``moves`` has space. Return the new number of moves in the array."""
     if count < moves.shape[0] and (x != 0 or y != 0):
         moves[count, 0], moves[count, 1] = x, y
         step(state, moves[count], world)
@@ -86,9 +86,9 @@ def free_share(state, x, y, world):
 
 @kernel
 def translate(state, x, y, world, size, moves, count):
-    """Move all particles by (x, y). If a wall would hold a particle at the start, first lift the particles slightly off the walls.
+    """Move all particles by (x, y), after a small move off the walls if a wall would hold a particle at the start.
 
-    Return the number of moves made so far.
+    Return the new number of moves in the array ``moves``.
     """
     if free_share(state, x, y, world) == 0.0:
         away = np.zeros(2)
@@ -178,8 +178,8 @@ def draw_move(rng, size):
 def adjustment(state, goal, held, normal, rng, size):
     """Return a move that brings the offset of a random particle closer to the offset of the particle ``held``, or a random move.
 
-    An offset is the position of a particle minus the position of its goal. Some moves make the offsets of two particles equal, and
-    other moves make only one component of the offsets equal.
+    An offset is the position of a particle minus the position of its goal. Some moves make the offsets of two particles equal. Some
+    moves make only one component of the offsets equal.
     """
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n

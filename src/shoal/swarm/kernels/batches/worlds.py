@@ -58,7 +58,7 @@ def field_of_world(worlds, world, work):
 
 @in_place_kernel
 def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
-    """Carry out the command of each of the worlds ``chosen[first:last]``, with the numbers of repetitions in ``repeat``."""
+    """Carry out the command of each world in ``chosen[first:last]`` as often as the world's entry of ``repeat`` says."""
     for i in range(first, last):
         world = chosen[i]
         steps.travelled[world] = 0

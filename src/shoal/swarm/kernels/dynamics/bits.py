@@ -1,7 +1,7 @@
 """Arithmetic on words of 64 bits, in which each bit is a cell.
 
-In Numba, ``uint64 - 1`` becomes int64, and ``>>`` of an int64 extends the sign. Therefore, every constant of this module is a
-``np.uint64``. No function shifts a word by 64 bits, because compiled code and Python give different results for a shift by 64 bits.
+Every constant of this module is a ``np.uint64``, because in Numba ``uint64 - 1`` becomes int64, and ``>>`` of an int64 extends the
+sign. No function shifts a word by 64 bits, because compiled code and Python give different results for a shift by 64 bits.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _EIGHT, _SIXTEEN, _THIRTY_TWO = np.uint64(8), np.uint64(16), np.uint64(32)
 
 @in_place_kernel
 def popcount(word):
-    """Return the number of set bits as int64. The compiler recognizes the expression, and replaces it by one instruction."""
+    """Return the number of set bits as int64. The compiler replaces the code of the function by one instruction."""
     word = word - ((word >> ONE) & _PAIRS)
     word = (word & _QUADS) + ((word >> TWO) & _QUADS)
     word = (word + (word >> FOUR)) & _BYTES
@@ -36,7 +36,7 @@ def popcount(word):
 
 @in_place_kernel
 def reverse(word):
-    """Return the bits of a word in reverse order. The compiler recognizes the expression, and replaces it by few instructions."""
+    """Return the bits of a word in reverse order. The compiler replaces the code of the function by few instructions."""
     word = ((word >> ONE) & _PAIRS) | ((word & _PAIRS) << ONE)
     word = ((word >> TWO) & _QUADS) | ((word & _QUADS) << TWO)
     word = ((word >> FOUR) & _BYTES) | ((word & _BYTES) << FOUR)

@@ -3,8 +3,8 @@
 A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, the kernel processes each
 row after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end at a wall.
 For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry passes through
-each run. For moves towards higher bits, the kernel first reverses the bits of each word. The kernel afterwards corrects the rare
-runs of particles that continue in the next word.
+each run. For moves towards higher bits, the kernel first reverses the bits of each word. For moves along a row, the kernel finally
+corrects the rare runs of particles that continue in the next word.
 
 The kernel processes boards in blocks of rows that fit into the processor's cache. With blocks, the kernel reads a large board from
 memory only once.

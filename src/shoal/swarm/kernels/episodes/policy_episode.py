@@ -214,7 +214,7 @@ def end_run(field, policy_state, scan_planner, given):
     """Return whether a scan follows a run of equal commands.
 
     In a replay of given scans, the result is ``given``. An adaptive policy does not scan after a run that has classified no cell.
-    All scan rules except the adaptive rule and given scans scan after each run.
+    With a scan rule that is neither adaptive nor given, a scan follows each run.
     """
     memory, scanning = policy_state.memory, policy_state.scanning
     if scanning.kind == GIVEN:

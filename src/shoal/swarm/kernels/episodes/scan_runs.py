@@ -61,8 +61,8 @@ def stretch(plan, at, length):
 def decide_adaptive(field, rule, mapping, search, scan_planner):
     """Plan a path through known cells and a last run of equal commands into unknown cells.
 
-    Return the length of the plan and the number of commands in its last run. The number of commands is 0 if the length of the last
-    run is not yet known.
+    Return the length of the plan and the number of commands in its last run. The number of commands in the last run is 0 if the
+    length of the last run is not yet known.
 
     A candidate is a run of equal commands, or a path followed by one more command. The plan is the candidate with the highest
     expected number of classified cells per cost. If the path to the nearest frontier cell classifies more cells per cost than every

@@ -98,7 +98,7 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and clear the value of the leaf. The next call therefore returns the next best leaf."""
+    """Return the index of the best leaf, and clear the leaf's value, so that the next call returns the next best leaf."""
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:

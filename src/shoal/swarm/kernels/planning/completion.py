@@ -2,8 +2,8 @@
 
 The base policy has two styles. The greedy style chooses the command that classifies most cells with one move. The careful style
 subtracts a charge for each frontier cell that a command leaves behind. A frontier cell is left behind if it is beside a particle
-before the command, and beside no particle after the command. In a corridor, the careful style therefore probes both walls before
-the particles move on.
+before the command, and beside no particle after the command. In a corridor, the careful style probes both walls before the
+particles move on.
 
 The kernel keeps states at regular intervals of the plan. If a plan begins like the best plan so far, the simulation starts from the
 last kept state before the first different command.

@@ -1,8 +1,8 @@
 """Expected number of cells that a run of equal commands classifies, with the learned probability that free space continues.
 
 For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
-unknown cell. The run classifies each further unknown cell only if all cells before it on the path are free. In each episode, the
-scan rule learns the probability of a free cell without earlier data. The probability of a free cell is the fraction of free cells
+unknown cell on the path. The run classifies a later unknown cell only if all cells before it on the path are free. The scan rule
+learns the probability of a free cell only from the present episode. The probability of a free cell is the fraction of free cells
 among the classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
 """
 
@@ -23,7 +23,7 @@ _LEAST = 0.01  # probability of free space below which the kernel stops followin
 
 
 class ExpectedGain(NamedTuple):
-    """The prices, the learned counts, and the working memory of an adaptive scan rule."""
+    """The prices of a scan and a move, the learned counts, and the working memory of an adaptive scan rule."""
 
     prices: Any  # a record of PRICES
     prior: OccupancyPrior  # the scan rule uses only model 0; ``before`` holds the cells known before the run

@@ -1,8 +1,8 @@
 """Search for a path through known cells, after which one more command and a scan classify most cells.
 
-If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The swarm can therefore shift twice,
-in perpendicular directions, to a place where many particles are beside unknown cells. With the next command, many particles try to
-enter unknown cells at once.
+If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search looks for two shifts, in
+perpendicular directions, that bring many particles beside unknown cells. After the two shifts, many particles try to enter unknown
+cells with one command.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def explore(field, rule, lookahead, prices, rate):
     """Find a path and a last command that classify more cells per cost than ``rate``. Return the rate of the best path.
 
     ``lookahead.best`` receives the best path: a first shift with its length, a perpendicular second shift with its length, and the
-    last command. If no path is better, the result is ``rate``.
+    last command. If no path has a higher rate than ``rate``, the result is ``rate``.
     """
     best = lookahead.best
     once = predicted(field, lookahead.shifted, lookahead.counts)

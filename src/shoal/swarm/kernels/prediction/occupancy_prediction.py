@@ -91,7 +91,7 @@ def ask_learned(prediction, learned, cell):
 def find_walls(prediction, prior, learned, size):
     """Predict as walls the cells of the layer that are hardly ever free, before `find_free` predicts free cells.
 
-    The experts then recognize the corridors between predicted walls.
+    With predicted walls, the experts recognize the corridors between the walls.
     """
     opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
     directions = 4 if prediction.layers == 1 else 6

@@ -68,7 +68,7 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return the offsets, in cell numbers, from a cell to the next cell of a command and to a cell beside it."""
+    """Return two offsets in cell numbers: a step along a command, and a step at right angles to the command."""
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -164,7 +164,7 @@ def learn(prior, number, cell, free):
 def weigh(prior, free):
     """Multiply each expert's weight by the probability that the expert gave to the result.
 
-    Then distribute a small fraction of all weight evenly over the experts.
+    After the multiplication of the weights, distribute a small fraction of all weight evenly over the experts.
     """
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):

@@ -5,8 +5,8 @@ one board. To find the cells at the next path length, the search dilates the boa
 about as much time as one move. The particles follow the whole path before the next search, so planning costs no more time than
 moving.
 
-To trace the path back, the search stores each cell's path length modulo 3, in three boards. Therefore, the memory of the search
-does not grow with the length of the path.
+To trace the path back, the search stores each cell's path length only modulo 3, in three boards, so the memory of the search does
+not grow with the length of the path.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def start_planes(planes, sources):
 
 @in_place_kernel
 def expand(field, planes, first, last, level):
-    """Replace the cells in the plane WAVE by the cells at the next path length. Return whether the plane WAVE is then empty.
+    """Replace the cells in the plane WAVE by the cells at the next path length. Return whether the plane WAVE is empty afterwards.
 
     The kernel processes the words from ``first`` to ``last - 1``. Words before ``first`` and after ``last - 1`` must not contain
     cells at the next path length.
@@ -124,7 +124,7 @@ def row_range(words, width, first, last):
 def common_columns(one, other, columns):
     """Add to ``columns``, a row of words, the columns in which two boards have a common cell.
 
-    The arguments ``one`` and ``other`` may also be equal ranges of rows of two boards.
+    The arguments ``one`` and ``other`` are two whole boards, or equal ranges of rows of two boards.
     """
     width = columns.shape[0]
     if width < 8:  # a row is too short for vector instructions, so the outer loop is over the words of a row
@@ -228,8 +228,8 @@ def trace_back(field, search, row, column, level):
 def find_goals(field, search, sources, first, last):
     """Fill GOALS with the known free cells beside the frontier, in the words ``first`` to ``last - 1``.
 
-    Return whether a source cell is beside the frontier. The loop processes blocks of words that fit into the processor's cache. The
-    comparison with the sources therefore finds each block still in the cache.
+    Return whether a source cell is beside the frontier. The loop processes blocks of words that fit into the processor's cache, so
+    the comparison with the sources finds each block still in the cache.
     """
     goals, width = search.planes[GOALS], field.width
     found = False
