@@ -4,7 +4,7 @@ The table look-ups use unsigned indices. Unsigned indices need no tests for nega
 
 The last argument of each encoder and decoder is the output array. The encoders and decoders return the number of the first entry
 out of range, or -1. A square has 2^order cells along each side. A cell (row, col) of the square has the coordinates x = col and y =
-2^order - 1 - row. In three dimensions, a cell (layer, row, col) also has the coordinate z = layer.
+2^order - 1 - row. In three dimensions, the third coordinate of a cell (layer, row, col) is z = layer.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def place_of(index, order, state):
 
 @kernel
 def begin_of(order, transposed):
-    """Return the initial state for which the curve has state 0, or the transposed state, after the leading zeros."""
+    """Return the initial state from which leading zeros lead to state 0 or, with ``transposed``, to the transposed state."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
         filled = (filled + 1) % 2  # each level of leading zeros transposes the curve once more

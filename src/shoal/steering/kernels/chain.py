@@ -206,9 +206,8 @@ def settle(x, enough, sharpnesses, bound, kind, work):
     """Move the chain x in place until x satisfies all limits, and then shorten x. Return the length of x.
 
     If possible, x satisfies all limits by at least ``enough`` before the kernel shortens x. The length is infinite if no chain
-    satisfies all limits. On flat walls, the length is also infinite if no chain is shorter than ``bound``. Each entry of
-    ``sharpnesses`` starts a round of Newton's method. The last entry of ``sharpnesses`` determines how close to its limits the
-    chain may come.
+    satisfies all limits. On flat walls, the length is infinite if no chain is shorter than ``bound``. Each entry of ``sharpnesses``
+    starts a round of Newton's method. The last entry of ``sharpnesses`` determines how close to its limits the chain may come.
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)

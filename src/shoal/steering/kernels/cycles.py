@@ -266,7 +266,7 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write the largest depths that one more cycle can make to ``best``, shape (2, contacts); -1 for an impossible contact.
+    """Write to ``best``, shape (2, contacts), the largest depths after one cycle from ``depths``; -1 for an impossible contact.
 
     A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle at one contact
     with a following contact, for all pairs of contacts and touchers. During the cycle, the particle without contact may be at each

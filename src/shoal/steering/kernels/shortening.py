@@ -206,9 +206,9 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
     """Change a plan at random, in place. Return the new number of steps.
 
     The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters one or two targets. Change 2
-    removes a step. Change 3 replaces a contact, perhaps with the other particle as the toucher. Change 4 inserts a contact, so that
-    the other particle is the toucher in the next adjustment. Change 5 inserts a contact and an adjustment. Change 6 inserts a
-    translation. A toucher is the particle that a wall holds.
+    removes a step. Change 3 replaces a contact, perhaps with a change of the toucher. Change 4 inserts a contact, which changes the
+    toucher of the adjustment after the contact. Change 5 inserts a contact and an adjustment. Change 6 inserts a translation. A
+    toucher is the particle that a wall holds.
     """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)

@@ -1,7 +1,7 @@
 """The compiled code of the swarm part: plain functions on packed words.
 
 Kernels never raise errors and never check their arguments. The package `shoal.swarm` checks all arguments before it calls a kernel.
-With ``NUMBA_DISABLE_JIT=1``, kernels also run without the compiler, but slowly.
+With ``NUMBA_DISABLE_JIT=1``, kernels run without the compiler, but slowly.
 
 A board is a set of cells, stored as a flat array of words with 64 bits, one bit for each cell. Word k in row r of a board is
 ``words[r * width + k]``. Row r of a layer of a 3-D board is row ``layer * rows + r``. The rim of a board contains no free cell, so

@@ -32,9 +32,9 @@ def begin_waves(scene, state, planes):
 def spread(scene, planes, frontier, level):
     """Add the cells at the path length ``level``, including rim cells, to their plane.
 
-    Return two words: the union of the words of all added cells, and the union of the words of the added frontier cells. The plane
-    of the previous path length also holds cells at smaller path lengths. The search has already reached all neighbours of cells at
-    smaller path lengths.
+    Return two words: the union of the words of all added cells, and the union of the words of the added frontier cells. Three
+    planes hold all path lengths in turn, so the plane of the previous path length may hold cells at smaller path lengths. The
+    search has already reached all neighbours of cells at smaller path lengths.
     """
     wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
     width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO

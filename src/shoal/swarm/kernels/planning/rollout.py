@@ -172,10 +172,10 @@ def vary(planner):
     """Write a random variation of the incumbent to the trial plan.
 
     Each variation begins like the incumbent up to a random place. The first kind of variation continues with one random command,
-    and drops the rest of the incumbent. With ``run_candidates`` above 0, three more kinds of variation are possible. The second
-    kind of variation continues with 1, 2, 4 or 8 equal commands, and drops the rest of the incumbent. The third kind of variation
-    inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands. Return the number of commands
-    before the first change, and the length of the variation.
+    and drops the rest of the incumbent. The second to the fourth kind of variation are possible only with ``run_candidates`` above
+    0. The second kind of variation continues with 1, 2, 4 or 8 equal commands, and drops the rest of the incumbent. The third kind
+    of variation inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands. Return the number
+    of commands before the first change, and the length of the variation.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)

@@ -3,9 +3,9 @@
 The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. The
 fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. The surroundings of a cell are five cells:
 the cell behind the free neighbour from which a particle enters, the two cells beside this neighbour, and the two cells beside the
-cell itself. Model m > 0 also uses the position of the cell modulo 2 to the power m, because corridors of mazes, trees and chips
-often lie on a lattice. In each episode, the count experts start without counts. The last expert is a network trained on maps
-(`learned_prior`).
+cell itself. Model m > 0 uses the surroundings and the position of the cell modulo 2 to the power m, because corridors of mazes,
+trees and chips often lie on a lattice. In each episode, the count experts start without counts. The last expert is a network
+trained on maps (`learned_prior`).
 
 When a cell is classified, every expert estimates the probability of a free cell before it learns the result. The weight of an
 expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
