@@ -133,3 +133,91 @@ def may_pass(cell, ahead, full, tree):
     else:
         beyond = (here[0], here[1] + (1 if cell[1] % 2 else -1))
     return frozenset((here, beyond)) not in tree
+
+
+def cost_of_round(points, order, turn):
+    """Return the length of a closed tour, and ``turn`` for each place where the direction changes by more than a degree."""
+    way = [points[k] for k in order]
+    return cost_of_path([way[-1], *way, way[0]], turn) + math.dist(way[-1], way[0])
+
+
+def cost_of_path(path, turn):
+    """Return the length of a path without its first and last leg, and ``turn`` for each turn of more than a degree."""
+    total = sum(math.dist(one, other) for one, other in itertools.pairwise(path[1:-1]))
+    for before, here, after in zip(path, path[1:], path[2:], strict=False):
+        (x, y), (u, v) = np.subtract(here, before), np.subtract(after, here)
+        if math.hypot(x, y) * math.hypot(u, v) > 1e-9 and abs(math.atan2(x * v - y * u, x * u + y * v)) > math.radians(1.0):
+            total += turn
+    return total
+
+
+def exchanges_of_cells(order, beside, straight):
+    """Yield each order after one exchange: two links replaced, or up to three cells moved beside another cell."""
+    n = len(order)
+    place = {cell: k for k, cell in enumerate(order)}
+    for here in order:
+        for other in {int(cell) for cell in beside[here] if cell >= 0} - {int(here)}:
+            for side in (1, -1):
+                low, high = sorted((place[here], place[other]))
+                first, last = (low + 1, high) if side > 0 else (low, high - 1)
+                new = [order[(place[cell] + side) % n] for cell in (here, other)]
+                if last > first and other != new[0] and here != new[1] and straight(*new):
+                    yield np.concatenate([order[:first], order[first : last + 1][::-1], order[last + 1 :]])
+    for first, count in itertools.product(range(n), (1, 2, 3)):
+        turned = np.roll(order, -first)
+        moved, rest = turned[:count], turned[count:]
+        if not straight(rest[-1], rest[0]):
+            continue
+        for k in range(1, len(rest)):
+            for part in (moved, moved[::-1]):
+                ends = (rest[k - 1], part[0]), (part[-1], rest[k])
+                near = [one in beside[other] for one, other in ends]
+                if any(near) and all(near[i] or straight(*ends[i]) for i in range(2)):
+                    yield np.concatenate([rest[:k], part, rest[k:]])
+
+
+def shorter_paths(path, targets, half, turn, steps):
+    """Return all paths after one change that cost less and pass over all targets, as (cost, path), sorted by cost."""
+    most = cost_of_path(path, turn) - 1e-3 * turn
+    found = []
+    for changed in changed_paths([tuple(point) for point in path], steps):
+        cost = cost_of_path(changed, turn)
+        ways = [np.array(leg) for leg in itertools.pairwise(changed[1:-1])]
+        if cost < most and all(any(passes(one, other, target, half) for one, other in ways) for target in targets):
+            found.append((cost, changed))
+    return sorted(found)
+
+
+def changed_paths(path, steps):
+    """Yield each path after one change of one or two points between the fixed ones."""
+    last = len(path) - 3
+
+    def towards(one, other, step):
+        return tuple(np.add(one, np.subtract(other, one) * step / math.dist(one, other)))
+
+    for v in range(2, last + 1):
+        before, here, after = path[v - 1 : v + 2]
+        yield path[:v] + path[v + 1 :]
+        yield [*path[:v], tuple(np.array(here) / 2 + np.add(before, after) / 4), *path[v + 1 :]]
+        for step in steps:
+            for other in (before, after):
+                if step < math.dist(here, other):
+                    yield [*path[:v], towards(here, other, step), *path[v + 1 :]]
+            if v < last and 0 < step < min(math.dist(here, before), math.dist(after, path[v + 2])):
+                yield [*path[:v], towards(here, before, step), towards(after, path[v + 2], step), *path[v + 2 :]]
+        if v < last:
+            ahead, back = np.subtract(here, before), np.subtract(after, path[v + 2])
+            if abs(np.linalg.det(np.array([ahead, back]))) > 1e-9:
+                one, other = np.linalg.solve(np.array([ahead, -back]).T, np.subtract(path[v + 2], before))
+                if one > 0 and other > 0:
+                    yield [*path[:v], tuple(before + one * ahead), *path[v + 2 :]]
+
+
+def passes(one, other, target, half):
+    """Return whether a square passes over a target on the way from one point to another: where its sides reach the target."""
+    shares = [0.0, 1.0]
+    for axis in range(2):
+        if other[axis] != one[axis]:
+            shares += [(target[axis] + sign * half - one[axis]) / (other[axis] - one[axis]) for sign in (-1, 1)]
+    places = [one + min(max(share, 0.0), 1.0) * (other - one) for share in shares]
+    return any(np.abs(place - target).max() <= half + 1e-6 for place in places)

@@ -5,32 +5,40 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.layers import Grid, LayeredGrid, LayeredPaths, Paths, at_altitude, with_climb_cost
 from shoal.search.cells.clipping import rotated_shape
-from shoal.search.cells.grid import cells_of
+from shoal.search.cells.grid import CellGrid, cells_of
 from shoal.search.cells.routing import RegionPaths, Route
+from shoal.search.cells.shortening.border_paths import along_border
+from shoal.search.cells.shortening.exchanging import MOST, exchanged
 from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
 from shoal.search.tours import Tour, make_tour
+from shoal.search.tours.boustrophedon import BoustrophedonTour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
 """Tours that follow the rows of cells, and for which the viewpoints of border cells lie on a path with few bends."""
 
-TURN = 1.0
+TURN = 0.8
 """Cost of a turn in cells that Shoal assumes, when it compares orientations, for vehicles that turn in no time."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shift relative to a row
 _TRIED = 4  # number of orientations that are planned in full
+_DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
+_FINALISTS = 2  # number of drafts that become complete tours, at least one of each kind of tour
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
+_QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate
 
 
@@ -104,6 +112,7 @@ def grid_tour(
     turn_cost: float = 0.0,
     stepwise: bool = False,
     transit: bool = False,
+    exchange: bool = False,
 ) -> GridTour:
     """Divide a region into cells whose rows have a given angle, and compute a tour through these cells.
 
@@ -125,6 +134,9 @@ def grid_tour(
         inside it.
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
+    exchange : bool
+        Whether exchanges of cells and paths along the border shorten the tour, as in `exchanged` and `along_border`. Each robot
+        must then search its cells by itself.
 
     Examples
     --------
@@ -132,12 +144,30 @@ def grid_tour(
     >>> grid_tour(open_region("rectangle:40x20"), 10, "boustrophedon", angle=90).grid
     <CellGrid 4x2, 8 cells of 10 m, 8 viewpoints>
     """
-    on_rows = tour in ON_ROWS and not stepwise
+    turn = turn_cost or TURN
+    on_rows = (exchange or tour in ON_ROWS) and not stepwise
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
     made = make_tour(tour, grid.mask)
-    if on_rows:
-        grid = along_tour(grid, made.cells, turn_cost or TURN)
+    if on_rows and exchange:
+        grid, made = _exchanged(grid, exchanged(grid, made, turn)[0], turn)
+        grid = along_border(grid, made.cells, turn)
+    elif on_rows:
+        grid = along_tour(grid, made.cells, turn)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
+
+
+def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
+    """Return a grid with viewpoints that suit an exchanged tour, after exchanges that use such viewpoints."""
+    tour = exchanged(along_tour(grid, tour.cells, turn), tour, turn)[0]
+    return along_tour(grid, tour.cells, turn), tour
+
+
+def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
+    """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all footprints are equal.
+
+    A wide footprint sees neighbouring cells completely. After exchanges, a cell may be seen only from its own viewpoints.
+    """
+    return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
 
 
 def in_layers(
@@ -195,11 +225,13 @@ def best_grid_tour(
     angle: float | None = None,
     stepwise: bool = False,
     transit: bool = False,
+    exchange: bool = False,
 ) -> GridTour:
     """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
     The function estimates the cost of each pair of an angle and a shift from the number and the lengths of the rows. Only for the
     four pairs with the lowest estimated cost (in large regions, for fewer pairs), the function computes complete tours.
+    If exchanges shorten the tours, the function drafts tours for more pairs, and completes only the best drafts.
 
     Parameters
     ----------
@@ -212,25 +244,47 @@ def best_grid_tour(
         Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     angle : float, optional
         Angle of the rows of cells in degrees. With a given angle, the function compares only tours.
-    stepwise, transit : bool
-        The arguments ``stepwise`` and ``transit`` of `grid_tour`.
+    stepwise, transit, exchange : bool
+        The arguments ``stepwise``, ``transit`` and ``exchange`` of `grid_tour`.
     """
     turn = turn_cost or TURN
-    tried = max(1, min(_TRIED, int(_WORK * size**2 / region.area_m2)))
-    chosen = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)[:tried]
-    given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
-    found = [
-        (laid := grid_tour(region, size, tour, angle=way, offset=offset, **given), laid.once_round(turn))
-        for way, offset in chosen
-        for tour in tours
-    ]
-    found.sort(key=lambda one: one[1])
+    exchange = exchange and not stepwise
+    tried = max(1, min(_DRAFTED if exchange else _TRIED, int(_WORK * size**2 / region.area_m2)))
+    estimated = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
+    if exchange:
+        whole = _exchanged_tours(region, size, tours, estimated[:tried], turn, transit)
+    else:
+        given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
+        chosen = product(estimated[:tried], tours)
+        whole = [grid_tour(region, size, tour, angle=way, offset=offset, **given) for (way, offset), tour in chosen]
+    found = sorted(((laid, laid.once_round(turn)) for laid in whole), key=lambda one: one[1])
     best = found[0][0]
     compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
     chosen_among = sorted(compared.values(), key=lambda one: one.cells) if angle is None or len(tours) > 1 else ()
     kept = replace(best, compared=tuple(chosen_among))
     vars(kept)["route"] = best.route  # known already
     return kept
+
+
+def _exchanged_tours(
+    region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float, transit: bool
+) -> list[GridTour]:
+    """Return the best tour of each kind, shortened by exchanges and by viewpoints on shorter paths."""
+    drafts: list[tuple[CellGrid, Tour, float]] = []
+    for angle, offset in orientations:
+        grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
+        drafts += [(grid, *exchanged(grid, make_tour(_QUICK.get(name, name), grid.mask), turn)) for name in tours]
+    drafts.sort(key=lambda draft: draft[2])
+    kinds = [tour.name for _, tour, _ in drafts]
+    finalists = sorted({*range(min(_FINALISTS, len(drafts))), *(kinds.index(name) for name in kinds)})
+    best: dict[str, tuple[float, CellGrid, Tour]] = {}
+    for k in finalists:
+        grid, tour = _exchanged(drafts[k][0], drafts[k][1], turn)
+        cost = GridTour(grid, tour, RegionPaths(grid, transit=transit)).once_round(turn)
+        if tour.name not in best or cost < best[tour.name][0]:
+            best[tour.name] = cost, grid, tour
+    whole = [(along_border(grid, tour.cells, turn), tour) for _, grid, tour in best.values()]
+    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)) for grid, tour in whole]
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
@@ -264,20 +318,33 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
     The estimate is the sum of three terms: the lengths of all rows, the transfers between rows, and two turns for each row. A
     transfer between two rows costs one row width, or more where the border slants.
     """
-    import shapely
-
-    left, low, right, high = area.bounds
+    _, low, _, high = area.bounds
     count = max(1, int(np.ceil((high - low) / size - 1e-9))) + (shift > 0)
     first = (low + high - count * size) / 2 + ((shift - 0.5) * size if shift > 0 else 0.0)
     looked_at = min(count, _ROWS)
     chosen = ((np.arange(looked_at) + 0.5) * count / looked_at).astype(np.int64)
     # A row counts if it contains any part of the region. This is tested along its centre line and near both of its sides.
     y = first + (chosen[:, None] + np.array([0.5, 0.02, 0.98])) * size
-    ends = np.stack([np.full_like(y, left - 1), y, np.full_like(y, right + 1), y], axis=-1).reshape(*y.shape, 2, 2)
-    cut = shapely.intersection(shapely.linestrings(ends.reshape(-1, 2, 2)), area).reshape(y.shape)
-    runs = np.where(shapely.is_empty(cut), 0, shapely.get_num_geometries(cut)).max(axis=1)
-    bounds = shapely.bounds(cut)[..., [0, 2]] / size
-    slants = np.nan_to_num(np.abs(bounds[:, 1] - bounds[:, 2]))
-    lengths = shapely.length(cut).max(axis=1) / size + slants.sum(axis=1) / 2
+    runs, ends, far = (found.reshape(*y.shape, -1) for found in _chords(area, y.ravel()))
+    slants = np.nan_to_num(np.abs(ends[:, 1] - ends[:, 2])) / size
+    lengths = far.max(axis=(1, 2)) / size + slants.sum(axis=1) / 2
     links = np.hypot(1.0, slants).mean(axis=1) - 1.0
-    return float((lengths + links + runs * (1.0 + 2.0 * turn)).sum() * count / looked_at)
+    return float((lengths + links + runs.max(axis=(1, 2)) * (1.0 + 2.0 * turn)).sum() * count / looked_at)
+
+
+def _chords(area: Any, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return for each horizontal line the number of its parts in an area, their outer ends or NaN, and their total length."""
+    import shapely
+
+    points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)
+    begins, ends = points[:-1][ring[1:] == ring[:-1]], points[1:][ring[1:] == ring[:-1]]
+    line, edge = np.nonzero((begins[:, 1] <= y[:, None]) != (ends[:, 1] <= y[:, None]))
+    (x, high), (far, low) = begins[edge].T, ends[edge].T
+    crossed = x + (y[line] - high) * (far - x) / (low - high)
+    crossed = crossed[np.lexsort((crossed, line))]
+    counts = np.bincount(line, minlength=len(y))
+    first = np.cumsum(counts) - counts
+    signs = np.where((np.arange(len(line)) - first[line]) % 2, 1.0, -1.0)
+    outer: NDArray[np.float64] = np.full((len(y), 2), np.nan)
+    outer[counts > 0] = np.stack([crossed[first[counts > 0]], crossed[(first + counts - 1)[counts > 0]]], axis=1)
+    return counts / 2, outer, np.bincount(line, crossed * signs, len(y)).astype(np.float64)

@@ -28,7 +28,7 @@ from shoal.search.allocation.layers import (
     plane_of,
     with_climb_cost,
 )
-from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, in_layers
+from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, can_exchange, in_layers
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.starts import start_points
 from shoal.search.allocation.tour_cost import TourCost
@@ -297,6 +297,7 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
     turn_cost = turn_cells(vehicle, sizes[0])
     given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "stepwise": problem.stepwise}
     tours = problem.tours_to_compare(turn_cost)
+    given["exchange"] = len(tours) > 1 and can_exchange(problem.place, sizes[0], problem.chosen_footprint)
     first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
     name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
     climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.grid.angle)

@@ -17,6 +17,7 @@ from shoal.search.regions.outline_checks import Points, text_of
 
 _MARGINS = (1.0, 4.0, 16.0)  # distance from a leg, in cells, within which corners are considered: initial, growth factor, maximum
 _MOST_CORNERS = 1000
+_HAIR = 1e-9  # relative to a cell: rounding error
 
 __all__ = ["RegionPaths", "Route", "length_of", "merge_collinear"]
 
@@ -133,14 +134,35 @@ class RegionPaths:
         index = grid.ordinals(np.asarray(cells).reshape(-1, 2))
         counts = grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]
         begins = np.cumsum(counts) - counts
-        visit = np.arange(int(counts.sum())) - np.repeat(begins, counts) + np.repeat(grid.viewpoint_starts[index], counts)
+        within = np.arange(int(counts.sum())) - np.repeat(begins, counts)
+        within = np.where(np.repeat(self._backwards(index), counts), np.repeat(counts, counts) - 1 - within, within)
+        visit = within + np.repeat(grid.viewpoint_starts[index], counts)
         # Between the centres of neighbouring whole cells, only a wide margin has to be checked.
         array = grid.cells[index]
-        plain = grid.clipped.whole[tuple(array.T)] & (counts == 1)
+        plain = self._centered[index]
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
         known = np.zeros(max(0, len(visit) - 1), dtype=np.bool_)
         known[begins[1:] - 1] = plain[:-1] & plain[1:] & close & (grid.region.margin <= grid.size / 2)
         return self._joined(grid.viewpoints[visit], known)
+
+    @cached_property
+    def _centered(self) -> NDArray[np.bool_]:
+        """Which cells lie inside the region and are seen from their centres alone, in the order of `CellGrid.cells`."""
+        grid = self.grid
+        away = np.abs(grid.waypoints() - grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))).max(axis=1)
+        single = np.diff(grid.viewpoint_starts) == 1
+        return np.asarray(grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size))
+
+    def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which of the visited cells a vehicle sees from its last viewpoint to its first: where two cells join backwards."""
+        grid = self.grid
+        first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
+        many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1
+        joined = many[:-1] & many[1:] & (np.abs(first[:-1] - last[1:]).max(axis=1, initial=0.0) < _HAIR * grid.size)
+        back = np.zeros(len(index), dtype=np.bool_)
+        back[:-1] |= joined
+        back[1:] |= joined
+        return back
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
         """Join stops by paths. The array ``known`` tells which legs are known to be straight."""

@@ -40,31 +40,44 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
     """
     import shapely
 
-    width = lattice.shape[1]
-    bounds, half = shapely.bounds(clipped.pieces), footprint / 2
-    middle = lattice.centers(clipped.rows, clipped.cols)
-    found: list[Points | None] = []
-    for k, (row, col) in enumerate(zip(clipped.rows.tolist(), clipped.cols.tolist(), strict=True)):
-        least, most = bounds[k, 2] - half, bounds[k, 0] + half
-        x, y = middle[k]
-        if most < least:
-            found.append(None)
-            continue
-        beside = [(row, other) for other in (col - 1, col + 1) if 0 <= other < width and own[row, other] >= 0]
-        rooms = [own_piece(clipped, lattice, own, cell) for cell in beside]
-        parts = shapely.get_parts(shapely.union_all([clipped.pieces[k], *rooms]))
-        room = parts[int(np.argmin(shapely.distance(parts, shapely.point_on_surface(clipped.pieces[k]))))]
-        line = shapely.intersection(room, shapely.linestrings([(least, y), (max(most, least + _HAIR), y)]))
-        line = line if free is None else shapely.intersection(line, free)
-        places = shapely.get_coordinates(line)[:, 0]
-        if not len(places):
-            found.append(None)
-            continue
-        sides = {other - col: float(room.area) for (_, other), room in zip(beside, rooms, strict=True)}
-        before, after = sides.get(-1, 0.0), sides.get(1, 0.0)
-        best = places.min() if before > after else places.max() if after > before else places[np.argmin(np.abs(places - x))]
-        found.append(np.array([[best, y]]))
+    bounds, half = shapely.bounds(clipped.pieces).reshape(-1, 4), footprint / 2
+    least, most = bounds[:, 2] - half, bounds[:, 0] + half
+    asked = np.flatnonzero(most >= least)
+    found: list[Points | None] = [None] * len(clipped.pieces)
+    if not len(asked):
+        return found
+    least, most = least[asked], np.maximum(most[asked], least[asked] + _HAIR)
+    x, y = lattice.centers(clipped.rows[asked], clipped.cols[asked]).T
+    rooms = np.stack([clipped.pieces[asked], *(_beside(clipped, lattice, own, asked, step) for step in (-1, 1))], axis=1)
+    parts, of = shapely.get_parts(shapely.union_all(rooms, axis=1), return_index=True)
+    order = np.lexsort((shapely.distance(parts, shapely.point_on_surface(clipped.pieces[asked])[of]), of))
+    room = parts[order[np.searchsorted(of[order], np.arange(len(asked)))]]
+    ends = np.stack([np.stack([least, y], axis=1), np.stack([most, y], axis=1)], axis=1)
+    lines = shapely.intersection(room, shapely.linestrings(ends))
+    lines = lines if free is None else shapely.intersection(lines, free)
+    places, of = shapely.get_coordinates(lines, return_index=True)
+    begins = np.searchsorted(of, np.arange(len(asked) + 1))
+    before, after = np.nan_to_num(shapely.area(rooms[:, 1:])).T
+    for k, number in enumerate(asked.tolist()):
+        among = places[begins[k] : begins[k + 1], 0]
+        if len(among):
+            best = among[np.argmin(np.abs(among - x[k]))]
+            best = among.min() if before[k] > after[k] else among.max() if after[k] > before[k] else best
+            found[number] = np.array([[best, y[k]]])
     return found
+
+
+def _beside(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], numbers: NDArray[np.int64], step: int) -> Any:
+    """Return the own pieces of the next cells in the rows of some pieces, or None; Shapely geometries, shape (n,)."""
+    rows, cols = clipped.rows[numbers], clipped.cols[numbers] + step
+    there = np.flatnonzero((cols >= 0) & (cols < lattice.shape[1]))
+    there = there[own[rows[there], cols[there]] >= 0]
+    whole = clipped.whole[rows[there], cols[there]]
+    full, cut = there[whole], there[~whole]
+    rooms = np.full(len(numbers), None, dtype=object)
+    rooms[full] = lattice.boxes(rows[full], cols[full])
+    rooms[cut] = clipped.pieces[own[rows[cut], cols[cut]]]
+    return rooms
 
 
 def own_piece(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], cell: tuple[int, int]) -> Any:

@@ -15,7 +15,6 @@ from shoal.jit import in_place_kernel, kernel
 _LESS = 1e-9
 _LONGEST = 3  # maximum number of runs that one exchange moves together
 _SPAN = 50  # number of places in the order within which a disturbance exchanges two parts
-_DISTURBANCES = 300
 _LINKS = 50_000  # maximum of the product: number of disturbances times number of runs
 
 
@@ -140,8 +139,8 @@ def length(ends, order, backwards):
 
 
 @kernel
-def shorten(ends, order, backwards):
-    """Shorten a closed tour of runs by exchanges and by random disturbances.
+def shorten(ends, order, backwards, disturbances):
+    """Shorten a closed tour of runs by exchanges and by up to ``disturbances`` random disturbances.
 
     A disturbance exchanges two neighbouring parts of the order, and then the exchanges shorten the disturbed tour. The kernel keeps
     a disturbed tour only if it is shorter than the best tour so far.
@@ -155,7 +154,7 @@ def shorten(ends, order, backwards):
     kept, kept_backwards = order.copy(), backwards.copy()
     state, span = np.uint64(1), min(n - 1, _SPAN)
     drawn = np.empty(3, dtype=np.int64)
-    for _ in range(min(_DISTURBANCES, _LINKS // n)):
+    for _ in range(min(disturbances, _LINKS // n)):
         for k in range(3):  # G. Marsaglia, "Xorshift RNGs", 2003
             state ^= state << np.uint64(13)
             state ^= state >> np.uint64(7)

@@ -133,8 +133,13 @@ def _check_altitude(sheet: Sheet) -> None:
         if flies and altitude > _HIGH and sheet.altitude_frame != "sea":
             sheet.add("altitude-high", place, f"expected a height of at most {_HIGH:g} m, got {altitude:g}")
             return
-    often = Counter(round(altitude, 1) for altitude in sheet.altitudes)
-    rare, count = min(often.items(), key=lambda entry: entry[1], default=(0.0, 0))
+    # A waypoint on the way up, between a lower and a higher one, is a layer of which a robot searches one cell.
+    levels = [round(altitude, 1) for altitude in sheet.altitudes]
+    often = Counter(levels)
+    passed = {level for before, level, after in zip(levels, levels[1:], levels[2:], strict=False) if before < level < after}
+    rare, count = min(
+        ((up, count) for up, count in often.items() if up not in passed), key=lambda entry: entry[1], default=(0.0, 0)
+    )
     if sheet.kind != "fixed-wing" and sheet.altitude_frame != "sea" and len(often) > 1 and count == 1:  # wings climb on the way
         low, high = min(sheet.altitudes), max(sheet.altitudes)
         said = f"expected one height, or several waypoints at each, got {rare:g} m once among heights from {low:g} to {high:g} m"

@@ -172,7 +172,8 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
         times = np.zeros(0)
         if len(cells):
             steps = np.array([1.0 + tour_cost.way(here, cell) for here, cell in pairwise(cells.tolist())])
-            first = float(plan.leg_lengths(plan.route(robot, cells[:1]).points).sum()) / plan.grid.size + 1.0
+            route = plan.route(robot, cells[:1])
+            first = float(plan.leg_lengths(route.points[: route.stops[1] + 1]).sum()) / plan.grid.size + 1.0
             lasting = np.concatenate([[first], steps]) / plan.rates[robot]
             if brief.energy < inf:
                 lasting = _with_recharging(plan, brief, robot, cells, lasting)

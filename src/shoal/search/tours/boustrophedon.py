@@ -14,6 +14,10 @@ A tour with more runs keeps the order of the boustrophedon decomposition.
 """
 
 
+DISTURBANCES = 300
+"""Default number of random exchanges of runs."""
+
+
 @TOURS.register("boustrophedon")
 class BoustrophedonTour(TourByOrder):
     """A tour that crosses each run without interruption, with about two turns for each run.
@@ -22,15 +26,23 @@ class BoustrophedonTour(TourByOrder):
     ("Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000). Two kinds of exchanges
     shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange moves up to
     three runs to another place on the tour. The step from the last run back to the first run also counts as a connection.
+
+    Parameters
+    ----------
+    disturbances : int
+        Number of random exchanges of runs. After each of them, the order of the runs is improved again.
     """
 
     name = "boustrophedon"
 
+    def __init__(self, disturbances: int = DISTURBANCES) -> None:
+        self.disturbances = disturbances
+
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        return _cells_in_order(np.ascontiguousarray(region))
+        return _cells_in_order(np.ascontiguousarray(region), self.disturbances)
 
 
-def _cells_in_order(region: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _cells_in_order(region: NDArray[np.bool_], disturbances: int) -> NDArray[np.int64]:
     from shoal.search.kernels import lanes, run_order
 
     cells = np.empty((np.count_nonzero(region), 2), dtype=np.int64)
@@ -46,7 +58,7 @@ def _cells_in_order(region: NDArray[np.bool_]) -> NDArray[np.int64]:
     backwards = np.empty(len(runs), dtype=np.int64)
     backwards[order] = cells[begins, 1] != runs[order, 1]
     ends = np.stack([runs[:, [0, 1]], runs[:, [0, 2]] - [0, 1]], axis=1).astype(np.float64)
-    run_order.shorten(ends, order, backwards)
+    run_order.shorten(ends, order, backwards, disturbances)
     rows = [
         np.arange(begin, end)[:: -1 if back else 1] for (_, begin, end), back in zip(runs[order], backwards[order], strict=True)
     ]

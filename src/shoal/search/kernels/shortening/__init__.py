@@ -1,0 +1,1 @@
+"""Kernels that shorten tours: exchanges of cells, and changes of paths along the border."""
