@@ -18,16 +18,18 @@ from typing import Any
 import numpy as np
 from numpy.random import Generator
 
+from shoal.core.errors import InvalidInputError
 from shoal.search import TourMaker, components, make_tour
 from shoal.search.tours import find_tour_maker
 from shoal.swarm import GridWorkspace, GridWorld, Mapping, Policy, SwarmProblem, Task, View, make_policy, make_task
 from shoal.swarm.grid.commands import letters_of
-from shoal.swarm.policies import Compiled
 from shoal.swarm.run import run
+from shoal.swarm.simulation.deciders import decided
 
 __all__ = ["check_policy", "check_task", "check_tour_maker", "check_world", "sample_workspaces"]
 
 ALL_RULES = ("block", "merge", "tilt")
+ALL_DIMENSIONS = (2, 3)
 
 
 def sample_workspaces(rng: Generator, *, count: int = 12) -> Iterator[GridWorkspace]:
@@ -123,7 +125,14 @@ def check_task(task: str | Task, *, seed: int = 0) -> None:
             state, belief = after, updated
 
 
-def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, max_moves: int = 20_000, seed: int = 0) -> None:
+def check_policy(
+    policy: str | Policy,
+    *,
+    rules: Sequence[str] | None = None,
+    dimensions: Sequence[int] | None = None,
+    max_moves: int = 20_000,
+    seed: int = 0,
+) -> None:
     """Check a policy: it must end every episode, send valid commands, store no data in itself, and decide equally in equal trials.
 
     Parameters
@@ -132,6 +141,9 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
     rules : sequence of str, optional
         Move rules to test. The default is ``policy.rules``. For a policy without the attribute ``rules``, the default is all move
         rules.
+    dimensions : sequence of int, optional
+        Numbers of dimensions of the tested maps. The default is ``policy.dimensions``. For a policy without the attribute
+        ``dimensions``, the default is 2 and 3.
     max_moves : int
         Maximum number of moves. An episode with more than ``max_moves`` moves is a violation of the contract.
     seed : int
@@ -142,21 +154,34 @@ def check_policy(policy: str | Policy, *, rules: Sequence[str] | None = None, ma
     """
     chosen = make_policy(policy)
     rng = np.random.default_rng(seed)
+    tested_rules: Sequence[str] = rules or sorted(getattr(chosen, "rules", ALL_RULES))
+    tested_dimensions: Sequence[int] = dimensions or tuple(getattr(chosen, "dimensions", ALL_DIMENSIONS))
     for workspace in sample_workspaces(rng):
-        for rule in rules or sorted(getattr(chosen, "rules", ALL_RULES)):
-            if isinstance(chosen, Compiled) and workspace.ndim not in chosen.dimensions:
-                continue
+        if workspace.ndim not in tested_dimensions:
+            continue
+        for rule in tested_rules:
             start, trial = _starts(workspace, rng), int(rng.integers(1000))
-            _check_view(chosen, workspace, start, rule)
-            episodes = [
-                run(SwarmProblem(workspace, policy=p, start=start, rule=rule, max_moves=max_moves), trial=trial, stepwise=s)
-                for p, s in ((chosen, True), (chosen, True), (copy.deepcopy(chosen), False))
-            ]
-            first = episodes[0]
-            assert first.status != "limit", f"{chosen.name}, {rule}: no end after {max_moves} moves on\n{workspace}"
-            for other in episodes[1:]:
-                assert other.commands == first.commands, f"{chosen.name}, {rule}: the same trial gave two episodes"
-            assert first.verify(), f"{chosen.name}, {rule}: {first.verify().message}"
+            problem = SwarmProblem(workspace, policy=chosen, start=start, rule=rule, max_moves=max_moves)
+            try:
+                _check_episodes(problem, trial)
+            except InvalidInputError as error:
+                raise AssertionError(f"{error}, {_place(workspace, rule)}") from None
+
+
+def _place(workspace: GridWorkspace, rule: str) -> str:
+    return f"on a {'two' if workspace.ndim == 2 else 'three'}-dimensional map under rule {rule}"
+
+
+def _check_episodes(problem: SwarmProblem, trial: int) -> None:
+    """Check the first decision of a problem's policy, and check that three episodes end and are equal."""
+    policy, place, limit = problem.chosen_policy, _place(problem.place, problem.rule), problem.max_moves
+    _check_view(policy, problem.place, problem.start, problem.rule)
+    changed = problem.replaced(policy=copy.deepcopy(policy))
+    first, *others = (run(one, trial=trial, stepwise=s) for one, s in ((problem, True), (problem, True), (changed, False)))
+    assert first.status != "limit", f"{policy.name}: no end after {limit} moves {place}:\n{problem.place}"
+    for other in others:
+        assert other.commands == first.commands, f"{policy.name}: the same trial gave two episodes {place}"
+    assert first.verify(), f"{policy.name}: {first.verify().message} {place}"
 
 
 def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str) -> None:
@@ -166,9 +191,12 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
     belief = Mapping().begin(world, state)
     words = [board.words.copy() for board in (state.occupied, belief.open, belief.known, belief.frontier)]
     own = copy.deepcopy(vars(policy)) if hasattr(policy, "__dict__") else {}
-    commands, _ = policy.decide(View(belief, state.occupied, rule), None, np.random.default_rng(0))
+    commands, _ = decided(policy, View(belief, state.occupied, rule), None, np.random.default_rng(0))
     assert (vars(policy) if own else own) == own, f"{policy.name}: a decision changed the policy object itself"
-    assert set(commands) <= set(letters_of(workspace.ndim)), f"{policy.name}: {commands!r} has letters that are no commands"
+    letters = letters_of(workspace.ndim)
+    assert set(commands) <= set(letters), (
+        f"{policy.name}: expected commands of the letters {letters} {_place(workspace, rule)}, got {commands!r}"
+    )
     same = (state.occupied, belief.open, belief.known, belief.frontier)
     for board, before in zip(same, words, strict=True):
         assert np.array_equal(board.words, before), f"{policy.name}: a decision changed its arguments"

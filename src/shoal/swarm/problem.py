@@ -339,11 +339,10 @@ class SwarmProblem(Problem):
 
     def check_policy(self, layout: GridLayout) -> None:
         """Refuse a policy that does not support the task, the move rule, the scan rule or the workspace's dimensions."""
-        from shoal.swarm.policies import Compiled, Offline, check_scanning
+        from shoal.swarm.policies import Offline, check_scanning, check_support
 
-        policy, mapping = self.chosen_policy, getattr(self.chosen_task, "mapping", True)
-        if isinstance(policy, Offline) and mapping:
+        policy = self.chosen_policy
+        if isinstance(policy, Offline) and getattr(self.chosen_task, "mapping", True):
             raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
-        if isinstance(policy, Compiled):
-            policy.check(layout, self.rule)
+        check_support(policy, layout, self.rule)
         check_scanning(self.scanning, policy, self.rule)

@@ -212,6 +212,36 @@ def test_the_conformance_check_finds_a_policy_that_remembers():
         check_policy(Counting(), rules=["block"])
 
 
+class Flat(ThirdParty):
+    """A policy that takes every cell for a pair (row, column)."""
+
+    name = "flat"
+
+    def decide(self, view, memory, rng):
+        assert all(row >= 0 and column >= 0 for row, column in view.belief.open)
+        return super().decide(view, memory, rng)
+
+
+def test_the_conformance_check_names_the_map_on_which_a_policy_fails():
+    expected = (
+        r"^policy flat: the method decide failed at .*, line \d+: ValueError: .*, on a three-dimensional map under rule block$"
+    )
+    with pytest.raises(AssertionError, match=expected):
+        check_policy(Flat(), rules=["block"])
+    check_policy(Flat(), rules=["block"], dimensions=[2])
+
+
+def test_a_policy_states_its_rules_and_dimensions():
+    class Stated(Flat):
+        rules, dimensions = ("block",), (2,)
+
+    check_policy(Stated())
+    with pytest.raises(InvalidInputError, match="policy flat: expected a 2-D workspace, got 3-D"):
+        run(np.ones((2, 2, 2), dtype=bool), policy=Stated(), particles=1)
+    with pytest.raises(InvalidInputError, match="policy flat: expected rule block, got merge"):
+        run(open_map("line:5"), policy=Stated(), particles=1, rule="merge")
+
+
 class WithOptions:
     """A third party's policy whose options are set by name."""
 

@@ -40,11 +40,7 @@ class Compiled:
         ------
         InvalidInputError
         """
-        if rule not in self.rules:
-            able = " or ".join(sorted(self.rules))
-            raise InvalidInputError(f"policy {self.kind}: expected rule {able}, got {rule}")
-        if layout.ndim not in self.dimensions:
-            raise InvalidInputError(f"policy {self.kind}: expected a 2-D workspace, got {layout.ndim}-D")
+        _check_stated(self, layout, rule)
 
 
 @dataclass(frozen=True)
@@ -66,6 +62,34 @@ class Searching(Compiled):
         if self.ties not in ORDERS:
             raise InvalidInputError(f"ties: expected {' or '.join(ORDERS)}, got {self.ties!r}")
         check_neighbours(self.neighbours, 2 if len(self.neighbours) <= 4 else 3)
+
+
+def check_support(policy: Policy, layout: GridLayout, rule: str) -> None:
+    """Refuse a move rule or a number of dimensions that is missing in the policy's attributes ``rules`` and ``dimensions``.
+
+    A policy without these attributes supports all move rules, and two and three dimensions.
+
+    Raises
+    ------
+    InvalidInputError
+    """
+    if isinstance(policy, Compiled):
+        policy.check(layout, rule)
+    else:
+        _check_stated(policy, layout, rule)
+
+
+def _check_stated(policy: Policy | Compiled, layout: GridLayout, rule: str) -> None:
+    name, rules, dimensions = (
+        getattr(policy, "kind", policy.name),
+        getattr(policy, "rules", RULES),
+        getattr(policy, "dimensions", (2, 3)),
+    )
+    if rule not in rules:
+        raise InvalidInputError(f"policy {name}: expected rule {' or '.join(sorted(rules))}, got {rule}")
+    if layout.ndim not in dimensions:
+        able = " or ".join(f"{number}-D" for number in dimensions)
+        raise InvalidInputError(f"policy {name}: expected a {able} workspace, got {layout.ndim}-D")
 
 
 def check_scanning(scanning: ScanRule, policy: Policy, rule: str) -> None:

@@ -18,6 +18,8 @@ Decision = tuple[str, Any]
 class View:
     """All information that a policy may use for a decision.
 
+    Each cell is a tuple of indices: (row, column) in two dimensions, and (layer, row, column) in three dimensions. Row 0 is on top.
+
     Parameters
     ----------
     belief : Belief
@@ -52,6 +54,10 @@ class Policy(Protocol):
     ``decide(view, memory, rng)`` returns ``(commands, memory)``. Shoal sends all returned commands before the next decision, unless
     the task is complete earlier. If the policy can make no progress, ``commands`` is an empty text. ``memory`` is None at the first
     decision of an episode. A policy object never changes, so that one policy object can serve many episodes.
+
+    A policy may state its move rules and numbers of dimensions in two attributes, such as ``rules = ("block",)`` and
+    ``dimensions = (2,)``. Shoal refuses a run under any other rule or on any other map. Without the attributes, a policy supports
+    all move rules, and two and three dimensions.
     """
 
     @property
