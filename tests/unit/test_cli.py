@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -25,9 +26,36 @@ def test_every_command_has_the_common_options_and_an_example(command, capsys):
     assert run([*command.split(), "--help"]) == 0
     text = capsys.readouterr().out
     # The studio has no result to print or to write: its pages have.
-    for option in ("--help",) if command == "studio" else ("--json", "--seed", "--out", "--help"):
+    for option in ("--help",) if command == "studio" else ("--json", "--out", "--help"):
         assert option in text
     assert f"Example: shoal {command}" in text
+
+
+@pytest.mark.parametrize("command", [name for name in COMMANDS if name != "studio"])
+def test_every_command_takes_a_seed_and_help_shows_it_only_if_it_has_an_effect(command, capsys):
+    assert run([*command.split(), "--seed", "5", "--help"]) == 0
+    without = {
+        "schedule",
+        "tour",
+        "missions check",
+        *(name for name in COMMANDS if name.startswith("sweep ") and name != "sweep run"),
+    }
+    assert ("--seed" in capsys.readouterr().out) is (command not in without)
+
+
+def test_help_lists_commands_and_options_under_headings(capsys):
+    assert run(["--help"]) == 0
+    text = capsys.readouterr().out
+    headings = [re.search(f"─ {heading} ─", text).start() for heading in ("Swarm", "Steering", "Search", "Experiments", "General")]
+    assert headings == sorted(headings)
+    assert headings[0] < text.index(" cover ") < headings[1] < text.index(" reach ") < headings[2]
+    assert run(["search", "--help"]) == 0
+    text = capsys.readouterr().out
+    places = [
+        text.index(word)
+        for word in ("--json", "─ Robots ─", "--robots", "─ Tour ─", "--tour", "─ Region ─", "--no-go", "─ Missions ─")
+    ]
+    assert places == sorted(places)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from scipy import stats
 
 from shoal.core.errors import InvalidInputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep
-from shoal.lab.statistics import compare, estimate
+from shoal.lab.statistics import compare, estimate, number_text
 from shoal.lab.summaries import compare_along, summarise
 
 NUMBER = {"kind": "function", "function": "tests.unit.sweep_functions:number"}
@@ -40,6 +40,13 @@ def test_intervals_hold_the_mean_as_often_as_they_say(method):
     rng, times = np.random.default_rng(3), 150 if method == "bootstrap" else 2000
     held = sum((e := estimate(rng.normal(0, 1, 30), method=method)).low <= 0 <= e.high for _ in range(times)) / times
     assert abs(held - 0.95) < 4.5 * (0.95 * 0.05 / times) ** 0.5 + 0.01
+
+
+def test_intervals_are_told_with_four_digits():
+    assert str(estimate([446.8331, 515.04, 460.177], method="t")) == "474 [384.2, 563.8]"
+    assert [number_text(value) for value in (0, 0.123456, 9.99996, 123456.7, -2.5e-7, np.inf)] == [
+        "0", "0.1235", "10", "123457", "-2.5e-07", "inf",
+    ]  # fmt: skip
 
 
 def test_single_and_equal_values():
@@ -142,3 +149,19 @@ def test_trials_that_did_not_finish_are_counted_and_never_averaged_as_if_they_ha
         assert "restricted to 5000" in str(compared[5000])
         shares = summarise(store, "s", "distance")
         assert [row.completed for row in shares] == [row.completed for row in rows.values()]
+
+
+def test_intervals_of_two_lines_do_not_hide_each_other():
+    """The figure of a sweep: the intervals at one value of the axis stand side by side, and their mean stays in its place."""
+    from shoal.views.drawing.means import PointMean, means_figure
+
+    for places in ([10, 100], [-1, 1]):
+        means = [PointMean({"n": n, "policy": policy}, 3.0, 2.0, 4.0) for policy in ("a", "b") for n in places]
+        axes = means_figure(means, title="mine", measure="moves").axes[0]
+        first, second = (
+            axes.transData.transform(np.column_stack([line[0].get_xdata(), line[0].get_ydata()]))[:, 0] for line in axes.containers
+        )
+        middle = axes.transData.transform([(place, 3.0) for place in places])[:, 0]
+        assert (second - first > 3).all()
+        assert np.allclose((first + second) / 2, middle)
+        assert axes.get_ylabel() == "mean moves, with 95 % confidence intervals"

@@ -18,6 +18,7 @@ import shoal
 from shoal.cli import run as command
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
 from shoal.lab import Store, Sweep, run_sweep, sweep_of
+from shoal.lab.statistics import number_text
 from shoal.lab.storage.export import export, frame
 from shoal.lab.storage.integrity import faults_of
 from shoal.lab.storage.lock import is_locked, locked
@@ -563,7 +564,7 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert command(["sweep", "summary", "s.sqlite", "--compare", "policy"]) == 0
     told = capsys.readouterr().out
     first = result["comparisons"][0]["comparison"]
-    assert f"{first['difference']['mean']:.6g} [{first['difference']['low']:.6g}" in told
+    assert f"{number_text(first['difference']['mean'])} [{number_text(first['difference']['low'])}, " in told
     assert max(map(len, told.splitlines())) <= 80
     assert command(["sweep", "plot", "s.sqlite", "--measure", "moves", "--out", "moves.svg", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"sweep": "corridors", "measure": "moves", "points": 4, "out": "moves.svg"}

@@ -26,7 +26,6 @@ COMMANDS = {
     "map": _Entry("swarm.exploration", "map_", "MAP_EXAMPLE"),
     "cover": _Entry("swarm.exploration", "cover", "COVER_EXAMPLE"),
     "maps": _Entry("swarm.maps", "maps"),
-    "replay": _Entry("replay", "replay"),
     "drive": _Entry("swarm.driving", "drive"),
     "line": _Entry("swarm.theory", "line", "LINE_EXAMPLE"),
     "schedule": _Entry("swarm.theory", "schedule", "SCHEDULE_EXAMPLE"),
@@ -43,6 +42,7 @@ COMMANDS = {
     "sweep merge": _Entry("sweep.results", "merge", "MERGE_EXAMPLE"),
     "sweep check": _Entry("sweep.results", "check", "CHECK_EXAMPLE"),
     "reproduce": _Entry("reproduce", "reproduce"),
+    "replay": _Entry("replay", "replay"),
     "studio": _Entry("studio", "studio"),
     "demo": _Entry("demo", "demo"),
 }
@@ -50,6 +50,8 @@ GROUPS = {
     "missions": "Check mission files.",
     "sweep": "Run sweeps of trials that can be continued after any interruption, and examine their results.",
 }
+PANELS = {"swarm": "Swarm", "steering": "Steering", "search": "Search", "sweep": "Experiments", "reproduce": "Experiments"}
+"""Headings of the commands in the list of all commands, by the first word of a command's module."""
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
@@ -87,6 +89,12 @@ def _summary(name: str) -> str:
     return (ast.get_docstring(found) or "").partition("\n\n")[0]
 
 
+def _panel(name: str) -> str:
+    """Return the heading of a command, or of the first command of a group."""
+    first = next(entry for command, entry in COMMANDS.items() if f"{command} ".startswith(f"{name} "))
+    return PANELS.get(first.module.partition(".")[0], "General")
+
+
 class _Commands(TyperGroup):
     """A group of commands: all commands whose full names begin with ``prefix``."""
 
@@ -112,12 +120,12 @@ class _Commands(TyperGroup):
             group = _Commands(
                 name=cmd_name, help=GROUPS[whole], no_args_is_help=True, rich_markup_mode="rich", context_settings=SETTINGS
             )
-            group.prefix = f"{whole} "
+            group.prefix, group.rich_help_panel = f"{whole} ", _panel(whole)
             return group
         if whole not in COMMANDS:
             return None
         if self.listing:
-            return TyperCommand(cmd_name, help=_summary(whole))
+            return TyperCommand(cmd_name, help=_summary(whole), rich_help_panel=None if self.prefix else _panel(whole))
         return command(whole)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:

@@ -21,7 +21,8 @@ Trials = Annotated[
 Seed = Annotated[
     int, typer.Option("--seed", help="Seed of all random numbers. The same seed gives the same result for any number of workers.")
 ]
-UnusedSeed = Annotated[int, typer.Option("--seed", help="Not used, because the command uses no random numbers.")]
+UnusedSeed = Annotated[int, typer.Option("--seed", hidden=True)]
+"""An option without effect, for scripts that pass ``--seed`` to every command. Help does not show it."""
 Workers = Annotated[
     int | None,
     typer.Option("--workers", help="Number of trials that run at the same time. Default: one for each processor."),
@@ -173,6 +174,7 @@ def _parameter(declared: Declaration, *, from_file: bool) -> inspect.Parameter:
     if option.argument:
         info: Any = typer.Argument(**told)
     else:
+        told["rich_help_panel"] = declared.heading or None
         info = typer.Option(*([option.short] if option.short else []), _flags(declared, both=from_file), **told)
     return inspect.Parameter(declared.name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, info])
 

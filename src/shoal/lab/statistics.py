@@ -15,6 +15,17 @@ METHODS: tuple[Method, ...] = ("auto", "t", "log", "bootstrap")
 RESAMPLES = 2000
 
 
+def number_text(value: float) -> str:
+    """Return a number as text with four significant digits, or without decimal places if the number has more digits.
+
+    Examples
+    --------
+    >>> number_text(446.833), number_text(0.12345), number_text(123456.7)
+    ('446.8', '0.1235', '123457')
+    """
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e15 else f"{value:.4g}"
+
+
 @dataclass(frozen=True)
 class Estimate:
     """The mean of a sample, and the confidence interval of the mean.
@@ -43,8 +54,8 @@ class Estimate:
 
     def __str__(self) -> str:
         if self.count < 2:
-            return f"{self.mean:.6g} (one trial: no interval)"
-        return f"{self.mean:.6g} [{self.low:.6g}, {self.high:.6g}]"
+            return f"{number_text(self.mean)} (one trial: no interval)"
+        return f"{number_text(self.mean)} [{number_text(self.low)}, {number_text(self.high)}]"
 
 
 @dataclass(frozen=True)

@@ -128,6 +128,7 @@ class SteeringProblem(Problem):
     """
 
     part: ClassVar[str] = "steering"
+    headings: ClassVar = {"start": "Task", "planner": "Planner", "friction": "Contacts and noise", "goal_x": "Varied goal"}
     measures: ClassVar[tuple[str, ...]] = ("status", "moves", "length", "error", "lower_bound")
 
     workspace: Any = option(

@@ -131,6 +131,7 @@ class SwarmProblem(Problem):
     """
 
     part: ClassVar[str] = "swarm"
+    headings: ClassVar = {"task": "Task", "policy": "Policy", "scan_every": "Scans", "slip": "Noise", "vessels": "Map file"}
     measures: ClassVar[tuple[str, ...]] = ("status", "moves", "scans", "cost", "distance")
     censored: ClassVar[tuple[str, ...]] = ("moves", "scans", "cost", "distance")
 
@@ -339,10 +340,10 @@ class SwarmProblem(Problem):
 
     def check_policy(self, layout: GridLayout) -> None:
         """Refuse a policy that does not support the task, the move rule, the scan rule or the workspace's dimensions."""
-        from shoal.swarm.policies import Offline, check_scanning, check_support
+        from shoal.swarm.policies import Offline, check_rules, check_scanning
 
         policy = self.chosen_policy
         if isinstance(policy, Offline) and getattr(self.chosen_task, "mapping", True):
             raise InvalidInputError("policy offline: expected a task whose map is known, such as coverage, got a mapping")
-        check_support(policy, layout, self.rule)
+        check_rules(policy, layout, self.rule)
         check_scanning(self.scanning, policy, self.rule)

@@ -63,7 +63,7 @@ def summary(
     ] = None,
     level: Annotated[float, typer.Option("--level", help="Confidence level of the intervals.")] = 0.95,
     method: Method = "auto",
-    seed: Annotated[int, typer.Option("--seed", help="Not used, because the bootstrap draws the same numbers each time.")] = 0,
+    seed: options.UnusedSeed = 0,
     out: Annotated[Path | None, typer.Option("--out", metavar="FILE", help="Also write the result as JSON.")] = None,
     json_: options.Json = False,
 ) -> None:

@@ -40,6 +40,9 @@ class Problem:
     part: ClassVar[str]
     """The kind of the problem, as written in files, such as "swarm", "steering" or "search"."""
 
+    headings: ClassVar[Mapping[str, str]] = {}
+    """Headings of the fields in the help of commands, by the name of the first field under each heading."""
+
     measures: ClassVar[tuple[str, ...]] = ()
     """Names of the metrics that a sweep stores for each episode."""
 
@@ -187,8 +190,11 @@ class Problem:
 
 @cache
 def _declarations(cls: type[Problem]) -> Mapping[str, Declaration]:
-    hints = get_type_hints(cls)
-    return {one.name: declaration_of(one, hints[one.name]) for one in fields(cls)}
+    hints, found, heading = get_type_hints(cls), {}, ""
+    for one in fields(cls):
+        heading = cls.headings.get(one.name, heading)
+        found[one.name] = declaration_of(one, hints[one.name], heading)
+    return found
 
 
 def _same(value: Any, default: Any) -> bool:

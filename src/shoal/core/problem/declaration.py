@@ -79,6 +79,8 @@ class Declaration:
     default : object
         The default value of the field, or `REQUIRED` for a field without a default value.
     option : Option
+    heading : str
+        Heading of the field in the help of commands. Fields without a heading have the empty text.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Declaration:
     optional: bool
     default: Any
     option: Option
+    heading: str
 
     @property
     def flag(self) -> str:
@@ -181,12 +184,12 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
     return field(default=default, metadata={"option": Option(help=help, **more)})
 
 
-def declaration_of(one: Field[Any], value_type: Any) -> Declaration:
-    """Return the declaration of a dataclass field that `option` made. ``value_type`` is the type of the field."""
+def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaration:
+    """Return the declaration of a dataclass field that `option` made, with the type of the field and its heading."""
     parts = get_args(value_type) if get_origin(value_type) in (Union, types.UnionType) else (value_type,)
     kinds = [part for part in parts if part is not type(None)]
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in (int, float, bool, str) else object
     made: Option = one.metadata["option"]
     if kind is object and made.check is None:
         raise TypeError(f"{one.name}: expected int, float, bool, str or an option with its own check, got {value_type}")
-    return Declaration(one.name, kind, len(kinds) < len(parts), one.default, made)
+    return Declaration(one.name, kind, len(kinds) < len(parts), one.default, made, heading)

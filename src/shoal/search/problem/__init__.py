@@ -47,7 +47,6 @@ MOST_ROBOTS = 1000
 """Maximum number of robots in a search, because an allocation needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
-
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
 ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 
@@ -78,9 +77,11 @@ class SearchProblem(Problem):
     """
 
     part: ClassVar[str] = "search"
-    measures: ClassVar[tuple[str, ...]] = (
-        "status", "cells", "makespan", "share", "planned", "lower_bound", "sent", "lost", "takeovers",
-    )  # fmt: skip
+    headings: ClassVar = {
+        "robots": "Robots", "tour": "Tour", "no_go": "Region", "vehicle": "Vehicle", "multiplicity": "Robots", "transit": "Vehicle",
+        "loss": "Radio and faults", "targets": "Targets and obstacles", "simulate": "Simulation",
+    }  # fmt: skip
+    measures = ("status", "cells", "makespan", "share", "planned", "lower_bound", "sent", "lost", "takeovers")
 
     region: Any = option(
         help="Region: square:SIDE, rectangle:WxH, circle:RADIUS, ring:OUTERxINNER or box:WxDxH (a volume) in metres, or a file: "
@@ -255,8 +256,7 @@ class SearchProblem(Problem):
 
     @property
     def _volume(self) -> bool:
-        region = self.region
-        return region.startswith("box:") if isinstance(region, str) else region.height > 0
+        return self.region.startswith("box:") if isinstance(self.region, str) else self.region.height > 0
 
     @cached_property
     def altitudes(self) -> tuple[float, ...]:

@@ -74,6 +74,7 @@ class MissionOptions(Problem):
     """
 
     part: ClassVar[str] = "missions"
+    headings: ClassVar = {"format": "Missions"}
 
     format: tuple[str, ...] = option(
         (), help="File formats of the missions: plan, wpl, geojson, kml, gpx, csv. Default: all formats that can describe the "

@@ -8,7 +8,7 @@ from shoal.core.checks import shortened
 from shoal.core.errors import InvalidInputError
 from shoal.core.registry import Registry, configured
 from shoal.swarm.policies.closest_frontier import ClosestFrontier
-from shoal.swarm.policies.compiled_policy import Compiled, check_scanning, check_support
+from shoal.swarm.policies.compiled_policy import Compiled, check_rules, check_scanning
 from shoal.swarm.policies.depth_first import DepthFirst
 from shoal.swarm.policies.elect_particle import ElectParticle
 from shoal.swarm.policies.manual import Manual
@@ -82,8 +82,8 @@ __all__ = [
     "Rollout",
     "View",
     "WallSweep",
+    "check_rules",
     "check_scanning",
-    "check_support",
     "make_policy",
     "with_budget",
 ]

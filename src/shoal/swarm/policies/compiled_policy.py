@@ -64,7 +64,7 @@ class Searching(Compiled):
         check_neighbours(self.neighbours, 2 if len(self.neighbours) <= 4 else 3)
 
 
-def check_support(policy: Policy, layout: GridLayout, rule: str) -> None:
+def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
     """Refuse a move rule or a number of dimensions that is missing in the policy's attributes ``rules`` and ``dimensions``.
 
     A policy without these attributes supports all move rules, and two and three dimensions.

@@ -16,6 +16,9 @@ from shoal.views.drawing.curves import COLOURS
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+ASIDE = 0.007
+"""Horizontal distance between the intervals of two lines at the same axis value, as a fraction of the axis."""
+
 
 @dataclass(frozen=True)
 class PointMean:
@@ -55,6 +58,7 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
         lines.setdefault(_words(mean.values, axis), []).append(mean)
     figure = new_figure(7.4, 4.8 if axis else 1.6 + 0.4 * len(means))
     axes = figure.add_subplot()
+    places = sorted({mean.values[axis] for mean in means}) if axis else []
     for number, (label, line) in enumerate(lines.items()):
         at = np.array([one.values[axis] for one in line] if axis else [number])
         middle = np.array([one.mean for one in line])
@@ -62,25 +66,40 @@ def means_figure(means: Sequence[PointMean], *, title: str, measure: str) -> Fig
         errors = np.abs(ends - middle)
         colour = COLOURS[number % len(COLOURS)] if axis else COLOURS[0]
         if axis:
-            axes.errorbar(at, middle, yerr=errors, marker="o", ms=4, lw=1.6, capsize=3, color=colour, label=label)
+            beside = _beside(at, places, number - (len(lines) - 1) / 2)
+            axes.errorbar(beside, middle, yerr=errors, marker="o", ms=4, lw=1.6, capsize=3, color=colour, label=label)
         else:
             axes.errorbar(middle, at, xerr=errors, marker="o", ms=7, lw=2.4, color=colour)
     if axis:
-        places = sorted({mean.values[axis] for mean in means})
-        if places[0] > 0 and places[-1] >= 10 * places[0]:
+        if _is_logarithmic(places):
             axes.set_xscale("log")
         if len(places) <= 12:
             axes.set_xticks(places, [f"{place:g}" for place in places])
             axes.minorticks_off()
-        axes.set(xlabel=axis, ylabel=f"{measure}: mean, 95 %")
+        axes.set(xlabel=axis, ylabel=_label(measure))
         if len(lines) > 1:
             axes.legend(frameon=False)
     else:
         axes.set_yticks(range(len(lines)), list(lines), parse_math=False)
-        axes.set(xlabel=f"{measure}: mean, 95 %", ylim=(len(lines) - 0.5, -0.5))
+        axes.set(xlabel=_label(measure), ylim=(len(lines) - 0.5, -0.5))
     set_title(axes, title)
     plain_axes(axes)
     return figure
+
+
+def _is_logarithmic(places: Sequence[float]) -> bool:
+    return places[0] > 0 and places[-1] >= 10 * places[0]
+
+
+def _beside(at: Any, places: Sequence[float], steps: float) -> Any:
+    """Return axis values moved to the side by a number of steps, so that intervals of two lines do not hide each other."""
+    if _is_logarithmic(places):
+        return at * (places[-1] / places[0]) ** (ASIDE * steps)
+    return at + (places[-1] - places[0]) * ASIDE * steps
+
+
+def _label(measure: str) -> str:
+    return f"mean {measure}, with 95 % confidence intervals"
 
 
 def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
