@@ -253,13 +253,14 @@ def test_the_map_has_what_its_legend_names(team, region):
     _, missions, separation = team
     drawn = missions_figure(missions, region, missions_approach(missions, separation, region.frame))
     named = [text.get_text() for text in drawn.legends[0].get_texts()]
-    heights = sorted({f"at {mission.altitude:g} m" for mission in missions})
-    assert [name for name in named if name.startswith("at ")] == heights
+    flown = sorted((mission.robot, mission.altitude) for mission in missions)
+    assert [name for name in named if name.startswith("robot ")] == [f"robot {robot} at {up:g} m" for robot, up in flown]
+    assert "hole" not in named  # the no-go zone makes one
     assert {"launch", "rally point", "no-go zone", "fence", "out and home"} <= {*named}
     (axes,) = drawn.axes
     written = [text.get_text() for text in axes.texts]
     assert "1\N{EN DASH}5" in written  # all set out from one place
-    assert any("robots" in text for text in written) == ("nearest approach" in named)
+    assert ("robots" in axes.get_title(loc="left")) == ("nearest approach" in named)
     low, high = np.array([axes.get_xlim(), axes.get_ylim()]).T
     assert all(
         ((low < mission.way_in(region.frame)[:, :2]) & (mission.way_in(region.frame)[:, :2] < high)).all() for mission in missions

@@ -15,7 +15,8 @@ from PIL import Image
 from tests.search_episodes import search
 
 from shoal.core.errors import InvalidInputError
-from shoal.search import SearchEpisode, region_of
+from shoal.search import LocalFrame, SearchEpisode, region_of
+from shoal.search.episode import duration_text
 from shoal.search.problem.faults import Battery, Crash, Liar, Pause, Slow, WrongPosition
 from shoal.views import film
 from shoal.views.drawing.charts import save_figure
@@ -200,11 +201,78 @@ def test_timeline_names_whose_part_and_when():
 
 def test_numbers_are_moved_apart():
     places = np.random.default_rng(2).normal(size=(30, 2))
-    moved = spread_out(places, 10.0)
+    moved = spread_out(places, 10.0, 100 * np.array([(-1.0, -1.0), (1.0, 1.0)]))
     apart = np.hypot(*(moved[:, None] - moved[None]).transpose(2, 0, 1)) + 99 * np.eye(30)
     assert apart.min() > 9
     far = np.array([(0.0, 0.0), (50.0, 0.0)])
-    np.testing.assert_allclose(spread_out(far, 10.0), far, atol=0.01)
+    np.testing.assert_allclose(spread_out(far, 10.0, np.array([(-1, -1), (60, 9)])), far, atol=0.01)
+    kept = spread_out(far, 10.0, np.array([(10.0, 2.0), (40.0, 9.0)]))
+    assert kept.min() >= 2.0  # a number at the edge is not cut
+    np.testing.assert_allclose(kept[:, 0], [10.0, 40.0], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("angle", "drawn"), [(174.8, -5.2), (90.0, 90.0), (270.0, 90.0), (-95.0, 85.0), (180.0, 0.0), (81.0, 81.0)]
+)
+def test_drawings_turn_north_up_as_far_as_possible(angle, drawn):
+    region = region_of(shapely.box(0, 0, 70, 40), frame=LocalFrame(8.5, 47.4))
+    found = SearchHistory(search(region, robots=2, footprint=10, angle=angle, seed=1))
+    panels, tour = found.panels, found.episode.plan.tour
+    assert found.north == pytest.approx(drawn)
+    north = np.diff(panels.place(np.array([(0.0, 0.0), (0.0, 1.0)]), np.zeros(2, dtype=np.int64)), axis=0)[0]
+    np.testing.assert_allclose(north, [np.sin(np.radians(drawn)), np.cos(np.radians(drawn))], atol=1e-12)
+    rows, cols = np.nonzero(panels.numbers >= 0)
+    left, _, _, top = panels.extent
+    squares = np.stack([left + (cols + 0.5) * panels.step, top - (rows + 0.5) * panels.step], axis=1)
+    grid = found.episode.plan.grid
+    cells = tour.cells[panels.numbers[rows, cols]]
+    middles = grid.lattice.to_region(grid.lattice.centers(*cells.T))
+    np.testing.assert_allclose(panels.place(middles, np.zeros(len(middles), dtype=np.int64)), squares, atol=1e-9)
+    seen = panels.shape_of(region.area, 0)
+    corners = panels.place(shapely.get_coordinates(region.area), np.zeros(5, dtype=np.int64))
+    assert seen.symmetric_difference(shapely.Polygon(corners)).area < 1e-9
+
+
+def test_obstacles_are_not_unseen_in_a_turned_drawing():
+    figure = routes_figure(search("rectangle:60x40", robots=2, footprint=10, angle=180, obstacles=3, seed=1))
+    words = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "obstacle, found on the way" in words
+    assert not any("not seen" in word for word in words)
+
+
+def test_legend_tells_holes_from_no_go_zones():
+    ring, zone = (
+        shapely.Polygon(TWO.geoms[0].exterior.coords, [shapely.box(10, 10, 20, 20).exterior.coords]),
+        shapely.box(28, 5, 33, 9),
+    )
+    for region, names in (
+        (region_of(ring), {"hole"}),
+        (region_of(shapely.box(0, 0, 40, 30), no_go=zone), {"no-go zone"}),
+        (region_of(ring, no_go=zone), {"hole or no-go zone"}),
+        (region_of(shapely.box(0, 0, 40, 30), no_go=shapely.box(60, 5, 63, 9)), set()),  # outside
+    ):
+        figure = routes_figure(search(region, robots=2, footprint=10))
+        words = {text.get_text() for text in figure.legends[0].get_texts()}
+        assert {word for word in words if "hole" in word or "zone" in word} == names
+
+
+def test_numbers_of_robots_stay_in_the_figure():
+    figure = routes_figure(search("rectangle:80x20", robots=3, footprint=10, launch="80,10"))
+    (axes,) = figure.axes
+    for text in axes.texts:
+        if text.get_text() in "123":
+            box = text.get_window_extent()
+            assert 0 < box.x0 < box.x1 < figure.bbox.width
+
+
+def test_timeline_of_a_vehicle_is_in_minutes():
+    told = search("square:60", robots=3, footprint=10, vehicle="multirotor")
+    figure = timeline_figure(told)
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == "time, in minutes"
+    assert axes.get_xlim()[1] == pytest.approx(1.015 * told.plan.seconds(SearchHistory(told).end) / 60)
+    assert any(duration_text(told.makespan) in word for word in texts(figure))
+    assert timeline_figure(episode("ring")).axes[0].get_xlabel() == "time, in cells"
 
 
 def test_expected_time_figure():

@@ -82,6 +82,13 @@ class SearchRegion:
         pieces = shapely.get_parts(self.free)
         return tuple(sorted(pieces, key=lambda part: (-part.area, part.bounds)))
 
+    @property
+    def holes(self) -> tuple[Any, ...]:
+        """The holes of the outline as Shapely polygons. A no-go zone inside the outline is also a hole."""
+        import shapely
+
+        return tuple(shapely.Polygon(ring) for part in shapely.get_parts(self.outline) for ring in part.interiors)
+
     @cached_property
     def reach(self) -> Any:
         """The area where robots may be, grown by half of `TOUCH` because of rounding errors, as a prepared Shapely geometry."""
@@ -135,6 +142,12 @@ class SearchRegion:
                 f"{degrees} at point {index + 1}, {away:.3g} m outside"
             )
         return array
+
+    def hole_at(self, point: ArrayLike) -> Any | None:
+        """Return the hole of the outline that contains a point (x, y), as a Shapely polygon, or None if no hole contains it."""
+        import shapely
+
+        return next((hole for hole in self.holes if hole.contains(shapely.points(point))), None)
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
         """Return the altitudes of a volume's layers in metres, in ascending order, for layers at most ``footprint`` metres thick.

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.counts import count_text
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
+from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import hole_in, path_of_rings, rings_of
 from shoal.views.drawing.scale_bar import draw_scale_bar
 from shoal.views.search.history import SearchHistory, robot_colour
-from shoal.views.search.panels import count_text, sizes_text
+from shoal.views.search.panels import sizes_text
 from shoal.views.search.timeline import draw_heading, timeline_figure
 
 if TYPE_CHECKING:
@@ -213,13 +215,14 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
     """Draw the starts of the robots, and the places where robots failed.
 
     If several starts are close together, the function moves their numbers apart and connects each number with its start by a line.
+    Numbers beyond the axes, where the edge of the figure could cut them, are moved to the edge of the axes.
     """
     places = history.on_picture(history.episode.plan.places)
     points_a_pixel = 72 / axes.figure.dpi
     on_paper = axes.transData.transform(places) * points_a_pixel
     small = history.n_robots > 12
     side, font = (9.5, 5.8) if small else (11.0, 7.0)
-    moved = spread_out(on_paper, 1.12 * side)
+    moved = spread_out(on_paper, 1.12 * side, axes.bbox.get_points() * points_a_pixel)
     for robot, (place, here, there) in enumerate(zip(places, on_paper, moved, strict=True)):
         colour = robot_colour(robot)
         label = axes.transData.inverted().transform(there / points_a_pixel)
@@ -239,14 +242,16 @@ def _draw_robots(axes: Axes, history: SearchHistory) -> None:
             _label(axes, str(robot + 1), place, (5.5, -9))
 
 
-def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]:
+def spread_out(places: NDArray[np.float64], least: float, box: NDArray[np.float64]) -> NDArray[np.float64]:
     """Move points apart until all distances between two points are about ``least`` or more; float64, shape (n, 2).
+
+    The points stay inside a box, which is given by its lower left and upper right corner.
 
     Examples
     --------
-    >>> apart = spread_out(np.zeros((2, 2)), 10.0)
-    >>> bool(np.hypot(*(apart[1] - apart[0])) > 9.9)
-    True
+    >>> apart = spread_out(np.zeros((2, 2)), 10.0, np.array([(0.0, 0.0), (50.0, 20.0)]))
+    >>> bool(np.hypot(*(apart[1] - apart[0])) > 9.9), bool((apart >= 0).all())
+    (True, True)
     """
     moved = places + 1e-3 * np.stack([np.cos(2.4 * np.arange(len(places))), np.sin(2.4 * np.arange(len(places)))], axis=1)
     for _ in range(300):
@@ -256,8 +261,8 @@ def spread_out(places: NDArray[np.float64], least: float) -> NDArray[np.float64]
         push = np.clip(least - apart, 0, None)
         if not (push > 0.01).any():
             break
-        moved = moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * ways).sum(axis=1)
-    return np.asarray(moved)
+        moved = np.clip(moved + 0.5 * ((push / np.maximum(apart, 1e-9))[..., None] * ways).sum(axis=1), *box)
+    return np.asarray(np.clip(moved, *box))
 
 
 def _not_seen(history: SearchHistory) -> Any:
@@ -269,9 +274,15 @@ def _not_seen(history: SearchHistory) -> Any:
     if not episode.obstacles:
         return missed
     left, _, _, top = history.extent
-    rows, cols = episode.plan.tour.cells[[*episode.obstacles]].T
+    rows, cols = np.nonzero(np.isin(panels.numbers, [*episode.obstacles]))
     x, y = left + cols * panels.step, top - rows * panels.step
     return missed - shapely.union_all(shapely.box(x, y - panels.step, x + panels.step, y))
+
+
+def _holes_text(region: SearchRegion) -> str:
+    """Return what the holes in the drawing of a region are: holes, no-go zones or both; an empty text without holes."""
+    barred = {bool(hole.intersects(region.no_go)) for hole in region.holes}
+    return " or ".join(name for name, is_zone in (("hole", False), ("no-go zone", True)) if is_zone in barred)
 
 
 def _draw_legend(figure: Figure, history: SearchHistory) -> None:
@@ -291,8 +302,8 @@ def _draw_legend(figure: Figure, history: SearchHistory) -> None:
     if history.panels.labels or any(route.long_legs(history.panels.largest).any() for route in episode.routes):
         what = "way to a cell farther off" + (" or another layer" if history.panels.labels else "")
         handles.append(Line2D([], [], color=MUTED, lw=1.0, ls=(0, (3, 1.8)), label=what))
-    if episode.plan.grid.region.no_go_zones:
-        handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label="no-go zone"))
+    if holes := _holes_text(episode.plan.grid.region):
+        handles.append(Patch(facecolor=_OUTSIDE, edgecolor=_EDGE, lw=1.0, label=holes))
     left = _not_seen(history).area
     if left > 1e-6 * episode.plan.grid.region.area_m2:
         handles.append(Patch(facecolor=NOT_SEEN, alpha=0.55, label=f"not seen: {left:.4g} m²"))

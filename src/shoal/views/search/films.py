@@ -8,6 +8,7 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.counts import count_text
 from shoal.search import SearchEpisode
 from shoal.search.episode import duration_text
 from shoal.views.drawing.canvas import Canvas
@@ -16,7 +17,7 @@ from shoal.views.drawing.encoding import LONGEST, Clip
 from shoal.views.drawing.polygon_paths import hole_in
 from shoal.views.search.figures import cell_colours
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
-from shoal.views.search.panels import count_text, sizes_text
+from shoal.views.search.panels import sizes_text
 
 RATE = {".gif": 10, ".mp4": 30}  # frames per second
 HEIGHT = {".gif": 432, ".mp4": 720}

@@ -215,7 +215,7 @@ class SearchHistory:
     @property
     def north(self) -> float | None:
         """Direction of north in the drawing, in degrees clockwise from up; None for a region without a position on Earth."""
-        return None if self.episode.plan.grid.region.frame is None else self.episode.plan.grid.angle
+        return None if self.episode.plan.grid.region.frame is None else self.panels.angle
 
     def place_of(self, finding: Finding) -> Floats:
         """Return the position of a finding in drawing coordinates, in metres; float64, shape (2,)."""

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shoal.core.counts import count_text
 from shoal.core.errors import InvalidInputError
 from shoal.search import SearchEpisode
 from shoal.search.simulation.findings import Finding
 from shoal.views.player import render
 from shoal.views.search.history import SearchHistory
-from shoal.views.search.panels import count_text, sizes_text
+from shoal.views.search.panels import sizes_text
 from shoal.views.search.trajectories import RobotTrajectory
 
 LARGEST = 300_000

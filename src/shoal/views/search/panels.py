@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from math import ceil, sqrt
 from typing import Any
@@ -27,13 +28,16 @@ class LayerPanels:
     Usually each square of the drawing is a cell. If the layers differ in cell size or orientation, the squares of the drawing are
     smaller than cells.
 
-    The drawing is rotated so that the rows of cells in the lowest layer are horizontal. The panels of the layers follow each other
-    from left to right and then downwards, beginning with the lowest layer.
+    The drawing is rotated by at most 90 degrees, so that the rows of cells in the lowest layer are horizontal, and north points up
+    as far as possible. The panels of the layers follow each other from left to right and then downwards, beginning with the lowest
+    layer.
     """
 
     def __init__(self, plan: SearchPlan) -> None:
-        self.plan, self.layers, self.angle = plan, layers_of(plan.grid), plan.grid.angle
+        self.plan, self.layers = plan, layers_of(plan.grid)
         first = self.layers[0]
+        self.angle = 90 - (90 - plan.grid.angle) % 180
+        self._lattice = replace(first.lattice, angle=self.angle)
         self.alike = all(layer is first for layer in self.layers)
         self.step = first.size if self.alike else plan.grid.size / _FINE
         boxes = np.array([self._box(layer) for layer in dict.fromkeys(self.layers)])
@@ -55,7 +59,7 @@ class LayerPanels:
         return turned.min(axis=0), turned.max(axis=0)
 
     def _turned(self, points: Floats) -> Floats:
-        return np.asarray(self.layers[0].lattice.from_region(points))
+        return np.asarray(self._lattice.from_region(points))
 
     def _offsets(self, layers: Numbers) -> Floats:
         """Return the displacement of the panel of each given layer from the first panel, in metres; float64, shape (n, 2)."""
@@ -90,7 +94,7 @@ class LayerPanels:
             down, right = divmod(number, self.columns)
             y, x = np.indices((rows, columns)) + 0.5
             x, y = left + self.step * x, top - self.step * y
-            middles = layer.lattice.from_region(self.layers[0].lattice.to_region(np.column_stack([x.ravel(), y.ravel()])))
+            middles = layer.lattice.from_region(self._lattice.to_region(np.column_stack([x.ravel(), y.ravel()])))
             row = np.floor((layer.corner[1] - middles[:, 1]) / layer.size).astype(np.int64)
             col = np.floor((middles[:, 0] - layer.corner[0]) / layer.size).astype(np.int64)
             inside = (row >= 0) & (col >= 0) & (row < layer.shape[0]) & (col < layer.shape[1])
@@ -131,14 +135,3 @@ def sizes_text(plan: SearchPlan) -> str:
     """Return the side of the cells, or the range of sides, as a text such as "8.8 to 14.7 m"."""
     low, high = (choose(layer.size for layer in layers_of(plan.grid)) for choose in (min, max))
     return f"{low:.3g} m" if low == high else f"{low:.3g} to {high:.3g} m"
-
-
-def count_text(count: int, word: str) -> str:
-    """Return a number and the word for the counted things as a text; the word gets an "s" unless the number is 1.
-
-    Examples
-    --------
-    >>> count_text(1, "robot"), count_text(1200, "cell")
-    ('1 robot', '1,200 cells')
-    """
-    return f"{count:,} {word}{'s' * (count != 1)}"

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from shoal.search import SearchEpisode
+from shoal.search.episode import duration_text
 from shoal.views.drawing.charts import INK, new_figure, plain_axes
 from shoal.views.search.history import Activity, SearchHistory, robot_colour
 
@@ -27,22 +29,26 @@ def draw_heading(figure: Figure, words: str) -> None:
 def timeline_figure(episode: SearchEpisode) -> Figure:
     """Return a figure with the timeline of a search, with one row for each robot.
 
-    The unit of the time axis is the cell time: the time that a robot of speed 1 needs for one cell.
+    If the problem names a vehicle, the unit of the time axis is minutes. Without a vehicle, the unit is the cell time: the time
+    that a robot of speed 1 needs for one cell.
 
     A full colour means that the robot searched its own part. A hatched colour means that the robot searched the part of another
     robot; a number names the other robot. A grey bar means that the robot waited, a pale bar means that it listened, and a dotted
     bar means that it was paused. A cross means that the robot died. A dot means that the robot declared the search complete.
     """
     history = SearchHistory(episode)
+    clock = _Clock(episode)
+    end = clock.at(history.end)
     rows = history.n_robots
     pitch = float(np.clip(9.0 / rows, 0.2, 0.34))
     figure = new_figure(8.0, 1.35 + pitch * max(rows, 2))
     axes = figure.add_subplot()
     for robot, activities in enumerate(history.activities):
         for activity in activities:
-            _draw_activity(axes, robot, activity, history.end, pitch)
-    _draw_moments(axes, history)
-    axes.set(xlim=(0, 1.015 * history.end), ylim=(rows - 0.4, -0.6), xlabel="time, in cells", ylabel="robot")
+            placed = replace(activity, begin=clock.at(activity.begin), end=clock.at(activity.end))
+            _draw_activity(axes, robot, placed, end, pitch)
+    _draw_moments(axes, history, clock)
+    axes.set(xlim=(0, 1.015 * end), ylim=(rows - 0.4, -0.6), xlabel=f"time, in {clock.unit}", ylabel="robot")
     axes.set_yticks(range(rows), [str(robot + 1) for robot in range(rows)], fontsize=8 if pitch > 0.26 else 6.5)
     plain_axes(axes)
     axes.grid(visible=False, axis="y")
@@ -51,6 +57,22 @@ def timeline_figure(episode: SearchEpisode) -> Figure:
     draw_heading(figure, f"{episode.plan.grid.region.name}: what each robot did")
     _draw_kinds(figure, history)
     return figure
+
+
+class _Clock:
+    """The time axis of a timeline: minutes if the problem of an episode names a vehicle, and otherwise cell times."""
+
+    def __init__(self, episode: SearchEpisode) -> None:
+        self.plan = episode.plan
+        self.unit = "cells" if episode.problem.vehicle is None else "minutes"
+
+    def at(self, moment: float) -> float:
+        """Return the position on the time axis of a moment in cell times."""
+        return moment if self.unit == "cells" else self.plan.seconds(moment) / 60
+
+    def text(self, moment: float) -> str:
+        """Return a moment in cell times as text."""
+        return f"{moment:.4g}" if self.unit == "cells" else duration_text(self.plan.seconds(moment))
 
 
 def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch: float) -> None:
@@ -84,7 +106,7 @@ def _draw_activity(axes: Axes, robot: int, activity: Activity, end: float, pitch
             axes.plot(activity.begin, robot, "o", mfc="white", mec=INK, mew=1.3, ms=5, zorder=5, clip_on=False)
 
 
-def _draw_moments(axes: Axes, history: SearchHistory) -> None:
+def _draw_moments(axes: Axes, history: SearchHistory, clock: _Clock) -> None:
     """Mark the time at which all cells were searched, and the time at which the last robot knew about the completion."""
     episode = history.episode
     marks: list[tuple[float, str, Any]] = []
@@ -95,9 +117,9 @@ def _draw_moments(axes: Axes, history: SearchHistory) -> None:
     if len(marks) == 2 and abs(marks[0][0] - marks[1][0]) < 0.005 * history.end:
         marks = [(marks[1][0], f"all searched, {marks[1][1]}", "solid")]
     for row, (moment, words, style) in enumerate(reversed(marks)):
-        axes.axvline(moment, color=INK, lw=1.1, ls=style, zorder=3)
+        axes.axvline(clock.at(moment), color=INK, lw=1.1, ls=style, zorder=3)
         axes.annotate(
-            f"{words}: {moment:.4g}", (moment, 1), xycoords=("data", "axes fraction"), xytext=(0, 4 + 11 * row),
+            f"{words}: {clock.text(moment)}", (clock.at(moment), 1), xycoords=("data", "axes fraction"), xytext=(0, 4 + 11 * row),
             textcoords="offset points", fontsize=8, color=INK, ha="right" if moment > 0.35 * history.end else "left",
         )  # fmt: skip
 
