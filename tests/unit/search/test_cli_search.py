@@ -22,7 +22,9 @@ FIELDS = [
     "makespan_cells",
     "makespan_s",
     "planned_cells",
+    "planned_s",
     "lower_bound_cells",
+    "lower_bound_s",
 ]
 FIELDS += [
     "covered_fraction",
@@ -186,7 +188,14 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     words = ["search", str(field), "--robots", "2", "--footprint", "40", "--targets", "2", "--missions", str(tmp_path / "m")]
     assert run([*words, "--vehicle", "multirotor,endurance=5"]) == 0
     out = capsys.readouterr().out
-    assert re.search(r"time +0:\d\d:\d\d, that of", out)
+    text = " ".join(out.split())
+    time = r"(0:\d\d:\d\d|[\d.]+ s) \([\d.]+ cells\)"
+    assert re.search(rf"time {time}; planned {time}, at least {time}", text)
+    assert re.search(r"starts first starts within [\d.]+ s, last sortie at 0:\d\d:\d\d; at 30 m", text)
+    later = re.findall(r"sortie (robot-0\d-\d): start it (\d:\d\d:\d\d) after the first missions", text)
+    assert {name for name, _ in later} == {path.stem for path in (tmp_path / "m").glob("robot-*-*.plan")}
+    assert [time for _, time in later] == sorted(time for _, time in later)
+    assert "0 min between the sorties of a vehicle; set recharge in --vehicle" in text
     assert re.search(r"found +at 47\.\d{6}° N, 8\.\d{6}° E", out)
     assert len(re.findall(r"written", out)) == 4  # a line a robot, whatever the formats and sorties; the fence and the map
     assert "e-" not in out

@@ -32,7 +32,7 @@ OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
 
-EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing"), "airspace": 20.0}
+EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing"), "airspace": 20.0, "separation": 10.0}
 
 
 @pytest.fixture(scope="module")
@@ -245,7 +245,7 @@ PLANTS = [
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=3)), "", ()),
     ("firmware", ".plan", plan(lambda data: data["mission"].update(firmwareType=0)), "mission", ()),
     ("firmware", ".gpx", swap("px4", "ardupilot"), "", ()),
-    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, autopilot="ardupilot")), "", ("firmware",)),
+    ("firmware-mixed", ".plan", beside(mission(robot=2), mission(robot=3, autopilot="ardupilot")), "", ("firmware", "homes-near")),
     ("cap", ".plan", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".waypoints", instead(waypoints=extra_waypoints(1997)), "", ()),
     ("cap", ".csv", instead(waypoints=extra_waypoints(1997)), "", ()),
@@ -272,6 +272,8 @@ PLANTS = [
     ("speed", ".plan", items(lambda rows: rows[1]["params"].__setitem__(1, 0)), "", ()),
     ("speed", ".csv", swap(",5\n", ",500\n", -1), "", ()),
     ("home-far", ".plan", instead(home=(8.6, 47.4)), "home", ()),
+    ("homes-near", ".plan", beside(mission(robot=2)), "", ()),
+    ("homes-near", ".csv", beside(mission(robot=2, home=(8.5, 47.4), landing=HOME)), "", ()),
     ("few-decimals", ".waypoints", pattern(r"(\t\d+\.\d{6})\d\d", r"\1", 0), "", ()),
     ("few-decimals", ".kml", pattern(r"(\d+\.\d{6})\d\d", r"\1", 0), "", ()),
     ("duplicate", ".plan", instead(waypoints=[LANES[0], LANES[1], LANES[1], LANES[2]]), "item 5", ()),
@@ -384,6 +386,29 @@ def test_options_of_the_linter(options, tmp_path):
     write_missions([mission()], tmp_path)
     with pytest.raises(InvalidInputError, match=f"{next(iter(options))}: expected"):
         lint(tmp_path, **options)
+
+
+def test_homes_of_different_vehicles_are_apart_by_the_separation(tmp_path):
+    apart = [mission(robot=number, home=(8.5 + east, 47.4001)) for number, east in ((1, 0.0), (2, 0.0002), (3, 0.00041))]
+    write_missions([*apart, replace(apart[2], sortie=2)], tmp_path, formats=["plan", "wpl"])
+    assert lint(tmp_path, separation=15.0) == []
+    assert lint(tmp_path) == []
+    found = lint(tmp_path, separation=16.0)
+    assert [(one.file, one.rule, one.severity) for one in found] == [
+        ("robot-02.plan", "homes-near", "warning"), ("robot-02.waypoints", "homes-near", "warning")
+    ]  # fmt: skip
+    assert "at least 16 m apart, got 15.1 m between robots 1 and 2 and 1 more pair as near" in found[0].sentence
+    write_missions([replace(one, kind="fixed-wing", landing=HOME, loiter=40.0) for one in apart], tmp_path, formats=["csv"])
+    assert lint(tmp_path, separation=15.0) == []  # one place to circle around
+
+
+def test_a_waypoint_in_a_hole_names_the_hole(tmp_path):
+    path = tmp_path / "hole.json"
+    (outer,), (hole,) = (feature["geometry"]["coordinates"] for feature in FIELD["features"])
+    path.write_text(json.dumps({"type": "Polygon", "coordinates": [outer, hole]}))
+    write_missions([mission(waypoints=[*LANES[:1], (8.502, 47.401)])], tmp_path, formats=["plan"])
+    (diagnostic,) = (one for one in lint(tmp_path, open_region(path)) if one.rule == "outside-region")
+    assert diagnostic.sentence.endswith(" m inside the hole around (8.502, 47.401)")
 
 
 def test_mistakes_are_an_exit_code(tmp_path, region, capsys):

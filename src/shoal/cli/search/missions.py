@@ -13,6 +13,7 @@ from shoal.cli import options
 from shoal.cli.options import help_of, parsed
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import check_number
+from shoal.core.counts import count_text
 from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions, parse_separation
@@ -199,7 +200,7 @@ def _faults(result: MissionCheck, kept: Separation | None, *, least: float, terr
     from shoal.search.missions.rules import ROUNDING
 
     near, low = result.approach, result.clearance
-    faults = [f"{len(distinct(result.errors))} mistakes in the mission files"] if result.errors else []
+    faults = [f"{count_text(len(distinct(result.errors)), 'mistake')} in the mission files"] if result.errors else []
     if result.coverage is not None and result.coverage.covered_fraction < least:
         faults.append(f"{100 * result.coverage.covered_fraction:.5g} % of the region is seen, less than {100 * least:g} %")
     if kept is not None and near is not None and near.horizontal < kept.horizontal - ROUNDING:
@@ -215,7 +216,7 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
     seen = result.coverage
     region = result.region
     rows = [("region", f"{region.name}, {region.area_m2:.6g} m²{zones_text(region.no_go_zones)}"), ("format", result.format)]
-    rows += [("flown", f"{len(result.files)} missions, {result.n_waypoints} waypoints")]
+    rows += [("flown", f"{count_text(len(result.files), 'mission')}, {count_text(result.n_waypoints, 'waypoint')}")]
     if seen is None:
         rows.append(("coverage", "not measured: give --footprint, or a --vehicle with a camera"))
     else:
@@ -238,7 +239,7 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
         low = result.clearance
         rows.append(("above ground", f"{low.lowest:.4g} m ({low.missions[0]}) to {low.highest:.4g} m ({low.missions[1]})"))
     errors, warnings = (len(distinct(some)) for some in (result.errors, tuple({*result.diagnostics} - {*result.errors})))
-    rows.append(("mistakes", f"{errors}, and {warnings} warnings"))
+    rows.append(("mistakes", f"{errors}, and {count_text(warnings, 'warning')}"))
     rows += [(diagnostic.severity, text) for diagnostic, text in _shown(result.diagnostics)]
     print_table(rows, title="mission check", written=written)
 

@@ -17,18 +17,7 @@ _ROWS = 12
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
     """Print the summary of a search."""
-    from shoal.search.episode import duration_text
-
     region = result["region"]
-    made = result["makespan_cells"]
-    length = (
-        "not all was searched"
-        if made is None
-        else (
-            f"{duration_text(result['makespan_s'])}, that of {made:.6g} cells; planned {result['planned_cells']:.6g}, "
-            f"at least {result['lower_bound_cells']:.6g}"
-        )
-    )
     rows = [
         (
             "region",
@@ -37,7 +26,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         ),
         *layers_rows(result["layers"]),
         ("status", f"{result['status']}: {result['reason']}"),
-        ("time", length),
+        ("time", times_text(result)),
         ("covered", f"{100 * result['covered_fraction']:.4f} %, {area_text(result['uncovered_m2'])} not seen"),
         ("messages", f"{result['messages']['sent']} sent, {result['messages']['lost']} lost; {result['takeovers']} takeovers"),
     ]
@@ -52,16 +41,50 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
         for finding in result["findings"][:_ROWS]
     ]
     if "missions" in result:
-        told = result["missions"]
-        waits = max((start["start_s"] + start["delay_s"] for start in told["starts"]), default=0.0)
-        heights = sorted({start["altitude_m"] for start in told["starts"]})
-        rows.append(("starts", f"within {waits:g} s, at {', '.join(f'{height:g}' for height in heights)} m"))
-        if told["airspace_m"]:
-            rows.append(("airspace", f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence contains them"))
-        if told["separation_m"] is not None:
-            rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
+        rows += missions_rows(result["missions"])
     rows += [("compared", text) for text in compared_texts(result["compared"])]
     print_table([*rows, *more], title=f"{result['allocation']} along {result['tour']}", written=files_text(written))
+
+
+def times_text(result: dict[str, Any]) -> str:
+    """Return the time of a search, its planned time and its lower bound as text, each as a duration and in cells."""
+    from shoal.search.episode import duration_text
+
+    if result["makespan_s"] is None:
+        return "not all was searched"
+    made, planned, least = (
+        f"{duration_text(result[f'{name}_s'])} ({result[f'{name}_cells']:.6g} cells)"
+        for name in ("makespan", "planned", "lower_bound")
+    )
+    return f"{made}; planned {planned}, at least {least}"
+
+
+def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the rows of a summary that describe missions: their start times, and the distances between vehicles.
+
+    Each sortie after the first sortie of its vehicle has its own row, in the order of the start times.
+    """
+    from shoal.search.episode import duration_text
+
+    first = [start["delay_s"] for start in told["starts"] if start["sortie"] == 1]
+    later = [start for start in told["starts"] if start["sortie"] > 1]
+    timed = sorted((start["start_s"], start["mission"]) for start in later if start["start_s"] is not None)
+    heights = ", ".join(f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]}))
+    last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
+    rows = [("starts", f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m")]
+    rows += [("sortie", f"{name}: start it {duration_text(time)} after the first missions") for time, name in timed[:_ROWS]]
+    if len(timed) > _ROWS:
+        rows.append(("", f"and {len(timed) - _ROWS} more, in missions.json"))
+    if later:
+        unset = "" if told["recharge_s"] else "; set recharge in --vehicle"
+        rows.append(("recharge", f"{told['recharge_s'] / 60:g} min between the sorties of a vehicle{unset}"))
+    if told["airspace_m"]:
+        rows.append(("airspace", f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence contains them"))
+    if told["separation_m"] is not None:
+        rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
+    if told["near_homes"] is not None:
+        rows.append(("warning", told["near_homes"]["warning"]))
+    return rows
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:

@@ -175,7 +175,8 @@ def check_missions(
     cap, autopilot, airspace : optional
         The arguments ``cap``, ``autopilot`` and ``airspace`` of `lint`, which also receives ``vehicle``.
     separation : Separation, optional
-        Required separation of vehicles in flight. With a separation, the function computes the nearest approach of two vehicles.
+        Required separation of vehicles in flight. With a separation, the function computes the nearest approach of two vehicles,
+        and compares the homes and landing points of different vehicles.
     vehicle : Vehicle, optional
         Vehicle whose speeds of climb and descent and whose turning times are used for the nearest approach. By default, vehicles
         fly and climb at the speed in the file.
@@ -196,7 +197,10 @@ def check_missions(
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
-    sheets = examine(folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
+    sheets = examine(
+        folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace,
+        separation=None if separation is None else separation.horizontal,
+    )  # fmt: skip
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)

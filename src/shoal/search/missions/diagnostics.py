@@ -72,6 +72,9 @@ RULES: dict[str, Rule] = {
     "airspace": Rule("error", "turns of a fixed wing leave the region farther than the airspace allows"),
     "speed": Rule("error", "a speed is 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
+    "homes-near": Rule(
+        "warning", "homes or landing points of different vehicles are nearer to each other than the horizontal separation"
+    ),
     "few-decimals": Rule("warning", "coordinates have fewer than 7 decimals; the sixth decimal of a degree stands for 0.11 m"),
     "duplicate": Rule("warning", "a waypoint has the position of the previous waypoint"),
     "outside-region": Rule("error", "a waypoint of a multirotor or a rover is outside the region"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections import defaultdict
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
@@ -16,8 +17,10 @@ from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
 from shoal.search.missions.files import mission_files, open_sheet, take_beside
+from shoal.search.missions.homes import near_homes
 from shoal.search.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, way_of
 from shoal.search.problem.mission_options import CAPS
+from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import SearchRegion
 
 _SAME_PLACE = 1e-7  # degrees
@@ -34,6 +37,7 @@ def lint(
     autopilot: str | None = None,
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
+    separation: float | None = None,
 ) -> list[Diagnostic]:
     """Return the mistakes in a mission file, or in all mission files of a folder, including conflicts between missions.
 
@@ -52,6 +56,9 @@ def lint(
     airspace : float, optional
         Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave the area
         inside the margin by any distance, and a warning reports the distance.
+    separation : float, optional
+        Distance in metres that homes and landing points of different vehicles should keep. By default, the linter does not compare
+        the homes of vehicles.
 
     Returns
     -------
@@ -63,7 +70,7 @@ def lint(
     InvalidInputError
         If no mission file exists, or if only the region or only the mission is in degrees.
     """
-    sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace)
+    sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace, separation=separation)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
 
 
@@ -75,6 +82,7 @@ def examine(
     autopilot: str | None = None,
     vehicle: Vehicle | None = None,
     airspace: float | None = None,
+    separation: float | None = None,
 ) -> list[Sheet]:
     """Return the content of each mission file as a sheet that contains all diagnostics of `lint`."""
     if autopilot is not None:
@@ -101,6 +109,8 @@ def examine(
         _check_autopilots(sheets)
         _check_sorties(sheets)
         _check_formats(sheets)
+        if separation is not None:
+            _check_near_homes(sheets, separation)
     return sheets
 
 
@@ -156,6 +166,29 @@ def _check_homes(sheets: list[Sheet]) -> None:
     for sheet in readable:
         assert sheet.home is not None
         check_elsewhere(sheet, sheet.home, usual, "the other missions' home", "home")
+
+
+def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
+    """Add a diagnostic in each format if homes or landing points of different vehicles are nearer than ``separation`` metres."""
+    by_format: dict[str, list[Sheet]] = defaultdict(list)
+    for sheet in sheets:
+        if sheet.readable and sheet.robot is not None:
+            by_format[Path(sheet.file).suffix].append(sheet)
+    for alike in by_format.values():
+        try:
+            frame = LocalFrame(*alike[0].home) if alike[0].geographic and alike[0].home is not None else None
+            found = near_homes(_homes(alike), separation, frame)
+        except InvalidInputError:
+            continue  # homes too far apart for a local frame; other rules report them
+        if found is not None:
+            sheet = min((sheet for sheet in alike if sheet.robot == found.robots[1]), key=lambda sheet: sheet.sortie or 0)
+            sheet.add("homes-near", "", str(found))
+
+
+def _homes(sheets: list[Sheet]) -> Iterator[tuple[int, tuple[float, float]]]:
+    for sheet in sheets:
+        places = (sheet.home, sheet.landing if sheet.loiter is None else None)
+        yield from ((sheet.robot, place) for place in places if sheet.robot is not None and place is not None)
 
 
 def _check_autopilots(sheets: list[Sheet]) -> None:

@@ -16,6 +16,7 @@ from shoal.search.missions import FORMATS, Mission, MissionCheck, write_missions
 from shoal.search.missions.approach import MissionApproach, airspace_of, missions_approach
 from shoal.search.missions.deconfliction import plan_missions
 from shoal.search.missions.files import UNCOVERED
+from shoal.search.missions.homes import homes_of, near_homes
 from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions
 from shoal.search.regions.places import read_points
@@ -83,18 +84,22 @@ class MissionFolder:
 
     def report(self, plan: SearchPlan) -> dict[str, Any]:
         """Return a summary of the missions as JSON data."""
-        kept, near = self.given.kept_apart, self.approach
+        kept, near, frame = self.given.kept_apart, self.approach, plan.grid.region.frame
+        homes = None if kept is None else near_homes(homes_of(self.missions), kept.horizontal, frame)
         return {
             "sorties": len(self.missions),
+            "recharge_s": plan.vehicle.recharge_seconds,
             "separation_m": None if kept is None else [kept.horizontal, kept.vertical],
             "delay_tolerance_s": None if kept is None else kept.delay,
-            "nearest_approach": None if near is None else near.report(plan.grid.region.frame),
+            "nearest_approach": None if near is None else near.report(frame),
+            "near_homes": None if homes is None else homes.report(),
             "airspace_m": airspace_of(self.missions, plan.grid.region),
             "starts": [
                 {
+                    "mission": one.name,
                     "robot": one.robot,
                     "sortie": one.sortie,
-                    "start_s": one.start or 0.0,
+                    "start_s": 0.0 if one.sortie == 1 else one.start,
                     "delay_s": one.delay,
                     "altitude_m": one.altitude,
                     "takeover_m": one.takeover,

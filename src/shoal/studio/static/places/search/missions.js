@@ -31,7 +31,7 @@ export function missionsPanel({ ready, seed, changed }) {
     const near = missions.nearest_approach, good = !check.errors && (check.covered_fraction ?? 1) > 0.999;
     const facts = [
       ["Seen", check.covered_fraction === null ? "not measured" : `${Number((100 * check.covered_fraction).toPrecision(6))} %`],
-      ["Mistakes", `${check.errors}, and ${check.warnings} warnings`],
+      ["Mistakes", `${check.errors}, and ${check.warnings} warning${check.warnings === 1 ? "" : "s"}`],
       ["Nearest approach", !missions.separation_m ? "no separation required" : near ? `${number(near.horizontal_m)} m: robots ${near.robots.join(" and ")} after ${lasting(near.time_s)}` : `none nearer than ${number(missions.separation_m[1])} m in height`],
       ["Sorties", String(missions.sorties)], ["Waypoints", number(check.waypoints, 9)],
     ];
@@ -43,7 +43,7 @@ export function missionsPanel({ ready, seed, changed }) {
       el("dl.measures", {}, facts.map(([term, value]) => el("div", {}, el("dt", {}, term), el("dd", {}, value)))),
       check.diagnostics.length ? dataTable("Mistakes and warnings", ["File", "What"], check.diagnostics.slice(0, 50).map((one) => [one.file ?? "", one.sentence ?? one.message ?? ""])) : [],
       el("figure.missionMap", {}, el("img", { src: `${fileAddress(map)}?${Date.now()}`, alt: "Map of the missions: ways by altitude, launch points, zones, fence" })),
-      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), lasting(one.delay_s), `${number(one.altitude_m)} m`])),
+      dataTable("Sorties", ["Robot", "Sortie", "Sets out after", "Altitude"], missions.starts.map((one) => [String(one.robot), String(one.sortie), one.start_s === null ? "when its vehicle is back" : lasting(one.start_s + one.delay_s), `${number(one.altitude_m)} m`])),
       el("p.soft", {}, "The same in a terminal"), el("pre.code", { tabIndex: 0 }, command));
   }
 
