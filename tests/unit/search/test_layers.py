@@ -154,11 +154,15 @@ def test_vehicles_in_a_box_stay_in_the_middle_of_layers(box):
     assert near is None or near.horizontal > 9.99
 
 
-def test_the_map_of_missions_shows_each_altitude_that_is_flown(box):
+def test_the_map_of_missions_names_the_altitudes_of_each_robot(box):
     missions = plan_missions(box.plan, separation=Separation())
     drawn = missions_figure(missions, box.plan.grid.region)
-    flown = {f"at {up:g} m" for mission in missions for up in mission.levels}
-    assert {text.get_text() for text in drawn.legends[0].texts} >= flown == {"at 5 m", "at 15 m", "at 25 m"}
+    flown = {
+        f"robot {mission.robot} at {' to '.join(f'{up:g}' for up in sorted({min(mission.levels), max(mission.levels)}))} m"
+        for mission in missions
+    }
+    assert {text.get_text() for text in drawn.legends[0].texts} >= flown
+    assert len(flown) == len({mission.robot for mission in missions}) > 1
 
 
 def test_bands_above_terrain_keep_their_heights():
