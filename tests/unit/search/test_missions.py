@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -164,6 +165,18 @@ def test_ways_home_around_obstacles():
         shapely.covers(region.reach, shapely.linestrings(np.vstack([mission.home, mission.waypoints, mission.home])))
         for mission in straight
     )
+
+
+def test_a_path_home_that_the_battery_does_not_allow_is_named_with_its_time():
+    def detour(one, other):
+        return [one, (200.0, -5.0), other]
+
+    with pytest.raises(InvalidInputError, match="because the paths from home to") as refused:
+        missions_of([(0, 0), (10, 0)], None, home=(0, -10), vehicle="multirotor,endurance=2,reserve=0", ways=detour)
+    needed, got = re.search(
+        r"more than ([\d.]+) min .*\(0, 0\) and back take as long, got ([\d.]+) min", str(refused.value)
+    ).groups()
+    assert float(needed) > float(got)  # 200 m out, 200 m back, though home is 10 m away
 
 
 @pytest.mark.parametrize(

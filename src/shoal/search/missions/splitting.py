@@ -262,10 +262,14 @@ class _Splitter:
         away = np.hypot(*(self.way[:, :2] - self.home).T)
         farthest = self.way[int(np.argmax(away))]  # the next obstacle to progress
         needed = self.flight.flown(self.flight.waypoints(farthest[None])).duration
+        because = f"{text_of(farthest)} is {away.max():.6g} m from home"
+        if needed <= self.limit:  # the paths from home and back are longer than straight paths
+            until = min(begin + _SHORTEST, float(self.at[-1]))
+            needed = self._flight(until).flown(self._sortie(begin, until)).duration
+            because = f"the paths from home to {text_of(self._point(begin))} and back take as long"
         raise InvalidInputError(
-            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, because "
-            f"{text_of(farthest)} is "
-            f"{away.max():.6g} m from home, got {self.limit / 60:.4g} min without the reserve"
+            f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, because {because}, got "
+            f"{self.limit / 60:.4g} min without the reserve"
         )
 
 
