@@ -17,6 +17,10 @@ import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
+
+from shoal.cli.demo import retina
+
 ROOT = Path(__file__).parent.parent
 COMMANDS = {
     "closest-frontier": "map vessels:1000 -n 50 --policy closest-frontier --json",
@@ -27,6 +31,8 @@ COMMANDS = {
     "steering": "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --json",
     "search": "search rectangle:60x40 --robots 3 --footprint 5 --json",
     "tour": "tour spanning-tree cave:20x15 --json",
+    "photograph and film": "map retina.png --vessels -n 300 --out result --film result/film.html --json",
+    "steering film": "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --film plan.html --json",
     "help": "--help",
 }
 
@@ -79,6 +85,7 @@ def main() -> None:
     only = parser.parse_args().only
     with tempfile.TemporaryDirectory() as name:
         source = copy_sources(Path(name) / "src")
+        Image.fromarray(retina()).save(Path(name) / "retina.png")
         unit = min(cpu_seconds("-c", "import numba", source=source) for _ in range(3))
         print(f"import numba: {unit:.2f} CPU s\n")
         print("| command | first | times import numba | second | times import numba | own work |")

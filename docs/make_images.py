@@ -32,7 +32,7 @@ from shoal.search import SearchProblem, make_tour
 from shoal.search.allocation.expected_time import expected_time, stay_share
 from shoal.search.problem.faults import Crash, Pause
 from shoal.search.run import run as run_search
-from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, regular_polygon
+from shoal.steering import SteeringProblem, disk, open_workspace, polygon_reach, region, regular_polygon
 from shoal.steering.run import run as steer
 from shoal.swarm.maps.imaging import centre_lines
 from shoal.swarm.noise import Noise
@@ -110,6 +110,9 @@ def steering() -> None:
     """Draw a plan, a set that is reached, and the figures of paper W; print what is measured."""
     problem = SteeringProblem(open_workspace("square"), np.array([(0.2, 0.3), (0.5, 0.35)]), np.array([(0.8, 0.2), (0.3, 0.75)]))
     save("steering-plan.png", plan_figure(steer(problem)))
+    outline = [(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)]
+    corner = SteeringProblem(region(outline), [(0.4, 2.5), (0.6, 2.0)], [(3.5, 0.4), (2.6, 0.8)])
+    save("steering-corner.png", plan_figure(steer(corner)), colours=64)
     points = np.array([(-0.1, 0.0), (0.1, 0.1)])
     sets = polygon_reach(open_workspace("hexagon"), points[1] - points[0], moves=6)
     save("steering-reach.png", reach_figure(sets, points=points), colours=64)

@@ -74,6 +74,10 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     )  # fmt: skip
 
 
+ADVISED = 10
+"""Tolerance that the message of a failed plan advises, as a multiple of the noise."""
+
+
 @dataclass(frozen=True)
 class _Attempt:
     """The result of planning and simulation for one assignment of goals to particles."""
@@ -158,5 +162,11 @@ def _why_not(problem: SteeringProblem, found: int, inputs: Points, error: float)
         return "no plan was found"
     too_far = f"farther than the tolerance of {problem.tolerance:g}"
     if problem.noisy:
-        return f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
+        missed = f"after {len(inputs)} moves the particles are {error:.3g} from their goals, {too_far}"
+        advised = ADVISED * max(problem.execution, problem.measurement)
+        return (
+            f"{missed}; a tolerance of {advised:g}, ten times the noise, is easier to reach"
+            if problem.tolerance < advised
+            else missed
+        )
     return f"the best plan of at most {problem.max_moves} moves comes within {error:.3g}, {too_far}"

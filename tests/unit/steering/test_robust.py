@@ -49,6 +49,12 @@ def test_no_more_moves_than_allowed_and_time_is_kept():
     assert steer(PROBLEMS[1], execution=0.005, time=0.01).moves > 0
 
 
+def test_a_tolerance_below_the_noise_is_named_as_the_cause():
+    failed = steer(PROBLEMS[1], execution=0.005, max_moves=8, tolerance=1e-6)
+    assert failed.reason.endswith("tolerance of 1e-06; a tolerance of 0.05, ten times the noise, is easier to reach")
+    assert steer(PROBLEMS[1], execution=0.005, max_moves=8, tolerance=0.05)
+
+
 @pytest.mark.parametrize("room", [SQUARE, disk(0.5, center=(0.5, 0.5))])
 def test_strong_noise_in_convex_workspaces(room, monkeypatch):
     """With noise of 0.4 tolerances the loop of cycles arrived in 7 of 12 runs."""
@@ -69,3 +75,12 @@ def test_more_than_two_particles_are_left_to_sampling():
     assert three.chosen_planner.name == "sampling"
     with pytest.raises(InvalidInputError, match="planner robust: expected 2 particles, got 3"):
         three.replaced(planner="robust")
+
+
+def test_no_move_pushes_particles_that_walls_hold_already():
+    """After the first move, both particles are at the inner wall: the loop pushed them against it three times more."""
+    outline, hole = [(0, 0), (4, 0), (4, 1), (1, 1), (1, 3), (0, 3)], [(2, 0.3), (2.3, 0.3), (2.3, 0.6), (2, 0.6)]
+    start, goal = [(0.2, 2.8), (0.8, 2.4)], [(3.7, 0.2), (3.0, 0.5)]
+    found = steer(SteeringProblem(region(outline, [hole]), start, goal, 0.1, execution=0.01), seed=1)
+    assert found.status == "solved"
+    assert (np.abs(np.diff(found.states, axis=0)).max(axis=(1, 2)) > 0.01).all()

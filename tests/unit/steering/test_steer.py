@@ -95,6 +95,10 @@ def test_steer_writes_and_prints(tmp_path, capsys):
             {"workspace": {"type": "torus"}},
             "workspace: type: expected one of polygon, regular, disk, prism, cylinder",
         ),
+        (
+            {"workspace": {"type": "region", "vertices": [[0, 0], [1, 0], [1, 1]]}},
+            "workspace: expected the fields of a region, which are outline, obstacles (optional), got 'vertices'",
+        ),
         ({"workspace": "octogon"}, "unknown workspace 'octogon'"),
         ({"extra": 1}, "extra: expected no such field, got 1"),
     ],

@@ -23,6 +23,14 @@ def test_best_is_the_default_of_map(capsys):
     assert policy_of(capsys, "--policy", "rollout", "--budget", "50") == "rollout:budget=50.0"
 
 
+def test_the_default_policy_has_the_name_that_help_and_pages_use(capsys):
+    for options, expected in (((), "best (beam-rollout)"), (("--policy", "rollout"), "rollout")):
+        assert run([*CAVE[:-1], *options]) == 0
+        assert [
+            line.split(maxsplit=1)[1].strip() for line in capsys.readouterr().out.splitlines() if line.startswith("policy")
+        ] == [expected]
+
+
 def test_closest_frontier_where_planners_have_no_answer(capsys):
     assert policy_of(capsys, "--scan-every", "3") == "closest-frontier"
     assert policy_of(capsys, "--rule", "tilt", "--max-moves", "50") == "closest-frontier"

@@ -135,13 +135,21 @@ def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: 
     print_table([*_rows(episodes, result), *more], title=title, written=written)
 
 
+def _policy_text(episode: SwarmEpisode) -> str:
+    """Return the name of an episode's policy, after the name ``best`` if the policy is the one that ``best`` means."""
+    from shoal.swarm.policies import POLICIES
+
+    best: str = vars(POLICIES.get("best"))["kind"]
+    return f"best ({episode.policy})" if episode.policy.partition(":")[0] == best else episode.policy
+
+
 def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
     first = episodes[0]
     size = "x".join(str(length) for length in first.workspace.shape)
     rows = [
         ("map", f"{first.workspace.name}, {size}, {first.workspace.n_free} free cells"),
         ("particles", f"{first.particles}, {first.placement} placement, rule {first.rule}"),
-        ("policy", first.policy),
+        ("policy", _policy_text(first)),
     ]
     if len(episodes) == 1:
         done = int(first.trace.classified.sum())

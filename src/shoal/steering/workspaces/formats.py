@@ -98,7 +98,9 @@ def workspace_of(data: Any, *, where: str) -> Workspace:
     needed, more = _TYPES[kind]
     for name in data:
         if name not in ("type", *needed, *more):
-            raise InvalidInputError(f"{where}: expected no such field, got {shortened(name)}{suggestion(name, (*needed, *more))}")
+            known = ", ".join((*needed, *(f"{one} (optional)" for one in more)))
+            near = suggestion(name, (*needed, *more))
+            raise InvalidInputError(f"{where}: expected the fields of a {kind}, which are {known}, got {shortened(name)}{near}")
     for name in needed:
         if name not in data:
             raise InvalidInputError(f"{where}: {name}: expected this field of a {kind}, got none")

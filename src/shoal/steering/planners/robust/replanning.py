@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from math import inf
 from typing import Any
 
 import numpy as np
 
 from shoal.steering.kernels import shortening as kernels
+from shoal.steering.kernels.sampling import step
 from shoal.steering.planners.robust.belief import PositionBelief
 from shoal.steering.planners.sampling import MORE_ROUNDS, Translations, Tree, world_of
 from shoal.steering.planners.shortening import MOST_STEPS, Plan, Shortening, copy_of, steps_of
@@ -79,14 +81,31 @@ class Replanning:
             return [shortening.changed(plan, changes=0, noise=judged) for plan in plans]
 
         found = costs(self._plans_at_hand(task, last))
+        useful = [plan for plan in found if self._moves_particles(plan, few)]
         if last is None:
             found += costs(self._new_plans(shortening, FIRST_TREES))
-        elif not task.late and min(plan.cost for plan in found) > last.cost - 1 + WORSE:
+        elif not task.late and min((plan.cost for plan in useful), default=inf) > last.cost - 1 + WORSE:
             found += costs(self._new_plans(shortening, TREES))
         found.sort(key=lambda plan: plan.cost)
-        best = found[:REFINED]
+        best = [plan for plan in found if self._moves_particles(plan, few)][:REFINED]
         found += costs(shortening.changed(plan, changes=CHANGES, noise=few) for plan in best if not task.late)
-        return min(found, key=lambda plan: plan.cost)
+        useful = [plan for plan in found if self._moves_particles(plan, few)]
+        return min(useful or found, key=lambda plan: plan.cost)
+
+    def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
+        """Return whether the first move of a plan moves a particle farther than the noise in at least one scenario.
+
+        A plan whose first move changes nothing is never carried out: the loop would be in the same state after the move, and would
+        often choose the same move again.
+        """
+        move, state = np.zeros(2), np.zeros((2, 2))
+        for start, errors in zip(noise.starts, noise.errors, strict=True):
+            kernels.make_move(plan.steps, 0, start, move)
+            state[:] = start
+            step(state, move + errors[0], self.world)
+            if np.abs(state - start).max() > self.deviation:
+                return True
+        return False
 
     def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
         """Yield the last plan, the last plan without its first step, and translations to the goals, also around obstacles."""
