@@ -247,11 +247,8 @@ class SearchEpisode(Episode):
         told: dict[str, Any] = dict(zip(("x", "y", "altitude"), point.tolist(), strict=False))
         if frame is not None:
             told |= dict(zip(("longitude", "latitude"), frame.to_degrees(point[None, :2])[0].tolist(), strict=True))
-        return told | {
-            "confidence": finding.confidence,
-            "found_by": list(finding.found_by),
-            "missed_by": list(finding.missed_by),
-        }
+        witnesses = {"found_by": list(finding.found_by), "missed_by": list(finding.missed_by)}
+        return told | {"confidence": finding.confidence} | witnesses
 
     def verify(self) -> Verification:
         """Simulate the search again from its plan, and compare the new trace with the stored trace.

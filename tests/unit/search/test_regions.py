@@ -403,6 +403,10 @@ def test_a_geopackage_is_read_with_the_changes_beside_it(tmp_path):
         (lambda: region_of(shapely.Point(0, 0)), "expected a Shapely Polygon or MultiPolygon, got Point"),
         (lambda: region_of(shapely.Polygon()), "expected a region with an area to search, got an empty one"),
         (lambda: region_of(shapely.Polygon([(0, 0), (2, 2), (2, 0), (0, 2)])), r"self-intersection at \(1, 1\) in part 1"),
+        (
+            lambda: region_of(shapely.box(0, 0, 9, 9), no_go=shapely.box(2, 2, 5, 5)).check_inside([(3, 3)]),
+            r"start: .*got \(3, 3\) m at point 1, 1 m inside the no-go zone around \(3.5, 3.5\)",
+        ),
         (lambda: open_region("square:5").check_inside([(1, 1), (6, 1)]), r"start: .*got \(6, 1\) m at point 2, 1 m outside"),
         (lambda: open_region("square:5").contains([(1, np.nan)]), r"expected finite numbers, got \(1.0, nan\) at point 1"),
         (lambda: cells_of(open_region("square:5"), 0), "footprint: expected a number, above 0, got 0"),

@@ -197,10 +197,8 @@ def check_missions(
         raise InvalidInputError(
             f"{folder}: expected a folder of mission files, got {'a file' if Path(folder).exists() else 'none'}"
         )
-    sheets = examine(
-        folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace,
-        separation=None if separation is None else separation.horizontal,
-    )  # fmt: skip
+    apart = None if separation is None else separation.horizontal
+    sheets = examine(folder, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace, separation=apart)
     present = [format_of(Path(sheet.file)) for sheet in sheets]
     if format is not None:
         FORMATS.get(format)

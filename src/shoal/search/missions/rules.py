@@ -296,7 +296,7 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
         else:
             if sheet.kind == "fixed-wing":
                 continue  # the vehicle turns there: its legs are reported instead
-            where = _outside_text(region, way[index + 1]) if near[index + 1] else "far outside"
+            where = region.outside_text(way[index + 1]) if near[index + 1] else "far outside"
             said = f"expected a waypoint in the region {region.name!r}{region.margin_text}, got {point}, {where}"
             sheet.add("outside-region", place, said)
     outside = _check_legs(sheet, way, here, allowed, forbidden)
@@ -307,19 +307,6 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
             sheet.add("transit", "", f"expected turns inside the region, got turns up to {away:.3g} m outside")
         elif away > airspace + ROUNDING:
             sheet.add("airspace", "", f"expected turns up to {airspace:g} m outside the region, got {away:.3g} m")
-
-
-def _outside_text(region: SearchRegion, point: NDArray[np.float64]) -> str:
-    """Return how far a point lies outside a region, and in which hole, as the end of an error message."""
-    import shapely
-
-    away = float(shapely.distance(region.free, shapely.points(point)))
-    hole = region.hole_at(point)
-    if hole is None:
-        return f"{away:.3g} m outside"
-    middle = shapely.get_coordinates(hole.representative_point())
-    placed = middle if region.frame is None else region.frame.to_degrees(middle).round(6)
-    return f"{away:.3g} m inside the hole around {text_of(placed[0])}"
 
 
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:

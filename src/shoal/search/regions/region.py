@@ -130,24 +130,27 @@ class SearchRegion:
         array = check_plane_points(points, what=what)
         outside = ~self.contains(array)
         if outside.any():
-            import shapely
-
             index = int(np.argmax(outside))
-            away = float(shapely.distance(self.free, shapely.points(array[index])))
             degrees = ""
             if self.frame is not None and np.hypot(*array[index]) < 1e5:
                 degrees = f" (longitude and latitude {text_of(self.frame.to_degrees(array[index : index + 1])[0])})"
             raise InvalidInputError(
                 f"{what}: expected points inside the region {self.name!r}{self.margin_text}, got {text_of(array[index])} m"
-                f"{degrees} at point {index + 1}, {away:.3g} m outside"
+                f"{degrees} at point {index + 1}, {self.outside_text(array[index])}"
             )
         return array
 
-    def hole_at(self, point: ArrayLike) -> Any | None:
-        """Return the hole of the outline that contains a point (x, y), as a Shapely polygon, or None if no hole contains it."""
+    def outside_text(self, point: ArrayLike) -> str:
+        """Return how far a point (x, y) lies outside ``free``, and in which hole or no-go zone, for error messages."""
         import shapely
 
-        return next((hole for hole in self.holes if hole.contains(shapely.points(point))), None)
+        away = float(shapely.distance(self.free, shapely.points(point)))
+        hole = next((hole for hole in self.holes if hole.contains(shapely.points(point))), None)
+        if hole is None:
+            return f"{away:.3g} m outside"
+        middle = shapely.get_coordinates(hole.representative_point())
+        placed = middle if self.frame is None else self.frame.to_degrees(middle).round(6)
+        return f"{away:.3g} m inside the {'no-go zone' if hole.intersects(self.no_go) else 'hole'} around {text_of(placed[0])}"
 
     def layer_altitudes(self, footprint: float) -> tuple[float, ...]:
         """Return the altitudes of a volume's layers in metres, in ascending order, for layers at most ``footprint`` metres thick.
