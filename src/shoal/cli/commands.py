@@ -10,7 +10,7 @@ from typing import Annotated, Any, NamedTuple, cast
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from shoal.cli.plain_values import convert_plain_values_first
+from shoal.cli.plain_values import parse_plain_values
 from shoal.core.version import __version__
 
 
@@ -60,7 +60,7 @@ class _Command(TyperCommand):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, including the option for help."""
-        return convert_plain_values_first(super().get_params(ctx))
+        return parse_plain_values(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
         """Check the seed and run the command."""
@@ -103,7 +103,7 @@ class _Commands(TyperGroup):
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, including the option for help."""
-        return convert_plain_values_first(super().get_params(ctx))
+        return parse_plain_values(super().get_params(ctx))
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Return the names of the commands and groups in this group, in the order of `COMMANDS`."""

@@ -28,9 +28,9 @@ class _PlainFirst:
         return self
 
 
-def convert_plain_values_first(parameters: list[Any]) -> list[Any]:
-    """Let the parameters of a command convert plain values without Pydantic. Return the parameters."""
-    for parameter in parameters:
-        if not isinstance(parameter.get_runtime_param.__self__, _PlainFirst):
-            parameter.get_runtime_param = _PlainFirst(parameter).itself
-    return parameters
+def parse_plain_values(options: list[Any]) -> list[Any]:
+    """Make the arguments and options of a command read plain values without Pydantic. Return the arguments and options."""
+    for one in options:
+        if not isinstance(one.get_runtime_param.__self__, _PlainFirst):
+            one.get_runtime_param = _PlainFirst(one).itself
+    return options

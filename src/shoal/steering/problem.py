@@ -145,8 +145,8 @@ class SteeringProblem(Problem):
         parse=_parse_places, check=_check_places("goal"), dump=_dump_places,
     )  # fmt: skip
     tolerance: float = option(
-        1e-6, help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace.",
-        least=0,
+        1e-6, help="Maximum distance of a particle from its goal at the end; at least 1e-8 times the size of the workspace. With "
+        "noise, state a tolerance of at least ten times the noise.", least=0,
     )  # fmt: skip
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
