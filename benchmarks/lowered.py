@@ -39,6 +39,7 @@ COMMANDS = {
             for place, planner in (("square", "shortest"), ("disk", "greedy"), ("square", "fewest-moves"), ("square", "sampling"))
         ),
         "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.1 --execution 0.02 --measurement 0.01",
+        "steer square --start 0.1,0.2_0.3,0.4 --goal 0.4,0.3_0.2,0.1 --tolerance 0.02 --execution 0.001 --measurement 0.001",
         f"steer {RING} --start 0.1,0.2_0.3,0.4 --goal 3,3_3,2",
         "steer regular:5 --start=-0.1,0_0.1,0.1 --goal=0.3,0.1_-0.2,-0.3 --friction 1",
         "steer square --start 0.1,0.3_0.2,0.35 --goal 0.3,0.2_0.6,0.9 --planner fewest-moves",
