@@ -16,7 +16,7 @@ from shoal.swarm.grid.trace import Trace
 from shoal.swarm.kernels.dynamics import steps
 from shoal.swarm.kernels.dynamics.bits import has
 from shoal.swarm.kernels.dynamics.moves import LEFT, RIGHT, UP
-from shoal.swarm.kernels.planning import frontier_paths
+from shoal.swarm.kernels.planning import completion, frontier_paths
 from shoal.swarm.kernels.planning.rollout import prepare
 from shoal.swarm.kernels.prediction import forward_model, learned_prior, occupancy_prediction, occupancy_prior
 from shoal.swarm.kernels.search.frontier_search import ahead, opposite
@@ -353,3 +353,50 @@ def test_kept_states_change_no_command(name, particles, monkeypatch):
     kept = run(open_map(name), particles=particles, policy="best")
     monkeypatch.setattr(state, "KEPT_PLACES", 1)
     assert run(open_map(name), particles=particles, policy="best").commands == kept.commands
+
+
+def simulate_plan(planner, plan, discount):
+    """Return the number of classified cells and its discounted number after each move of a plan, both beginning with 0."""
+    state, totals, values = planner.root.copy(), [0], [0.0]
+    for move, command in enumerate(plan):
+        classified = forward_model.advance(planner.scene, state, np.int64(command))
+        totals.append(totals[-1] + classified)
+        values.append(values[-1] + discount**move * classified)
+    return totals, values
+
+
+def complete_plan(planner, command, ends):
+    """Complete a plan that begins with a command, or an empty plan for None; return the results of `complete`, and the plan."""
+    planner.state[:], planner.trial[:] = planner.root, 0
+    if command is not None:
+        planner.trial[0] = command
+    results = completion.complete(
+        planner.scene, planner.state, planner, planner.trial, np.int64(0), np.int64(command is not None), 200, 0.99,
+        completion.GREEDY, 1.0, 3.0, 1e6, -1e18, np.int64(completion.LEAD), np.int64(ends),
+    )  # fmt: skip
+    return results, planner.trial[: results[2]].copy()
+
+
+def test_plans_behind_the_best_plan_are_dropped():
+    """A plan is dropped at the first kept state at which it is behind the best plan, and only then."""
+    outcomes = set()
+    for seed in range(12):
+        _, planner, _, _, _, _ = scene_of((24, 31), seed, moves=2)
+        (_, _, length, _, _), best = complete_plan(planner, None, 0)
+        completion.keep_best(planner.kept, np.int64(0), length)
+        ends, (best_totals, best_values) = len(best), simulate_plan(planner, best, 0.99)
+        for command in range(4):
+            whole, plan = complete_plan(planner, command, 0)
+            totals, values = simulate_plan(planner, plan, 0.99)
+            behind = [
+                at
+                for at in range(completion.LEAD, min(ends, len(totals)), completion.EVERY)
+                if totals[at] < best_totals[at] - completion.BEHIND and values[at] < best_values[at] - 1e-9
+            ]
+            dropped, _ = complete_plan(planner, command, ends)
+            if behind:
+                assert (dropped[0], dropped[3], dropped[4]) == (200, behind[0], totals[behind[0]])
+            else:
+                assert dropped == whole
+            outcomes.add(bool(behind))
+    assert outcomes == {True, False}

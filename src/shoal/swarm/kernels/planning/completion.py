@@ -26,6 +26,7 @@ from shoal.swarm.kernels.records import record_type
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # NumPy numbers, because Numba would compile a kernel again for each literal argument
 EVERY = 8  # number of moves between two kept states
 BEST, TRIAL = 0, 1  # the plans with kept states: the best plan so far, and the plan in simulation
+LEAD, BEHIND = 16, 2.0  # moves after the first changed command, and missing cells, from which a plan is behind the best plan
 PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # results up to a kept state
 
 
@@ -38,12 +39,10 @@ class KeptStates(NamedTuple):
 
 @in_place_kernel
 def keep_best(kept, begin, length):
-    """Copy the kept states of the simulated plan, from move ``begin`` on, to the kept states of the best plan.
-
-    Call this function when the simulated plan is better than the best plan so far.
-    """
-    for place in range(begin // EVERY + 1, min((length - 1) // EVERY + 1, kept.states.shape[1])):
-        copy_state(kept.states[TRIAL, place], kept.states[BEST, place])
+    """Replace the kept states and results of the best plan by those of the simulated plan, from move ``begin`` on."""
+    for place in range(begin // EVERY + 1, min((length - 1) // EVERY + 1, kept.progress.shape[1])):
+        if place < kept.states.shape[1]:
+            copy_state(kept.states[TRIAL, place], kept.states[BEST, place])
         kept.progress[BEST, place] = kept.progress[TRIAL, place]
 
 
@@ -101,13 +100,19 @@ def left_behind(scene, occupied, at_hand, still):
 
 
 @in_place_kernel
-def complete(scene, state, space, plan, begin, length, horizon, discount, style, charge, worth, expected, best):
+def is_behind(trial, best):
+    """Return whether a plan has classified over ``BEHIND`` cells fewer than the best plan, and has a smaller discounted number."""
+    return trial.total < best.total - BEHIND and trial.value < best.value
+
+
+@in_place_kernel
+def complete(scene, state, space, plan, begin, length, horizon, discount, style, charge, worth, expected, best, begins, ends):
     """Simulate the first ``length`` commands of a plan, and append commands of the base policy up to the horizon.
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` must be the kept state of
     the best plan before move ``begin``. The simulation stops early if the plan cannot become better than ``best``. The early stop
     assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are left to
-    classify.
+    classify. From move ``begins`` to move ``ends``, the simulation stops early if the plan is behind the best plan (`is_behind`).
 
     Return five numbers: time, value, length, moves and classified. ``time`` is the number of moves up to the last classification,
     or ``horizon`` if cells are left. ``value`` is the discounted number of classified cells. ``length`` is the number of commands
@@ -122,10 +127,14 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
         finished, total = np.int64(reached.finished), np.int64(reached.total)
     gains, moved, planes = space.gains, space.ahead, space.planes  # passing all working memory takes time
     while at < horizon:
-        if at % EVERY == 0 and at > begin and at // EVERY < kept.states.shape[1]:
-            copy_state(state, kept.states[TRIAL, at // EVERY])
-            reached = kept.progress[TRIAL, at // EVERY]
+        if at % EVERY == 0 and at > begin and at // EVERY < kept.progress.shape[1]:
+            place = at // EVERY
+            if place < kept.states.shape[1]:
+                copy_state(state, kept.states[TRIAL, place])
+            reached = kept.progress[TRIAL, place]
             reached.value, reached.weight, reached.last, reached.finished, reached.total = value, weight, last, finished, total
+            if begins <= at < ends and is_behind(reached, kept.progress[BEST, place]):
+                return horizon, value, at, at, total
         if at >= length:
             if worth * (value + weight * max(expected - total, 0.0)) - at <= best:
                 return horizon, value, at, at, total

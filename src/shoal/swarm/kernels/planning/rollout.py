@@ -9,7 +9,7 @@ import numpy as np
 
 from shoal.jit import in_place_kernel
 from shoal.swarm.kernels.planning.beam import search_beam, take_best
-from shoal.swarm.kernels.planning.completion import BEST, CAREFUL, EVERY, GREEDY, complete, keep_best
+from shoal.swarm.kernels.planning.completion import BEST, CAREFUL, EVERY, GREEDY, LEAD, complete, keep_best
 from shoal.swarm.kernels.planning.frontier_paths import MOD, beside
 from shoal.swarm.kernels.planning.planner_state import WHOLE, draw, force, next_command, take_greedily
 from shoal.swarm.kernels.prediction.forward_model import FRONTIER, UNSEEN, advance, copy_state, count, directions, take_state
@@ -71,9 +71,11 @@ def evaluate(planner, shared, length, best, few, style):
     place = min(shared // EVERY, planner.kept.states.shape[1] - 1)
     begin = place * EVERY
     copy_state(planner.kept.states[BEST, place] if place > 0 else planner.root, planner.state)
+    # with reliable predictions, a plan that is behind may still finish earlier
+    raced = few > 0 and best > NOTHING and surprise >= options.end_surprise
     time, value, length, moves, classified = complete(
         planner.scene, planner.state, planner, planner.trial, begin, length, horizon, discount, style, options.left_behind_cost,
-        worth, few, best if few > 0 else NOTHING,
+        worth, few, best if few > 0 else NOTHING, shared + LEAD, memory.plan_length if raced else NO_MOVES,
     )  # fmt: skip
     memory.simulated += moves
     if few > 0:

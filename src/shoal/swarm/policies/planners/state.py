@@ -25,6 +25,7 @@ OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean num
 # number of states of a beam on any board; for wider beams, number of words of all its boards of one kind
 BEAM_WIDTH, BEAM_WORDS = 24, 2**20
 KEPT_PLACES, KEPT_WORDS = 64, 2**21  # most states kept of a plan, and most words of all their boards of one kind
+KEPT_RESULTS = 128  # number of places for which the results of a plan are kept
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
 ADVANCE = 10  # moves whose time may be spent in advance, because the first moves need most planning
@@ -109,7 +110,7 @@ def kept_states_of(size: int) -> completion.KeptStates:
     places = max(1, min(KEPT_PLACES, KEPT_WORDS // size))
     return completion.KeptStates(
         states=np.zeros((2, places, forward_model.BOARDS, size), dtype=np.uint64),
-        progress=np.rec.array(np.zeros((2, places), dtype=completion.PROGRESS)),
+        progress=np.rec.array(np.zeros((2, KEPT_RESULTS), dtype=completion.PROGRESS)),
     )
 
 
