@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 
@@ -28,9 +29,13 @@ class _PlainFirst:
         return self
 
 
-def parse_plain_values(options: list[Any]) -> list[Any]:
-    """Make the arguments and options of a command read plain values without Pydantic. Return the arguments and options."""
-    for one in options:
-        if not isinstance(one.get_runtime_param.__self__, _PlainFirst):
-            one.get_runtime_param = _PlainFirst(one).itself
-    return options
+def parse_plain_values(parameters: list[Any]) -> list[Any]:
+    """Let the parameters of a command parse plain values without Pydantic. Return the parameters.
+
+    A version of Typer with other converters parses all values itself.
+    """
+    for parameter in parameters:
+        with suppress(AttributeError):
+            if not isinstance(parameter.get_runtime_param.__self__, _PlainFirst):
+                parameter.get_runtime_param = _PlainFirst(parameter).itself
+    return parameters
