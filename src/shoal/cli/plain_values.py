@@ -29,13 +29,13 @@ class _PlainFirst:
         return self
 
 
-def parse_plain_values(parameters: list[Any]) -> list[Any]:
-    """Let the parameters of a command parse plain values without Pydantic. Return the parameters.
+def parse_plain_values(options: list[Any]) -> list[Any]:
+    """Make the arguments and options of a command read plain values without Pydantic. Return the arguments and options.
 
-    A version of Typer with other converters parses all values itself.
+    If a version of Typer has other converters, Typer itself reads all values.
     """
-    for parameter in parameters:
+    for one in options:
         with suppress(AttributeError):
-            if not isinstance(parameter.get_runtime_param.__self__, _PlainFirst):
-                parameter.get_runtime_param = _PlainFirst(parameter).itself
-    return parameters
+            if not isinstance(one.get_runtime_param.__self__, _PlainFirst):
+                one.get_runtime_param = _PlainFirst(one).itself
+    return options
