@@ -13,7 +13,7 @@ from shoal.swarm.policies.protocol import Decision, View
 
 @dataclass(frozen=True)
 class _Phase:
-    phase: int = 0  # phase: 0 left to the wall, 1 up and right, 2 down and left, 3 one cycle finished
+    phase: int = 0  # phase: 0 towards the left wall, 1 up and right, 2 down and left, 3 one cycle finished
     second: bool = False
     gain: int = 0
 
@@ -22,8 +22,8 @@ class _Phase:
 class WallSweep(Compiled):
     """Sweep a column of particles across a rectangle, to the right and back to the left.
 
-    The policy first moves the particles left to the wall. On the way to the right, the policy alternates the commands up and right
-    until no particle moves right. On the way back, the policy alternates the commands down and left. The policy repeats the cycle
+    The policy first pushes all particles to the left, against the wall. On the way to the right, the policy alternates the commands
+    up and right until no particle moves right. On the way back, the policy alternates the commands down and left. The policy repeats the cycle
     of both ways as long as each cycle classifies cells.
 
     On a rectangle of m free cells that is k cells tall, the policy needs 4m/k moves if k particles start along the left wall

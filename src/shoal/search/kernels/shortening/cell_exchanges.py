@@ -35,7 +35,7 @@ def bends(points, before, here, after):
 
 @in_place_kernel
 def added_cost(points, order, place, bent, turn, cut, new, count, most):
-    """Return the change of length and of the cost of turns if ``count`` links are replaced, or infinity if it is above ``most``.
+    """Return the added cost (length plus turns) of replacing ``count`` links; infinity for a cost above ``most``.
 
     ``bent`` (N) is 1 for each cell in which the tour turns, otherwise 0.
     """

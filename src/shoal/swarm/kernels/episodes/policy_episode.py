@@ -54,7 +54,7 @@ PATIENCE = 1_000  # maximum number of consecutive runs of commands without any e
 
 
 class PolicyState(NamedTuple):
-    """The memory of a policy between two moves, and working memory."""
+    """What a policy remembers from one move to the next, and arrays that it uses within a move."""
 
     memory: Any  # a record of MEMORY
     search: Search

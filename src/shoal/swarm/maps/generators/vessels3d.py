@@ -81,7 +81,10 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return the start and the end of each branch, shape (n, 3), and the number of tips of each branch, shape (n,), trunk first."""
+    """Return the start and the end of each branch, shape (n, 3), and the number of tips that it leads to, shape (n,).
+
+    The trunk comes first.
+    """
     starts, ends, fed = [], [], []
     inlet = np.array([0.0, 1.1 * ORGAN[1], 0.0])  # below
     waiting = [(inlet, tips)]
