@@ -34,8 +34,9 @@ def make_policy(policy: str | Policy) -> Policy:
     Parameters
     ----------
     policy : str or Policy
-        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a text "module:attribute" that names a
-        third-party object or class; or an object with the methods of `Policy`. A third-party class is called without arguments.
+        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a text "module:attribute" that
+        names a third-party object or class; or an object with the methods of `Policy`. A third-party class is called without
+        arguments.
 
     Raises
     ------
