@@ -146,7 +146,7 @@ def test_corners_are_written_as_a_list_and_taken_back(page: Page, studio: Studio
     page.get_by_label("Longitude").fill("8.5")
     page.get_by_label("Latitude").fill("47.4")
     page.get_by_role("button", name="Place it").click()
-    page.get_by_text("longitude, latitude a line").wait_for()
+    page.get_by_text("one longitude, latitude per line").wait_for()
     page.locator("#cornersText").fill("\n".join(f"{x}, {y}" for x, y in FIELD))
     page.get_by_role("button", name="Apply").click()
     planned(page).wait_for()

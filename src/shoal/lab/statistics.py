@@ -127,7 +127,7 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     Examples
     --------
     >>> print(estimate([2, 4, 4, 6]))
-    4 [2.08899, 7.65921]
+    4 [2.089, 7.659]
     """
     array = _checked(values, level)
     mean, count = float(array.mean()), len(array)
