@@ -137,7 +137,7 @@ class SearchEpisode(Episode):
 
     @property
     def coverage(self) -> AreaCoverage:
-        """Area of the region that robots saw in every layer, computed from the paths of the robots and not from cells."""
+        """Coverage of all layers together, computed from the paths of the robots and not from cells."""
         return together(self.coverages)
 
     @cached_property

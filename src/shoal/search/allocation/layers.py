@@ -32,7 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Length in metres of the level flight that takes as long as a climb or descent of one metre, as the mean of both.
+        Length in metres of the level flight that takes as long as a climb and a descent of one metre take on average.
     """
 
     layers: tuple[CellGrid, ...]

@@ -157,7 +157,7 @@ def grid_tour(
 
 
 def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
-    """Return a grid with viewpoints that suit an exchanged tour, after exchanges that use such viewpoints."""
+    """Shorten a tour by exchanges, and return the grid with viewpoints for the shortened tour, and this tour."""
     tour = exchanged(along_tour(grid, tour.cells, turn), tour, turn)[0]
     return along_tour(grid, tour.cells, turn), tour
 
@@ -229,9 +229,9 @@ def best_grid_tour(
 ) -> GridTour:
     """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
-    The function estimates the cost of each pair of an angle and a shift from the number and the lengths of the rows. Only for the
-    four pairs with the lowest estimated cost (in large regions, for fewer pairs), the function computes complete tours.
-    If exchanges shorten the tours, the function drafts tours for more pairs, and completes only the best drafts.
+    The function estimates the cost of each pair of an angle and a shift from the number and the lengths of the rows. The function
+    computes complete tours only for the four pairs with the lowest estimated cost, and in large regions for fewer pairs. If
+    exchanges shorten the tours, the function drafts tours for more pairs, and completes only the best drafts.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
 
 
 def _chords(area: Any, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return for each horizontal line the number of its parts in an area, their outer ends or NaN, and their total length."""
+    """Return the number, the outer ends (or NaN) and the total length of the parts of each horizontal line in an area."""
     import shapely
 
     points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)

@@ -1,8 +1,8 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The next stop is
-always the cell with the largest number of newly visible cells per cost of the path to the cell. The robot prefers stops along the
-border of the searched area, because a narrow unsearched strip costs as much as a wide strip. Because of these stops along the
+The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The robot always
+stops next in the cell with the largest ratio of newly visible cells to the cost of the path there. The robot prefers stops along
+the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. Because of the stops along the
 border, the robot's path runs in circles inside its part, for any tour.
 """
 

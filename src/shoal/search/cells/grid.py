@@ -172,12 +172,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Whether a portal connects the own pieces of each cell and of the next cell in the row; bool, shape (H, W - 1)."""
+        """Whether a portal connects each cell's own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Whether a portal connects the own pieces of each cell and of the cell below it; bool, shape (H - 1, W)."""
+        """Whether a portal connects each cell's own piece to that of the cell below it; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:

@@ -66,7 +66,7 @@ class PortalGraph:
 
     @cached_property
     def _gates(self) -> dict[tuple[int, int], Points]:
-        """Midpoint of the widest portal between each two nodes, in metres."""
+        """Midpoint of the widest portal between each pair of connected nodes, in metres."""
         portals = self.grid.portals
         order = np.argsort(portals.widths, kind="stable")  # widest last
         nodes = np.sort(np.searchsorted(self._numbers, portals.pairs[order]), axis=1)

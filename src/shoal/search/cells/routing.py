@@ -32,7 +32,7 @@ class Route:
         Points of the path in metres east and north, with altitudes if the search has several layers. The path is straight between
         two consecutive points.
     stops : ndarray of int64, shape (n,)
-        Index in ``points`` of each stop.
+        Index of each stop in ``points``.
     transit : ndarray of bool, shape (k - 1,)
         Whether each leg leads outside the region, from one of its parts to another part.
     """
@@ -154,7 +154,7 @@ class RegionPaths:
         return np.asarray(grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size))
 
     def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which of the visited cells a vehicle sees from its last viewpoint to its first: where two cells join backwards."""
+        """Return, for each cell, whether a vehicle visits its viewpoints backwards, because consecutive cells join backwards."""
         grid = self.grid
         first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
         many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1

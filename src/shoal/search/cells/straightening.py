@@ -111,7 +111,7 @@ def _chains(free: Numbers, n: int) -> list[Numbers]:
 
 
 def _places(windows: Any, known: Points, middles: Points, footprint: float) -> list[Points]:
-    """Return the points of each window that a path may use, float64, each of shape (k, 2).
+    """Return the points of each window that a path may use; float64, each of shape (k, 2).
 
     The points of a window are its known viewpoint, its corners, and the ends of lines across the window.
     """

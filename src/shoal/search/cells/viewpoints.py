@@ -68,7 +68,7 @@ def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64
 
 
 def _beside(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], numbers: NDArray[np.int64], step: int) -> Any:
-    """Return the own pieces of the next cells in the rows of some pieces, or None; Shapely geometries, shape (n,)."""
+    """Return, for each given piece, the own piece of the cell ``step`` columns away, or None; Shapely geometries, shape (n,)."""
     rows, cols = clipped.rows[numbers], clipped.cols[numbers] + step
     there = np.flatnonzero((cols >= 0) & (cols < lattice.shape[1]))
     there = there[own[rows[there], cols[there]] >= 0]

@@ -126,7 +126,7 @@ class Flight:
         """Return the waypoints of a path as metres east, north, and above home; float64, shape (m, 3).
 
         The home itself is not a waypoint. If waypoints follow the terrain, the points above home and above the landing point are
-        waypoints, too. The first waypoint of a fixed wing is the end of its straight climb after take-off.
+        waypoints. The first waypoint of a fixed wing is the end of its straight climb after take-off.
 
         Parameters
         ----------
@@ -288,7 +288,7 @@ class Flight:
     def _clear(self, low: Points, high: Points, up: float) -> bool:
         """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
 
-        The height of the ground must be known along the leg. A turn at the upper end of the leg must stay above the terrain, too.
+        The height of the ground must be known along the leg. A turn at the upper end of the leg must stay above the terrain.
         """
         if self.terrain is None:
             return True

@@ -135,9 +135,10 @@ def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[
 def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
     """Return the normals and limits of linear constraints ``normals @ times <= limits``, with shapes (n, k, 2) and (n, k).
 
-    For each pair of legs, the two times count from the beginning of each leg. Both times must lie within the legs, and the heights
-    must differ by at most ``level`` metres. The argument ``shift`` holds the start time of the second vehicle and the tolerance. If
-    ``shift`` is given, additional constraints demand that the vehicles fly both legs at the same time.
+    For each pair of legs, the two times count from the beginning of each leg. The constraints demand that each time lies within its
+    leg, and that the vehicles' heights differ by at most ``level`` metres. The argument ``shift`` holds the start time of the
+    second vehicle and the tolerance. If ``shift`` is given, additional constraints demand that the vehicles fly both legs at the
+    same time.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -204,7 +205,7 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return, for pairs of legs, the times at which their horizontal lines cross, and whether they cross at all."""
+    """Return, for pairs of legs, when each vehicle is at the crossing of their horizontal lines, and whether these lines cross."""
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
     there = np.abs(cross) > _HAIR * scale

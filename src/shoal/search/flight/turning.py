@@ -109,8 +109,8 @@ def turned_way(
     straight. The function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight
     leg, the function compares `HEADINGS` headings.
 
-    If all curves at an end of a straight leg are blocked, the path near this end passes points on the leg in any direction, with
-    distances of at most a footprint or an eighth of the radius, whichever is longer.
+    If all curves at an end of a straight leg are blocked, the path near this end passes points on the leg in any direction. Points
+    near a blocked end of a leg are at most a footprint or an eighth of the radius apart, whichever is longer.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
 
 
 def _parts(poses: _Poses, links: Any, radius: float, count: int = HEADINGS) -> Floats:
-    """Return parts of all Dubins curves of each link, with infinite lengths for unused headings; shape (n, count, count, 6, 3)."""
+    """Return the lengths of the parts of each link's Dubins curves, infinite for unused headings; shape (n, count, count, 6, 3)."""
     ends = []
     for some in (links, links + 1):
         place = np.broadcast_to(poses.points[some][:, None, :], (len(some), count, 2))
@@ -320,9 +320,9 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Join all legs and curves to a path, cut it into pieces, and leave out points on straight lines that have no mark.
+    """Join all legs and curves to a path, cut it into pieces, and leave out unmarked points on straight lines.
 
-    The second point and the last but one point are always marked, because a mission sees the region between them.
+    The second point and the last but one point are always marked, because the vehicle searches the region between these two points.
     """
     number = dict(zip(links.tolist(), curves, strict=True))
     pieces, told = [poses.points[:1]], [_KEPT]

@@ -88,7 +88,7 @@ class MissionApproach:
     place: Floats
 
     def report(self, frame: LocalFrame | None = None) -> dict[str, Any]:
-        """Return the approach as a mapping for JSON. If a frame is given, the mapping contains the position in degrees, too."""
+        """Return the approach as a mapping for JSON. With a frame, the mapping has the position in metres and in degrees."""
         told = {
             "robots": list(self.robots), "sorties": list(self.sorties),
             "horizontal_m": self.horizontal, "vertical_m": self.vertical, "time_s": self.time,
@@ -164,7 +164,7 @@ class _Flights:
         return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach in two missions, or None if the vehicles are never in the air together at similar heights."""
+        """Return the nearest approach of the vehicles on two missions, or None if they never fly together at similar heights."""
         there, here, apart = self.flown[one], self.flown[other], self.separation
         later = self.starts[other] - self.starts[one]
         if not -here.duration - apart.delay <= later <= there.duration + apart.delay:

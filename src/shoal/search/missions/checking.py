@@ -276,7 +276,8 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
-    If home lies outside the region, the result contains only the sections of the paths from home and back that lie inside.
+    If home lies outside the region, the result contains only the sections of the paths from home and back that lie inside the
+    region.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -311,7 +312,8 @@ def _inner(region: SearchRegion, here: NDArray[np.float64], there: NDArray[np.fl
 def angle_of(ways: Sequence[NDArray[np.float64]]) -> float:
     """Return the angle of the rows of cells: the direction with the largest total length of legs, from 0 to below 90 degrees.
 
-    If rounded coordinates explain the difference from a multiple of 0.1 degrees, the result is this multiple.
+    If rounding of coordinates can explain the difference between the angle and a multiple of 0.1 degrees, the result is this
+    multiple.
 
     Examples
     --------

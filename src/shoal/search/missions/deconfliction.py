@@ -1,4 +1,4 @@
-"""Deconfliction: the missions of all robots of a plan, which altitude layers and staggered starts keep apart.
+"""Deconfliction: the missions of all robots of a plan, with altitude layers and staggered starts that keep the vehicles apart.
 
 The missions of a plan get a fence and rally points.
 """

@@ -24,7 +24,7 @@ class NearHomes:
     robots : tuple of int
         Numbers of the two robots.
     distance : float
-        Distance in metres between a home or landing point of the one robot and a home or landing point of the other robot.
+        Distance in metres between a home or landing point of one robot and a home or landing point of the other robot.
     pairs : int
         Number of pairs of robots whose homes or landing points are nearer to each other than ``required``.
     required : float

@@ -229,7 +229,7 @@ def _check_formats(sheets: list[Sheet]) -> None:
 
 
 def _difference(one: Sheet, other: Sheet) -> str:
-    """Return the difference between two sheets of one sortie in words, or an empty text if the sheets agree."""
+    """Return a text about the difference between two sheets of one sortie, or an empty text if the sheets agree."""
     same = _SAME_PLACE if one.geographic else _SAME_METRES
     if one.geographic != other.geographic:
         return "metres beside degrees"

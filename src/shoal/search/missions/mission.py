@@ -44,7 +44,7 @@ class Mission:
     kind : "multirotor", "fixed-wing" or "rover"
     autopilot : "px4" or "ardupilot"
     altitude : float
-        Altitude in metres above the reference surface ``altitude_frame``, or 0 for a rover.
+        Altitude in metres above the surface that ``altitude_frame`` names, or 0 for a rover.
     speed : float
         Speed of the vehicle in m/s: airspeed for a fixed wing, ground speed for a multirotor or a rover.
     geographic : bool
@@ -78,10 +78,10 @@ class Mission:
         Time in seconds from the start of the first missions to the start of the sortie. By default, a sortie begins when all
         earlier sorties have ended.
     take_off : float, optional
-        Altitude in metres above the reference surface ``altitude_frame``, to which a multirotor climbs vertically after take-off.
+        Altitude in metres above the surface that ``altitude_frame`` names, to which a multirotor climbs vertically after take-off.
         By default, a multirotor climbs to the altitude of the first waypoint. A fixed wing climbs on its way to the first waypoint.
     takeover : float, optional
-        Altitude in metres above the reference surface ``altitude_frame``, at which the vehicle searches cells of a failed robot.
+        Altitude in metres above the surface that ``altitude_frame`` names, at which the vehicle searches cells of a failed robot.
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings, in the unit of the waypoints.
@@ -184,7 +184,7 @@ class Mission:
 
     @property
     def _base(self) -> float:
-        """Altitude of home in metres above the reference surface ``altitude_frame``."""
+        """Altitude of home in metres above the surface that ``altitude_frame`` names."""
         return self.elevation or 0.0 if self.altitude_frame == "sea" else 0.0
 
     @property
@@ -217,7 +217,7 @@ class Mission:
 
     @property
     def levels(self) -> NDArray[np.float64]:
-        """Altitudes of the waypoints in metres above the reference surface ``altitude_frame``; float64, shape (k,)."""
+        """Altitudes of the waypoints in metres above the surface that ``altitude_frame`` names; float64, shape (k,)."""
         if self.altitudes is not None:
             return self.altitudes
         if self.heights is None or self.altitude_frame == "ground":

@@ -102,7 +102,7 @@ def _points(value: Any, what: str) -> tuple[tuple[float, float], ...]:
 
 
 def parse_numbers(text: str) -> float | list[float]:
-    """Parse numbers separated by commas from the command line. The function returns a single number as a float, not as a list."""
+    """Parse comma-separated numbers from the command line. The function returns a single number as a float, not as a list."""
     try:
         numbers = [float(word) for word in text.split(",")]
     except ValueError:
@@ -152,7 +152,7 @@ def parse_angle(text: str) -> float | str:
 
 
 def check_angle(value: Any) -> float | str | None:
-    """Check an angle in degrees, and return it from 0 to below 180. The function returns the word "auto" unchanged."""
+    """Return an angle in degrees reduced to the range from 0 to below 180. The function returns the word "auto" unchanged."""
     if isinstance(value, str):
         if value != AUTO:
             raise InvalidInputError(f"angle: expected auto or a number of degrees, got {shortened(value)}")

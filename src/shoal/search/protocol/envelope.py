@@ -103,7 +103,7 @@ class Receiver:
         return decode_beacon(sender, message[_HEAD:end], cells=self._cells, robots=self._robots + 1)
 
     def _count(self, sender: int, clock: int) -> None:
-        """Refuse a message if its sender has already sent the maximum number of messages in this second."""
+        """Refuse a message if its sender has already sent the maximum number of messages in the current second."""
         second, count = self._counts.get(sender, (-1, 0))
         count = count + 1 if second == clock // 1000 else 1
         self._counts[sender] = clock // 1000, count

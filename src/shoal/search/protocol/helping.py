@@ -126,7 +126,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
 
 
 def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Stretch]) -> tuple[Stretch, int] | None:
-    """Return the run in which a helper saves the most time, and the number of cells that the helper skips at its front.
+    """Return the run in which a helper saves the most time, and the number of cells that the helper skips at the front of the run.
 
     If the helper saves no time in any run, the result is None.
     """

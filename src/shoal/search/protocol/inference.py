@@ -98,7 +98,7 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 def is_late(robot: Robot, number: int, time: float) -> bool:
     """Return whether a robot lags so far behind its declared speed that it does not work normally.
 
-    A robot tolerates more of its own lag than of another robot's lag, so that the other robots notice the lag first.
+    A robot has a higher limit for its own lag than for the lag of another robot, so that other robots notice the lag first.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)

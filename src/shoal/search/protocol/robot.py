@@ -208,7 +208,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs of the robot's own work, and arcs of robots ahead if several robots must search each cell."""
+    """Return the arcs that a robot searches: its own arcs, and arcs of the next robots if several robots must search each cell."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -294,13 +294,13 @@ def _own_cell(robot: Robot, wanted: int) -> int | None:
 
 
 def _hops(robot: Robot, cell: int) -> bool:
-    """Return whether a cell is neither the robot's own cell nor the cell before or after it on the tour."""
+    """Return whether a cell is neither the robot's cell nor one of the two cells beside the robot's cell on the tour."""
     n = len(robot.brief.tour_cost)
     return (cell - robot.cell) % n not in (0, 1, n - 1)
 
 
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
-    """Return a cell with which the robot helps other robots, or None and the time until which the robot waits.
+    """Return a cell that the robot searches to help other robots, or None and the time until which the robot waits.
 
     If the robot cannot wait any longer, the result is the next cell of its own work (``mine``), or the next unsearched cell. The
     robot helps only if it can still search all remaining cells alone before its deadline.

@@ -219,7 +219,7 @@ class Robot:
     def but(self, **changes: Any) -> Robot:
         """Return a copy of the state in which the given fields have new values.
 
-        Every message needs a copy of the state, and `dataclasses.replace` would copy more slowly.
+        Every message needs a copy of the state, and `dataclasses.replace` would be slower than this method.
         """
         other = object.__new__(Robot)
         other.__dict__.update(self.__dict__)

@@ -51,8 +51,8 @@ def open_region(
         The region as a name, the path of a file, an array of corners of shape (n, 2), a Shapely polygon, or a sequence of polygons.
         The regions ``square:SIDE``, ``rectangle:WIDTHxHEIGHT`` and ``box:WIDTHxDEPTHxHEIGHT`` (a volume), with sizes in metres,
         have their lower left corner at the origin. The regions ``circle:RADIUS`` and ``ring:OUTERxINNER``, with radii in metres,
-        are centred on the origin. Files ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a projection that the
-        file names. Files ``.csv`` are in metres or degrees; see `shoal.search.regions.formats`.
+        are centred on the origin. Files with the suffixes ``.geojson .json .kml .kmz .gpkg .shp .zip`` are in degrees or in a
+        projection that the file names. Files with the suffix ``.csv`` are in metres or degrees; see `shoal.search.regions.formats`.
     holes : optional
         Holes of polygons given in Python: the corners of one hole, or a sequence of holes. Each hole must lie in a polygon.
     geographic : bool

@@ -248,7 +248,7 @@ class RegionOutlines:
 
 
 def polygon_outlines(shape: Any, where: str, *, no_go: bool = False) -> list[RegionOutline]:
-    """Return the polygons in a Shapely geometry as outlines. The argument ``where`` is its name in error messages."""
+    """Return the polygons in a Shapely geometry as outlines. The argument ``where`` is the geometry's name in error messages."""
     import shapely
 
     parts = [part for part in shapely.get_parts(shape) if part.geom_type == "Polygon" and not part.is_empty]

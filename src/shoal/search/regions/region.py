@@ -84,7 +84,7 @@ class SearchRegion:
 
     @property
     def holes(self) -> tuple[Any, ...]:
-        """The holes of the outline as Shapely polygons. A no-go zone inside the outline is also a hole."""
+        """The holes of the outline as Shapely polygons. A no-go zone inside the outline counts as a hole."""
         import shapely
 
         return tuple(shapely.Polygon(ring) for part in shapely.get_parts(self.outline) for ring in part.interiors)

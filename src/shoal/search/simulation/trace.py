@@ -187,7 +187,7 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
 def _with_recharging(
     plan: SearchPlan, brief: Brief, robot: int, cells: NDArray[np.int64], lasting: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the times between a robot's cells if it goes home to recharge whenever `head_for` would; float64, shape (k,)."""
+    """Return the times between a robot's cells if it recharges at home whenever `head_for` sends it home; float64, shape (k,)."""
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
     found, left = lasting.copy(), brief.energy
     away = [tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell) for cell in cells.tolist()]

@@ -80,7 +80,7 @@ class SearchWorld:
     covered : int
         Bitset of the cells that honest robots have searched.
     covered_at : float
-        Time at which honest robots had searched all reachable cells, or infinity if they left a cell.
+        Time at which honest robots had searched all reachable cells, or infinity if a reachable cell remained unsearched.
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
@@ -194,7 +194,7 @@ class SearchWorld:
             self._do_event(vehicle, Heard(self.time, beacon))
 
     def _do_enter(self, vehicle: SimulatedRobot, cell: int) -> None:
-        """Let a robot enter a cell and search it, or wait in front of it while another robot is in the cell."""
+        """Let a robot enter a cell and search it, or wait in front of the cell while another robot is in it."""
         others = (other for other in self.vehicles.values() if other is not vehicle and other.alive)
         rate = self._rate(vehicle)
         if any(other.searching == cell for other in others):

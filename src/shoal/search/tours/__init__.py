@@ -47,8 +47,7 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
         without arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
         A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. On a 3-D mask, "hilbert",
-        "open-hilbert" and "hilbert-rectangle" are 3-D curves. Tours with other names are plane, and for a 3-D mask, Shoal joins the
-        plane tours of all layers.
+        "open-hilbert" and "hilbert-rectangle" are 3-D curves, and with any other name, Shoal joins plane tours of all layers.
 
     Returns
     -------

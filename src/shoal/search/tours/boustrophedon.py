@@ -24,13 +24,13 @@ class BoustrophedonTour(TourByOrder):
 
     A run is a sequence of consecutive cells in one row. The runs first get the order of Choset's boustrophedon decomposition
     ("Coverage of known spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000). Two kinds of exchanges
-    shorten the connections between runs. A 2-opt exchange replaces two connections by two others. An Or-opt exchange moves up to
-    three runs to another place on the tour. The step from the last run back to the first run also counts as a connection.
+    shorten the connections between runs. A 2-opt exchange replaces two connections by two new connections. An Or-opt exchange moves
+    up to three runs to another place on the tour. The step from the last run back to the first run also counts as a connection.
 
     Parameters
     ----------
     disturbances : int
-        Number of random exchanges of runs. After each of them, the order of the runs is improved again.
+        Number of random exchanges of runs. After each random exchange, the order of the runs is improved again.
     """
 
     name = "boustrophedon"

@@ -38,7 +38,7 @@ class HilbertTour(TourByOrder):
 
 @TOURS.register("open-hilbert")
 class OpenHilbertTour(HilbertTour):
-    """The Hilbert curve as an open path, without the way back from its end to its start. The open path serves for comparisons."""
+    """The Hilbert curve as an open path, for comparisons with closed tours: it has no way back from its end to its start."""
 
     name = "open-hilbert"
     closed = False

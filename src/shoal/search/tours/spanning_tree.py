@@ -23,8 +23,8 @@ class SpanningTreeTour:
     The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in, without a detour, pairs of
     cells beside its edges, and full blocks that are not aligned with the other blocks. In the second stage, the tour connects
     cycles of cells that are still separate, where a single cell counts as a cycle. To connect two cycles, the tour replaces one
-    edge of each cycle by two steps from cycle to cycle. One step between two connected cycles leads to a neighbouring cell, and one
-    may be longer: a diagonal to a single cell, or the way back from a narrow dead end.
+    edge of each cycle by two steps from cycle to cycle. One step between two connected cycles leads to a neighbouring cell, and the
+    other step may be longer: a diagonal to a single cell, or the way back from a narrow dead end.
     """
 
     name = "spanning-tree"

@@ -1,8 +1,9 @@
 """Border paths: shorter paths along the border, on which a vehicle sees cells while it moves.
 
 A vehicle sees a complete cell from one viewpoint, or piece by piece on its way from viewpoint to viewpoint. On a slanted border,
-a path that sees the cells piece by piece is shorter and has fewer turns. Its cells then have the viewpoints at which the vehicle
-begins and ends to look. A row can also end earlier where a path along the border sees a part of the row's last cell.
+a path that sees the cells piece by piece is shorter and has fewer turns. A cell that is seen piece by piece has the viewpoints at
+which the vehicle starts and stops looking. A row can also end earlier where a path along the border sees a part of the row's last
+cell.
 """
 
 from __future__ import annotations
@@ -202,7 +203,7 @@ def _without_straight_points(path: Points) -> Points:
 
 
 def _divided(way: Points, count: int) -> list[Points]:
-    """Return the parts of a path for ``count`` cells. Each part begins where the part before ends."""
+    """Return the parts of a path for ``count`` cells. Each part begins where the previous part ends."""
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
     if far[-1] == 0:
         return [way[:1]] * count

@@ -1,4 +1,4 @@
-"""Exchanging: the cells of a closed tour in an order that makes it shorter, where each turn costs some length."""
+"""Exchanging: changes of the order of cells that make a closed tour shorter, where each turn counts as some extra length."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ MOST = 30_000
 def exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[Tour, float]:
     """Return a tour shortened by exchanges of its links and moves of its cells, and its estimated cost in cells.
 
-    The closing path and the links between distant rows then follow the ends of the rows, and search cells on the way.
+    After the exchanges, a robot searches cells even on the closing path and on the links between distant rows, because this path
+    and these links follow the ends of the rows.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ def exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[Tour, float]:
 
 
 def beside_on_tour(grid: CellGrid, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the places on a tour of the nine cells around each cell, row by row; -1 if a vehicle cannot move there directly."""
+    """Return the tour indices of the 3 x 3 cells around each cell, row by row; -1 if a vehicle cannot move there directly."""
     number = np.full(np.add(grid.shape, 2), -1)
     number[tuple(cells.T + 1)] = np.arange(len(cells))
     south, east = np.zeros((2, *number.shape), dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Numbers in mission files. Shoal writes coordinates with a fixed number of decimals, and counts decimals of numbers in files."""
+"""Numbers in mission files: writing coordinates with a fixed number of decimals, and counting the decimals of a number."""
 
 from __future__ import annotations
 

@@ -154,7 +154,7 @@ def _opened(path: Path) -> Iterator[sqlite3.Connection]:
     """Open an SQLite file only for reading, with protection against hostile content.
 
     The function converts any SQLite error to an `InvalidInputError` of one sentence. If another program has stored changes in a
-    second file beside the SQLite file, SQLite reads the second file, too.
+    second file beside the SQLite file, SQLite reads both files.
     """
     left = _STEPS // _AT_ONCE
     changes = [name for end in ("-wal", "-journal") if (name := path.with_name(path.name + end)).is_file() and name.stat().st_size]

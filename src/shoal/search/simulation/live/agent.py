@@ -61,7 +61,7 @@ class Agent:
     lifeline : int
         File descriptor that becomes readable when the supervisor has ended.
     epoch : float
-        Reading of the system's monotonic clock at the start of the search, in seconds.
+        Time that the system's monotonic clock showed at the start of the search, in seconds.
     tell : callable
         Function that receives the report of each event before the event has an effect.
     """

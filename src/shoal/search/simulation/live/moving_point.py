@@ -24,7 +24,7 @@ class MovingPoint:
     way : float
         Length of the path in cells. A path around a corner is longer than the straight line.
     length : float
-        Length of the leg in cells: the length of the path, plus the cost of turns and search at its end.
+        Length of the leg in cells: the length of the path, plus the cost of turns and search at the end of the path.
     done : float
         Completed length of the leg in cells.
     limit : float

@@ -136,7 +136,7 @@ class Radio:
                     self.lost += 1
 
     def receive(self) -> list[Beacon]:
-        """Return the beacons in messages that have arrived from other robots of this search, and drop other messages.
+        """Return the beacons in messages that have arrived from other robots of this search, and drop all other messages.
 
         After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood costs the robot little time.
         """
