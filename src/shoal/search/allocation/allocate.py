@@ -71,8 +71,8 @@ def allocate(
         "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": all robots first
         move along the tour, by at most one common distance. "individual-shift": each robot first moves along the tour, by a
         distance chosen for this robot. "two-way": each robot searches cells behind its start and cells ahead of its start. "hop":
-        each robot moves straight to the first cell of its arc. A text ``module:attribute`` names a function with the same arguments
-        as the functions in `shoal.search.allocation.allocators`.
+        each robot moves straight to the first cell of its arc. A text of the form ``module:attribute`` names a function with the
+        same arguments as the functions in `shoal.search.allocation.allocators`.
     rates : array_like of float, shape (m,), optional
         Speed of each robot relative to the common speed, for motion and search alike. By default, all robots have the speed 1.
     places : array_like of float, shape (m, d), optional

@@ -77,7 +77,7 @@ class CellPlane:
 class CellDistances:
     """Shortest paths whose steps lead from a cell to a neighbouring cell.
 
-    A diagonal step is possible if both cells beside its corner are open.
+    A diagonal step is possible if both cells beside the step are open.
 
     Parameters
     ----------

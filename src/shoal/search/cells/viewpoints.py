@@ -95,9 +95,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    If a piece contains the centre of its cell, its viewpoint is this centre. If a piece does not contain the centre of its cell,
-    its viewpoint is the point nearest to the centre that sees the whole piece. If no point sees the whole piece, the piece gets
-    several viewpoints.
+    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. If a piece does not contain the centre of
+    its cell, the viewpoint is the point nearest to the centre from which the whole piece is visible. If no point sees the whole
+    piece, the piece gets several viewpoints.
 
     Parameters
     ----------

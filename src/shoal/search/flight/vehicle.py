@@ -340,7 +340,7 @@ def _fields_of(path: Path) -> dict[str, Any]:
 
 
 def _change(text: str) -> tuple[str, Any]:
-    """Split a text "field=value" into the field and its value, which becomes a float if it is a number."""
+    """Split a text of the form "field=value" into the field and its value, which becomes a float if it is a number."""
     name, equals, said = text.partition("=")
     if not equals:
         raise InvalidInputError(f"vehicle: expected field=value after the preset or file, got {shortened(text)}")

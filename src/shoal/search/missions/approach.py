@@ -49,7 +49,7 @@ def constant_speed(mission: Mission) -> Vehicle:
 
 
 def airspace_of(missions: Sequence[Mission], region: SearchRegion) -> float:
-    """Return the largest distance in metres by which vehicles leave a region while they search it, in turns or elsewhere."""
+    """Return the largest distance in metres by which vehicles leave a region during its search, on turns or elsewhere."""
     import shapely
 
     shapely.prepare(region.outline)

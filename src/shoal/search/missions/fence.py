@@ -54,9 +54,9 @@ class Fence:
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
-    The fence contains the whole region, and a margin `ROOM` around each path outside the region. No-go zones become exclusion
-    zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they interpret
-    several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
+    The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones become
+    exclusion zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they
+    interpret several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
     If the fence has too many corners, the function simplifies the outline without cutting off any of its area. In a fence with too
     many corners, the function simplifies each exclusion zone whose simplified form no path enters. If the simplified fence still

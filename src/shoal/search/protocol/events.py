@@ -30,7 +30,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """Event: the robot has reached its target cell, searched it, and found something in it if ``found`` is true.
+    """Event: the robot has searched its target cell, and ``found`` tells whether it found something there.
 
     The attribute ``beside`` lists cells around the target cell in which a robot with a wide footprint found something.
     """

@@ -65,7 +65,7 @@ def coverage_check(
     footprint : float, or array_like of float
         Side of the footprint in metres: one number for all routes, or one number for each route.
     tolerance : float
-        Distance in metres by which a leg may leave the region, because files round the coordinates of routes.
+        Distance in metres by which a leg may leave the region, because files contain rounded coordinates.
     angle : float
         Angle of the footprint's sides in degrees, counter-clockwise from the x axis.
 
@@ -139,7 +139,7 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Remove points on straight legs from a route. Small deviations count as straight, because files round coordinates."""
+    """Remove points on straight legs from a route. Small deviations count as straight, because files store rounded coordinates."""
     import shapely
 
     if len(way) < 2 or np.all(way == way[0]):

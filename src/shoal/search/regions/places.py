@@ -25,9 +25,10 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
     Parameters
     ----------
     value : str or array_like of float, shape (1, 2) or (robots, 2)
-        One point in metres for all robots, one point in metres for each robot, or a text. The text holds points ``x,y`` separated
-        by semicolons, or the path of a CSV or GeoJSON file of points. Points in a text are in degrees for a region on Earth, and in
-        metres for any other region. If a GeoJSON file contains a line, the function spaces the robots evenly along this line.
+        One point in metres for all robots, one point in metres for each robot, or a text. The text holds points of the form ``x,y``
+        separated by semicolons, or the path of a CSV or GeoJSON file of points. Points in a text are in degrees for a region on
+        Earth, and in metres for any other region. If a GeoJSON file contains a line, the function spaces the robots evenly along
+        this line.
     region : SearchRegion
     robots : int
         Number of robots.

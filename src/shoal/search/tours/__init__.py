@@ -43,11 +43,12 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
     ----------
     maker : str or TourMaker
         One of the names "hilbert", "open-hilbert", "moore", "hilbert-rectangle", "comb", "boustrophedon" and "spanning-tree", or an
-        object with the methods of `TourMaker`. A text "module:attribute" names a tour maker object, or a class that Shoal calls
-        without arguments.
+        object with the methods of `TourMaker`. A text of the form "module:attribute" names a tour maker object, or a class that
+        Shoal calls without arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        A mask of cells to visit with row 0 on top, or the shape of a full rectangle or box. On a 3-D mask, "hilbert",
-        "open-hilbert" and "hilbert-rectangle" are 3-D curves, and with any other name, Shoal joins plane tours of all layers.
+        A mask that is True for the cells to visit, with row 0 on top, or the shape of a full rectangle or box. On a 3-D mask,
+        "hilbert", "open-hilbert" and "hilbert-rectangle" are 3-D curves, and with any other name, Shoal joins plane tours of all
+        layers.
 
     Returns
     -------
@@ -84,7 +85,9 @@ def _made(maker: TourMaker, mask: NDArray[np.bool_]) -> Tour:
 
 
 def find_tour_maker(maker: str | TourMaker) -> TourMaker:
-    """Return the tour maker with a name or a text ``module:attribute``. The function returns a tour maker object unchanged.
+    """Return the tour maker that a name or a text of the form ``module:attribute`` describes.
+
+    The function returns a tour maker object unchanged.
 
     Raises
     ------

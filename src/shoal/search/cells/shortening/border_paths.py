@@ -74,7 +74,7 @@ class _Course:
         return own_piece(self._grid.clipped, self._grid.lattice, self._grid.own, tuple(self._cells[k].tolist()))
 
     def chains(self, free: Flags) -> list[list[int]]:
-        """Return the runs of consecutive free cells on the closed tour, as tour indices. There must be a cell that is not free."""
+        """Return the runs of consecutive free cells on the closed tour, as tour indices. At least one cell must not be free."""
         fixed = np.flatnonzero(~free)
         n = len(free)
         found = []

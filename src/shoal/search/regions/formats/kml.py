@@ -109,7 +109,7 @@ def _ring(element: Element, where: str, path: str) -> Ring:
 
 
 def _vertex(word: str, where: str) -> tuple[float, float]:
-    """Parse a vertex "longitude,latitude" or "longitude,latitude,altitude", and return longitude and latitude in degrees."""
+    """Parse a vertex of the form "longitude,latitude" or "longitude,latitude,altitude", and return the first two numbers."""
     parts = word.split(",")
     try:
         if len(parts) not in (2, 3):

@@ -119,7 +119,7 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key that signs the messages of one search. Two searches with one key file sign with different keys."""
+    """Return the key that signs the messages of one search. Two searches with one key file have different keys."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
