@@ -30,7 +30,8 @@ class Allocation:
     arcs : tuple of tuple of Arc
         Arcs of the tour for each robot, in the order in which the robot searches them. A robot in reserve has no arcs.
     times : ndarray of float64, shape (m,)
-        Completion time of each robot, including its path to its first cell. A robot of speed 1 searches one cell per unit of time.
+        Completion time of each robot, including its path to its first cell. The unit of time is the time in which a robot of speed
+        1 searches one cell.
     lower_bound : float
         Lower bound on the completion time of any allocation: the number of necessary cell visits divided by the sum of all search
         rates. The search rate of a robot is its speed times its footprint width in cells.

@@ -29,7 +29,7 @@ def best_allocation(
 ) -> tuple[Allocation, dict[str, float]]:
     """Return the fastest allocation, and a mapping from the name of each compared allocation to its completion time.
 
-    The mapping begins with the fastest allocation. A robot of speed 1 searches one cell per unit of time.
+    The mapping begins with the fastest allocation. The unit of all times is the time in which a robot of speed 1 searches one cell.
 
     Parameters
     ----------

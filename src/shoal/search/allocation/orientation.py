@@ -53,9 +53,9 @@ class Candidate:
     tour : str
         Name of the tour.
     cells : float
-        Search time. A robot of speed 1 searches one cell per unit of time. With an allocation, the search time is the time until
-        all robots finish. Without an allocation, the search time is the time in which one robot follows the whole tour, including
-        turns.
+        Search time, in units of the time in which a robot of speed 1 searches one cell. With an allocation, the search time is the
+        time until all robots finish. Without an allocation, the search time is the time in which one robot follows the whole tour,
+        including turns.
     allocation : str, optional
         Name of the allocator.
     """
@@ -135,7 +135,7 @@ def grid_tour(
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
     exchange : bool
-        Whether exchanges of cells and paths along the border shorten the tour, as in `exchanged` and `along_border`. Each robot
+        Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged` and `along_border`. Each robot
         must then search its cells by itself.
 
     Examples

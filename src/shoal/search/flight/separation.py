@@ -82,7 +82,7 @@ def nearest_approach(
     ----------
     one, other : Trajectory
     vertical : float
-        Vertical separation in metres. Moments at which the vehicles keep the vertical separation do not count.
+        Vertical separation in metres. The nearest approach leaves out moments at which vehicles keep the vertical separation.
     later : float
         Time in seconds by which the second vehicle starts later than the first vehicle.
     tolerance : float

@@ -112,7 +112,7 @@ def missions_approach(
         The missions. The first sortie of each robot begins after the mission's ``delay``. A later sortie begins at the mission's
         ``start``, or when all earlier sorties have ended.
     separation : Separation
-        The required separation. Moments at which two vehicles keep the vertical separation do not count.
+        The required separation. The nearest approach leaves out moments at which vehicles keep the vertical separation.
     frame : LocalFrame or None
         Local frame in which distances are measured, or None for missions in metres.
     vehicle : Vehicle, optional
@@ -176,7 +176,7 @@ class _Flights:
 class Clearance:
     """The smallest and the largest height above ground of vehicles that follow missions.
 
-    Climbs after take-off, landings and rovers do not count.
+    The heights of climbs after take-off, of landings and of rovers do not count.
 
     Parameters
     ----------

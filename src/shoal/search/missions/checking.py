@@ -53,7 +53,7 @@ class MissionCheck:
     footprint : float, tuple of float or None
         Side of the footprint in metres: one number for all robots, or one number for each robot.
     missions : tuple of Mission
-        The checked missions, except for missions whose altitudes are above ground.
+        The checked missions, except for missions whose altitudes are given above ground.
     separation : Separation or None
         The required separation of vehicles in flight.
     approach : MissionApproach or None

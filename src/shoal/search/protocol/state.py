@@ -28,7 +28,8 @@ class Brief:
     multiplicity : int
         Number of different robots that must search each cell.
     hello : float
-        Time during which robots listen before they start. A robot of speed 1 searches one cell per unit of time.
+        Time during which robots listen before they start. The unit of time is the time in which a robot of speed 1 searches one
+        cell.
     beat : float
         Time between two beacons of a robot.
     energy : float

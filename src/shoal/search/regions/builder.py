@@ -193,7 +193,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
 
 
 def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refused: bool) -> set[int]:
-    """Return the indices of the polygons that lie mostly inside another polygon. Equal polygons do not count."""
+    """Return the indices of the polygons that lie mostly inside another polygon. A polygon is not inside an equal polygon."""
     import shapely
 
     inside: set[int] = set()

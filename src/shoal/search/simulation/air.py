@@ -85,5 +85,5 @@ class Air:
 
 
 def _clock(time: float) -> int:
-    """Convert a time to the reading of a clock that counts to 1000 while a robot of speed 1 searches one cell."""
+    """Convert a time to milliseconds, as if a robot of speed 1 searched one cell per second."""
     return int(1000 * time)

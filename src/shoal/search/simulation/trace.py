@@ -68,7 +68,7 @@ class SearchTrace:
     robots : tuple of RobotLog
     covered_at : float
         Time at which the required number of robots had searched every reachable cell, or infinity if too few robots searched a
-        cell. A robot of speed 1 searches one cell per unit of time.
+        cell. The unit of time is the time in which a robot of speed 1 searches one cell.
     declared : dict of int to float
         Time at which each robot declared completion, by the number of the robot (from 1).
     sent, lost : int

@@ -99,7 +99,7 @@ class _Course:
         return dict(zip(whole[near[begins]][few].tolist(), rests[few], strict=True))
 
     def shorten(self, chain: list[int], wanted: Any) -> None:
-        """Give the cells of a chain viewpoints on a shorter path that sweeps a wanted area."""
+        """Choose the viewpoints of the cells of a chain on a shorter path that sweeps a wanted area."""
         before = np.concatenate([self.views[k % len(self.views)] for k in (chain[0] - 2, chain[0] - 1)])[-2:]
         after = np.concatenate([self.views[k % len(self.views)] for k in (chain[-1] + 1, chain[-1] + 2)])[:2]
         path = _without_straight_points(np.concatenate([before, *(self.views[k] for k in chain), after]))

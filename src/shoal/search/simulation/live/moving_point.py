@@ -18,7 +18,7 @@ class MovingPoint:
     Parameters
     ----------
     time : float
-        Time of the vehicle's present state. A robot of speed 1 searches one cell per unit of time.
+        Time of the vehicle's present state. The unit of time is the time in which a robot of speed 1 searches one cell.
     origin, goal : tuple of float
         Start and end point of the leg in cell sides, as in `TourCost.points`.
     way : float
