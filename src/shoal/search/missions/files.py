@@ -246,8 +246,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
 
     A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the function takes both numbers from the
     file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
-    autopilot or the kind of vehicle. For a WPL file, the function assumes PX4, and a flying vehicle if a waypoint is above 0 m or the
-    file contains a take-off.
+    autopilot or the kind of vehicle. For a WPL file, the function assumes PX4, and a flying vehicle if a waypoint is above 0 m or
+    the file contains a take-off.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ def builtin_region(text: str) -> RegionOutlines:
 
 
 def is_builtin(text: str) -> bool:
-    """Return whether a text has the form of a built-in region's name, such as ``square:100``, and therefore is no path."""
+    """Return whether a text has the form of a built-in region's name, such as ``square:100``, and therefore names no file."""
     return re.fullmatch(r"\w+(:[\w.+-]*)?", text) is not None and not re.search(r"\.[A-Za-z]\w*$", text)
 
 
