@@ -178,7 +178,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
 
 
 def _without(area: Any, shapes: Any, footprint: float) -> Any:
-    """Subtract many shapes from an area. The function divides the area into small blocks, because one large union is slow."""
+    """Subtract many shapes from an area, in small blocks of the area, because one large union of shapes would be slow."""
     import shapely
 
     if len(shapes) == 0:

@@ -119,7 +119,7 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
 
 
 def _check_frame(sheet: Sheet, item: Item) -> None:
-    """Add a diagnostic if a position has the wrong altitude reference, or if an item without a position has a frame for one."""
+    """Add a diagnostic if a position has the wrong altitude reference, or if an item without a position has a positional frame."""
     if item.command in _PLACED:
         wanted = sheet.altitude_frame or "home"
         if _READ.get(item.frame) != wanted:
