@@ -30,8 +30,8 @@ Shoal's commands print results on stdout, and messages and progress on stderr. A
 
 - Exit code 0 means that the command succeeded.
 - Exit code 1 means that a check failed or a task was not completed, as the help of the command states.
-- Exit code 2 means that the input is wrong, or that Shoal could not write a result. The command then prints an error message of
-  one sentence on stderr, and leaves no incomplete file.
+- Exit code 2 means that the input is wrong, or that Shoal could not write a result. After wrong input or a failed
+  write, a command prints an error message of one sentence on stderr, and leaves no incomplete file.
 - Exit code 130 means that the user interrupted the command.
 """
 

@@ -161,17 +161,18 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
-        "particles. With fewer or more particles, best and rollout simulate up to ten times as many moves.", above=0, most=1e12,
+        "particles. Best and rollout multiply the budget by up to 10 with fewer than 1000 particles, and by up to 4 with "
+        "more than 1000 particles.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
-        None, help="For planners: mean computation time for each move, in place of a budget. With a given time, the commands "
+        None, help="For planners: mean computation time for each move, in place of a budget. With a time per move, the commands "
         "depend on the speed of the machine.", metavar="MS", unit="ms", above=0, most=1e9,
     )  # fmt: skip
     max_moves: int = option(1_000_000, help="Maximum number of moves; an episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
-        1, help="Number of equal commands before each scan: a number, doubling (1, 2, 4, ...), hyper (1, 4, 27, ...) or adaptive "
-        "(most classified cells for the price). Under noise, a given number is the maximum number of commands before each scan.",
-        metavar="RULE", check=_check_scan_every,
+        1, help="Number of times that the same command is sent before each scan: a number, doubling (1, 2, 4, ...), hyper (1, 4, "
+        "27, ...) or adaptive (most classified cells for the price). Under noise, a given number is the maximum number of commands "
+        "before each scan.", metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit as the price of a scan.", least=0, most=DEAREST)
@@ -192,7 +193,7 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     high: float = option(
         1.2, help="With --vessels: upper threshold of the filter response, as a multiple of the automatic threshold. The response "
-        "of every vessel exceeds the upper threshold somewhere. A lower upper threshold gives more vessels.", above=0, most=10,
+        "of every vessel exceeds the upper threshold somewhere. A smaller upper threshold gives more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than their surroundings. By default, Shoal takes bright lines or dark "

@@ -52,9 +52,7 @@ class ScheduleProblem(MeasuredProblem):
     measures = ("distance", "moves", "scans", "move_ratio", "scan_ratio", "weighted_ratio")
 
     schedule: str = option("i^i", help="Schedule of scans: every-step, i^i, powers:K or one-jump:M.")
-    max_distance: int = option(
-        1000, help="Maximum distance of the wall. The distance is a random number from 0 to the maximum.", least=0, most=10**15
-    )
+    max_distance: int = option(1000, help="Maximum of the random distance of the wall (the minimum is 0).", least=0, most=10**15)
     distance: int | None = option(None, help="Distance of the wall, in place of a random distance.", least=0, most=10**15)
     scan_cost: float = option(10.0, help="Price of a scan, in any unit.", least=0)
     move_cost: float = option(1.0, help="Price of a move, in the same unit as the price of a scan.", least=0)

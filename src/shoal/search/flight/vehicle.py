@@ -73,7 +73,7 @@ class Vehicle(Problem):
         None, help="Duration of a turn; by default cruise_speed / acceleration.", unit="s", least=0, most=600
     )
     turn_radius: float | None = option(
-        None, help="Smallest turn radius of a fixed wing without wind; 0 for other vehicles.", unit="m", least=0, most=10_000
+        None, help="Smallest turn radius of a fixed wing in still air; 0 for other vehicles.", unit="m", least=0, most=10_000
     )
     altitude: float | None = option(None, help="Altitude of the search flight; 0 for a rover.", unit="m", least=0, most=10_000)
     endurance: float | None = option(None, help="Time from take-off until the battery is empty.", unit="min", above=0, most=100_000)

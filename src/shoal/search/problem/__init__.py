@@ -90,8 +90,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
     robots: int = option(4, help="Number of robots.", least=1, most=MOST_ROBOTS)
     footprint: float | tuple[float, ...] | None = option(
-        None, help="Side of the square that a robot sees: one number for all robots, or one for each robot such as 2,2,6; "
-        "by default the view of the vehicle's camera or detector, or 10.",
+        None, help="Side of the square that a robot sees: one number for all robots, or one number for each robot, "
+        "such as 2,2,6; by default the view of the vehicle's camera or detector, or 10.",
         unit="m", metavar="METRES", parse=parse_numbers, check=check_footprint,
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
@@ -165,7 +165,7 @@ class SearchProblem(Problem):
         "duplicates:P, corruption:P, replays:P, forgeries:P (with --key).", metavar="MODEL,...", check=check_network,
     )  # fmt: skip
     key: str | None = option(
-        None, help="File with the key that signs the messages: at least 16 bytes, readable by its owner alone. Robots refuse "
+        None, help="File with the key that signs messages: 16 bytes or more, readable by its owner only. With a key, robots refuse "
         "unsigned and repeated messages.", metavar="FILE", check=lambda value: check_path(value, "key", "the path of a file"),
     )  # fmt: skip
     packet: int | None = option(
@@ -190,8 +190,8 @@ class SearchProblem(Problem):
     )
     false_alarm: float = option(0.0, help="Probability that a robot reports a target in a cell without a target.", least=0, most=1)
     obstacles: Any = option(
-        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. Robots discover unknown "
-        "obstacles during the search, and move from cell to cell.",
+        0, help="Obstacles that no map shows: a number of random cells, or a CSV file of points. With unknown "
+        "obstacles, robots move from cell to cell and discover the obstacles on the way.",
         metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
