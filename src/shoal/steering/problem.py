@@ -150,13 +150,14 @@ class SteeringProblem(Problem):
     )  # fmt: skip
     interchangeable: bool = option(False, help="Any particle may go to any goal.")
     planner: Any = option(
-        "auto", help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means robust for two particles with "
-        "noise or an uneven field, shortest for two particles in a convex workspace, and sampling in all other cases.",
+        "auto", help=f"Planner: auto, {', '.join(PLANNER_NAMES)} or MODULE:ATTRIBUTE. auto means the planner robust for two "
+        "particles with noise or an uneven field, the planner shortest for two particles in a convex workspace, and the planner "
+        "sampling in all other cases.",
         check=_check_planner, dump=_dump_planner, names=PLANNER_NAMES,
     )  # fmt: skip
     time: float | None = option(
         None, help="Time limit of the planner. At the time limit, Shoal takes the best plan so far, which is never longer than the "
-        "plan of greedy.", unit="s", above=0, metavar="SECONDS",
+        "plan of the planner greedy.", unit="s", above=0, metavar="SECONDS",
     )  # fmt: skip
     max_moves: int = option(100, help="Maximum number of moves of a plan.", least=1)
     friction: float = option(
@@ -171,9 +172,10 @@ class SteeringProblem(Problem):
         "determines: 0.2 means a gain from 0.9 to 1.1.", least=0, below=2,
     )  # fmt: skip
     goal_x: float | None = option(
-        None, help="X coordinate of a new goal for the particle whose number is varied. The new goal may lie outside the workspace."
+        None,
+        help="X coordinate of a new goal for the particle that the field varied names. The new goal may lie outside the workspace.",
     )
-    goal_y: float | None = option(None, help="Y coordinate of the new goal whose x coordinate is goal_x.")
+    goal_y: float | None = option(None, help="Y coordinate of the new goal; goal_x is its x coordinate.")
     varied: int = option(
         2, help="Number, from 1, of the particle that gets the new goal with the coordinates goal_x and goal_y.", least=1
     )

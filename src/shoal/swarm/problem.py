@@ -156,13 +156,13 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
-        "in closest-frontier:ties=row-major. auto means best for mapping without noise, with a scan after each move and rule block "
-        "or merge, and closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
+        "in closest-frontier:ties=row-major. auto means the policy best for mapping without noise, with a scan "
+        "after each move and rule block or merge, and closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
-        "particles. Best and rollout multiply the budget by up to 10 with fewer than 1000 particles, and by up to 4 with "
-        "more than 1000 particles.", above=0, most=1e12,
+        "particles. The planners best and rollout multiply the budget by up to 10 with fewer than 1000 particles, and by up to 4 "
+        "with more than 1000 particles.", above=0, most=1e12,
     )  # fmt: skip
     time_per_move: float | None = option(
         None, help="For planners: mean computation time for each move, in place of a budget. With a time per move, the commands "

@@ -128,11 +128,11 @@ class SearchProblem(Problem):
     )  # fmt: skip
     allocation: str = option(
         "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
-        "fastest rule, but hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
+        "fastest rule, but the rule hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
         None, help="Angle of the rows of cells, counter-clockwise from east; by default auto for a region on Earth, else 0. With "
-        "auto, Shoal chooses the angle and shift of the rows with which one robot is fastest, turns included.",
+        "auto, Shoal chooses the angle and shift of the rows for which one robot needs the least time, turns included.",
         unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(
