@@ -50,7 +50,7 @@ RULES: dict[str, Rule] = {
     "do-jump-id": Rule("error", "the values of `doJumpId` are not 1, 2, 3, ..."),
     "frame": Rule("error", "altitudes have different references, or an item without a position has an altitude reference"),
     "take-off": Rule("error", "a flight has no take-off before its first waypoint, or a rover has a take-off"),
-    "no-return": Rule("error", "the last item is neither a return nor a landing (for rovers, nor a hold)"),
+    "no-return": Rule("error", "the last item is not a return, a landing or (for rovers) a hold"),
     "autocontinue": Rule("warning", "the vehicle stops and waits at an item, because the item does not continue automatically"),
     "current": Rule("warning", "an item other than the first is marked as the current item"),
     "unknown-command": Rule("warning", "a command that a search does not need; the mission check ignores it"),
