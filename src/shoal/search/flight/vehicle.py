@@ -201,7 +201,7 @@ class Vehicle(Problem):
 
     @property
     def turn_seconds(self) -> float:
-        """Extra time of a turn in seconds, or 0 for a fixed wing, because its turns are part of the path."""
+        """Extra time of a turn in seconds; by default 0 for a fixed wing, because its turns are part of the path."""
         if self.turn_time is not None:
             return float(self.turn_time)
         return self.cruise / self.acceleration if self.acceleration and not self.radius else 0.0
