@@ -154,7 +154,7 @@ def _outline() -> tuple[str, bool]:
 @erratum(
     "paper W, section IV.E, eq. 7",
     "while the wall of a disk of radius r holds particle 1 at the point r e, a move can reach the difference Δg if ‖Δg - C‖² ≥ "
-    "r² and (Δg - C)·e ≤ r cos γ, where C = -r e. In eq. 7, γ is the half angle of the chord through particle 2",
+    "r² and (Δg - C)·e ≤ r cos γ, where C = -r e. In equation 7, γ is the half angle of the chord through particle 2",
     "both inequalities must be reversed: a move can reach the difference Δg if ‖Δg - C‖² ≤ r² and (Δg - C)·e ≥ r cos γ",
     "a program simulates 2000 pairs of moves with random contact points",
 )

@@ -50,7 +50,7 @@ def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
     "paper D, eq. 2",
     "the mean number of moves with which n particles find both ends of a row of m cells is 3(1+m)/(1+n)",
     "the mean number of moves with which n particles find both ends of a row of m cells is 3(1+m)/(1+n) - (m-n+1)/C(m,n), as in "
-    "paper M, eq. 2. C(m,n) is the binomial coefficient",
+    "paper M, equation 2. C(m,n) is the binomial coefficient",
     "a program simulates all placements of n = 3 particles in a row of m = 9 cells, particle by particle",
 )
 def _boundary() -> tuple[str, bool]:
@@ -181,15 +181,15 @@ def _largest_gap() -> tuple[str, bool]:
 
 @erratum(
     "paper M, Fig. 6",
-    "the caption of Fig. 6 states that the figure shows n = 10 particles",
-    "the data of Fig. 6 belong to n = 100 particles",
-    "a program computes the mean number of moves to find both ends of a row of 1000 cells (paper M, eq. 2), for 10 and for 100 "
+    "the caption of figure 6 states that the figure shows n = 10 particles",
+    "the data of figure 6 belong to n = 100 particles",
+    "a program computes the mean number of moves to find both ends of a row of 1000 cells (paper M, equation 2), for 10 and for 100 "
     "particles",
 )
 def _caption() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
 
     ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
-    return f"eq. 2 of paper M gives {ten:.1f} moves for n = 10 and {hundred:.1f} moves for n = 100; Fig. 6 shows 29.8 moves", abs(
+    return f"equation 2 of paper M gives {ten:.1f} moves for n = 10 and {hundred:.1f} moves for n = 100; figure 6 shows 29.8 moves", abs(
         hundred - 29.8
     ) < 0.1 < abs(ten - 29.8)
