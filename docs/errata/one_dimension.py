@@ -183,13 +183,14 @@ def _largest_gap() -> tuple[str, bool]:
     "paper M, Fig. 6",
     "the caption of figure 6 states that the figure shows n = 10 particles",
     "the data of figure 6 belong to n = 100 particles",
-    "a program computes the mean number of moves to find both ends of a row of 1000 cells (paper M, equation 2), for 10 and for 100 "
-    "particles",
+    "a program computes the mean number of moves to find both ends of a row of 1000 cells (paper M, equation 2), for 10 and for "
+    "100 particles",
 )
 def _caption() -> tuple[str, bool]:
     from shoal.swarm.theory.one_dimension import Line
 
     ten, hundred = (float(Line(1000, n).boundary.exact) for n in (10, 100))
-    return f"equation 2 of paper M gives {ten:.1f} moves for n = 10 and {hundred:.1f} moves for n = 100; figure 6 shows 29.8 moves", abs(
-        hundred - 29.8
-    ) < 0.1 < abs(ten - 29.8)
+    return (
+        f"equation 2 of paper M gives {ten:.1f} moves for n = 10 and {hundred:.1f} moves for n = 100; figure 6 shows 29.8 moves",
+        abs(hundred - 29.8) < 0.1 < abs(ten - 29.8),
+    )
