@@ -33,7 +33,7 @@ MECHANISMS: dict[str, str | dict[str, float]] = {
     "variations": {"variations": 0},
     "careful completion": {"left_behind_cost": 0},
     "extrapolation": {"future_weight": 0},
-    "higher weight of early cells with many surprises": {"surprise_weight": 0},
+    "higher weight of the cells that a plan classifies early while there are many surprises": {"surprise_weight": 0},
     "shorter horizon with surprises": {"surprise_shrink": 0},
     "simulation to the end if predictions are reliable": {"end_surprise": 0},
     "simulation to the end if few frontier cells are left": {"end_frontier": 0},

@@ -124,7 +124,8 @@ def _published_coverage() -> tuple[str, bool]:
     "paper M, section III.A.3",
     "a search for a wall at distance D, with scans after 1, 2, 4, ... moves, makes at most log2 D scans",
     "a search with scans after 1, 2, 4, ... moves makes at most log2 D + 3 scans, including the scan at the start. If D is a "
-    "power of 2, the search makes exactly log2 D + 3 scans, because finding a wall at distance D takes D + 1 moves",
+    "power of 2, a search with scans after 1, 2, 4, ... moves makes exactly log2 D + 3 scans, because finding a wall at distance D "
+    "takes D + 1 moves",
     "a program simulates the search with scans after 1, 2, 4, ... moves for all distances D from 1 to 4096. The program "
     "simulates a second search, which makes 1, 2, 4, ... moves between its scans",
 )
