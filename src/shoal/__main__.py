@@ -8,7 +8,7 @@ from shoal.core.interruption import begin
 
 
 def main() -> NoReturn:
-    """Run one command of Shoal and exit with its exit code. After Ctrl-C, print one line and stop."""
+    """Run one command of Shoal, and exit with the command's exit code. After Ctrl-C, print one line and stop."""
     begin()
     from shoal.cli import main as command
 

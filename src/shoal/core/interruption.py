@@ -1,8 +1,8 @@
 """The end of a command after Ctrl-C, after SIGTERM, or after the user closes the terminal.
 
-While the modules of a command are loading, a signal ends the command at once. After loading, a signal raises KeyboardInterrupt, so
-that the command can clean up. A second thread waits for signals and ends the command soon after a signal, because compiled code can
-delay a KeyboardInterrupt for minutes: Python handles signals only between Python instructions.
+While the modules of a command are loading, a signal ends the command at once. After loading, a signal raises KeyboardInterrupt,
+so that the command can clean up. A second thread waits for signals and ends the command soon after a signal, because compiled
+code can delay a KeyboardInterrupt for minutes.
 """
 
 from __future__ import annotations

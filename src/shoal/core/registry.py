@@ -145,7 +145,7 @@ class Registry(Generic[T]):
         return name in self._items
 
     def get(self, name: str) -> T:
-        """Return the object that is registered as ``name``, or the object ``module:attribute`` that ``name`` refers to.
+        """Return the object that is registered as ``name``, or the third-party object for a name like ``module:attribute``.
 
         Raises
         ------

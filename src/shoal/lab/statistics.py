@@ -67,7 +67,7 @@ class Comparison:
     difference : Estimate
         Estimate of the mean difference: the value for b minus the value for a.
     ratio : float
-        Mean of the values for b divided by the mean of the values for a.
+        Mean of the values for b, divided by the mean of the values for a.
     effect : float
         Effect size: Cohen's d of paired values, which is the mean of the differences divided by the standard deviation of the
         differences. The effect size is 0 if all differences are 0, and infinite if all differences are equal but not 0.
@@ -112,11 +112,12 @@ def estimate(values: ArrayLike, *, level: float = 0.95, method: Method = "auto",
     level : float
         Confidence level of the interval, above 0 and below 1.
     method : str
-        Method for the confidence interval. "t" is Student's interval, which suits many values or normally distributed values. "log"
-        is Student's interval of the logarithm of the mean. For n values with the standard deviation std, the delta method gives the
-        logarithm of the mean a standard error of std / (mean * sqrt(n)). The interval of "log" never extends below zero, and covers
-        the mean of skewed values more often than the interval of "t". "bootstrap" is the bias-corrected and accelerated bootstrap.
-        "auto" means "log" if no value is below zero, as for counts and times, and "t" if some value is below zero.
+        Method for the confidence interval. "t" is Student's interval, which suits many values or normally distributed values.
+        "log" is Student's interval of the logarithm of the mean. For n values with the standard deviation std, the delta method
+        estimates the standard error of the logarithm of the mean as std / (mean * sqrt(n)). The interval of "log" never extends
+        below zero, and covers the mean of skewed values more often than the interval of "t". "bootstrap" is the bias-corrected
+        and accelerated bootstrap. "auto" means "log" if no value is below zero, as for counts and times, and "t" if some value
+        is below zero.
     seed : int
         Seed of the random numbers in the bootstrap.
 

@@ -163,7 +163,7 @@ def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> 
 def compare_along(
     store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
-    """Compare each value of a paired axis with the first value of the axis, for each combination of the other axes.
+    """Compare each value of a paired axis with the first value of the axis, for each combination of values of the other axes.
 
     Returns
     -------

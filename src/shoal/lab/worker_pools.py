@@ -119,7 +119,7 @@ class Processes(_OneMachine):
             return future
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether a worker died. The death of a worker breaks the executor, so that `submit` must make a new one."""
+        """Return whether a worker died. The death of a worker breaks the executor, so that `submit` must make a new executor."""
         if not isinstance(error, BrokenExecutor):
             return False
         self.close(at_once=True)
@@ -172,7 +172,8 @@ class Cluster:
     Raises
     ------
     InvalidInputError
-        Raised if no scheduler answers, if the cluster has no workers, or if a worker has other versions than the current process.
+        Raised if no scheduler answers, if the cluster has no workers, or if the versions of software on a worker differ from
+        the versions of the current process.
     MissingExtraError
     """
 

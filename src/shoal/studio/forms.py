@@ -97,8 +97,8 @@ def checked_problem(data: Any, folder: Folder) -> Problem:
 def checked_fields(kind: type[Declared], data: Any, folder: Folder) -> Declared:
     """Return the object that the fields of a form describe.
 
-    The function parses the text of a field as on the command line. The function refuses files outside the folder, and third-party
-    code.
+    The function parses the text of a field as the command line does. The function refuses files outside the folder, and
+    third-party code.
 
     Raises
     ------

@@ -208,8 +208,8 @@ class SwarmEpisode(WithTrace, Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        In an episode without noise, the belief contains the information of the last scan, and of the commands after the last scan
-        whose outcome is certain. In an episode with noise, the state holds the most likely positions of the particles.
+        In an episode without noise, the belief contains the information of the last scan, and of each later command with a
+        certain outcome. In an episode with noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 
@@ -242,7 +242,8 @@ class SwarmEpisode(WithTrace, Episode):
     def verify(self) -> Verification:
         """Replay the commands and scans, and compare the replay with all stored values of the episode.
 
-        For an episode without noise, also check that the status agrees with the number of frontier cells left at the end.
+        For an episode without noise, also check that the status agrees with the number of frontier cells that remain at the
+        end.
 
         Raises
         ------

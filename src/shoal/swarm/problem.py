@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return the check and dump functions of a field whose value is a task, placement or policy, given by name or as an object."""
+    """Return two functions for a field with a task, placement or policy: one checks the value, and one converts it to JSON data."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":
@@ -108,9 +108,9 @@ def _rate(help: str) -> Any:  # noqa: A002 - as in option
 class SwarmProblem(Problem):
     """All settings, except the seed, of a run in which a swarm maps or covers a workspace.
 
-    The commands ``shoal map`` and ``shoal cover``, sweeps and problem files have the same fields as `SwarmProblem`. In Python, a
-    map may be a `GridWorkspace` or an array, in addition to a name or a path. The task, the policy and the placement may be
-    third-party objects.
+    The options of the commands ``shoal map`` and ``shoal cover``, and the fields of sweeps and problem files, correspond to the
+    fields of `SwarmProblem`. In Python, a map may be a `GridWorkspace` or an array, in addition to a name or a path. The task,
+    the policy and the placement may be third-party objects.
 
     Raises
     ------
@@ -283,7 +283,7 @@ class SwarmProblem(Problem):
         Raises
         ------
         InvalidInputError, UnknownNameError
-            Raised for an unknown policy name, and for a planning budget of a policy that does not plan.
+            Raised if the name of the policy is unknown, or if a policy that does not plan has a planning budget.
         """
         from shoal.swarm.grid.tasks import Mapping
         from shoal.swarm.policies import make_policy, with_budget

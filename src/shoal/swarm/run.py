@@ -48,7 +48,7 @@ def run(
         Whether to run a built-in policy command by command in Python, like a third-party policy. The option ``stepwise`` does not
         change the episode.
     on_moves : callable, optional
-        Function that `run` calls during the episode, with the number of moves made and the number of frontier cells left.
+        Function that `run` calls during the episode, with the number of moves made and the number of remaining frontier cells.
     on_trace : callable, optional
         Function that `run` calls during the episode, with each new piece of the trace.
 

@@ -1,7 +1,7 @@
 """The class Problem: all settings of a run. A subclass declares each setting with its type, default, unit, range and help.
 
 Shoal generates the options of commands, the fields of sweeps and problem files, and the tables of the documentation from the
-declarations of settings, so that commands, files and tables agree on the default of each setting.
+declarations of settings.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The kinds of problems that a sweep can run: swarm, steering, search, line, schedule and function.
 
-All values in the problem of a sweep can be written as text, so that the problem has one canonical form, and Shoal can send it to
-any worker. A worker process opens each map, workspace or region once.
+All values in the problem of a sweep can be written as text, so that Shoal can send the problem to any worker. A worker process
+opens each map, workspace or region once.
 """
 
 from __future__ import annotations

@@ -23,11 +23,11 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 
 @dataclass(frozen=True, eq=False)
 class FunctionProblem(MeasuredProblem):
-    """A problem whose trials call a Python function of the user, named as "module:attribute".
+    """A problem whose trials call a Python function that the user names in the form "module:attribute".
 
     Each trial calls the third-party function with ``seed`` and ``arguments``. The third-party function returns a dict of measures.
 
-    The third-party function must have an attribute ``measures``: a tuple of the names of all measures that it returns.
+    The third-party function must have an attribute ``measures``: a tuple of the names of all returned measures.
     """
 
     part = "function"

@@ -38,7 +38,7 @@ class LineProblem(MeasuredProblem):
     def trial(self, seed: int) -> dict[str, Any]:
         """Draw random placements, and return the mean of each measure.
 
-        With an equal seed, ``shoal line`` draws equal placements.
+        The command ``shoal line`` draws the same placements from the same seed.
         """
         drawn = sample(self.line, self.placements, seed=seed, workers=1)
         return {name: float(getattr(drawn, name).mean()) for name in self.measures}
@@ -59,7 +59,7 @@ class ScheduleProblem(MeasuredProblem):
 
     @cached_property
     def scans(self) -> ScanSchedule:
-        """The scan schedule with the name that the field ``schedule`` contains."""
+        """The scan schedule that the field ``schedule`` names."""
         made = {"every-step": EveryStep, "i^i": Hyperexponential}.get(self.schedule)
         if made is not None:
             return made()

@@ -92,7 +92,7 @@ def _write_parquet(store: Store, name: str, columns: list[str], path: Path) -> i
 def _schema(arrow: Any, store: Store, name: str, table: Any) -> Any:
     """Return the types of the columns in the table of a sweep.
 
-    A column with whole numbers of a measure has the type float, because later rows of the column may contain fractions.
+    The column of a measure with whole numbers has the type float, because later rows of the column may contain fractions.
     """
     fields = []
     sweep = store.sweep(name)

@@ -21,7 +21,7 @@ class StoredSweep:
     id : int
         Number of the sweep's row in the store.
     where : str
-        Text with the names of the store file and the sweep, with which error messages begin.
+        First words of error messages: the names of the store file and the sweep.
     spec : dict
         The sweep as JSON data, as returned by `shoal.lab.Sweep.describe`.
     inputs : mapping of str to str
@@ -88,7 +88,7 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
 
 
 def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
-    """Return the columns of several result rows. Each entry of ``axes`` is (axis values of a point, number of the point's rows).
+    """Return the columns of several result rows. Each entry of ``axes`` is (axis values of a point, count of rows of the point).
 
     Raises
     ------

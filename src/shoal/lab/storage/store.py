@@ -77,7 +77,7 @@ class Store:
 
     @contextmanager
     def writing(self) -> Iterator[Callable[[str, Sequence[Any]], int]]:
-        """Yield a function that runs one SQL statement and returns the number of the row written last.
+        """Yield a function that runs one SQL statement and returns the number of the row that was written last.
 
         All statements in the ``with`` block form one transaction.
         """
@@ -303,7 +303,7 @@ class Store:
         return [f"axis_{axis}" if axis in taken else axis for axis in stored.axes] + taken
 
     def chunks(self, name: str) -> Iterator[list[Sequence[Any]]]:
-        """Yield the table of a sweep in parts of some ten thousand rows, sorted by point and trial.
+        """Yield the table of a sweep in parts of about ten thousand rows, sorted by point and trial.
 
         Each part of the table is a list of columns.
 

@@ -21,7 +21,7 @@ class SweepStatus:
     running : bool
         Whether a process on the local machine currently runs the sweep.
     rate : float
-        Number of trials per second over the last minute of work, or 0 without work.
+        Number of trials per second over the last minute of work, or 0 if no trial finished in this minute.
     seconds : float
         Total working time of all workers, in seconds.
     versions : dict

@@ -88,8 +88,8 @@ class Sweep:
         and determines all other fields.
     axes : dict
         For each axis, which is a field of the problem, a list of values or a range such as ``{"from": 100, "to": 5000, "step":
-        100}``. A range may have ``count`` instead of ``step``, and ``"scale": "log"``. If the problem is a function, the axes are
-        arguments of the function.
+        100}``. A range may have ``count`` instead of ``step``. A range with ``"scale": "log"`` has logarithmic steps. If the
+        problem is a function, the axes are arguments of the function.
     trials : int
         Number of trials at each point of the sweep.
     seed : int
@@ -146,7 +146,7 @@ class Sweep:
 
     @cached_property
     def points(self) -> tuple[Point, ...]:
-        """All points of the sweep, in an order in which the value of the last axis changes first."""
+        """All points of the sweep, in an order in which the value of the last axis changes fastest."""
         kind = self.problem.get("kind")
         made = tuple(
             self._point(number, dict(zip(self.axes, values, strict=True)), function=kind == "function")

@@ -9,7 +9,7 @@ _FIELD = re.compile(r"""(["']?)([\w.-]+)\1\s*=""")
 
 
 def line_of(text: str, message: str) -> int | None:
-    r"""Return the line of the field that an error message such as "problem: mpa: expected ..." names, or None for a missing field.
+    r"""Return the line of the field named by an error message such as "problem: mpa: expected ...", or None for a missing field.
 
     Examples
     --------

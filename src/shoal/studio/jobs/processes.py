@@ -42,8 +42,8 @@ class Worker:
     Parameters
     ----------
     work : str
-        Name MODULE:FUNCTION of the function to run. The new process imports the function, and calls it with the connection and the
-        arguments.
+        Name of the function to run, in the form MODULE:FUNCTION. The new process imports the function, and calls it with the
+        connection and the arguments.
     *arguments
         Arguments of the function, in addition to the connection.
 
@@ -80,7 +80,7 @@ class Worker:
 
 
 def named(text: str) -> Callable[..., Any]:
-    """Import and return the function with the name MODULE:FUNCTION.
+    """Import and return the function whose name has the form MODULE:FUNCTION.
 
     The name of the function must come from Shoal's own code, and never from a browser.
     """

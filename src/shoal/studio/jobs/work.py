@@ -94,7 +94,7 @@ def play_live(problem: Any, seed: int, say: Say) -> Any:
 
 
 def cells_to_classify(free: Any) -> int:
-    """Return the maximum number of cells that a mapping classifies: all free cells, and the walls beside free cells."""
+    """Return the maximum number of cells that a mapping can classify: all free cells, and the walls beside free cells."""
     from scipy import ndimage
 
     return int(ndimage.binary_dilation(np.pad(free, 1)).sum())
@@ -131,7 +131,7 @@ def compare_policies(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str
 
 
 def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
-    """Return, for each policy, the mean moves with a confidence interval, and the paired difference from the best policy."""
+    """Return each policy's mean number of moves with a confidence interval, and its paired difference from the best policy."""
     from shoal.lab.statistics import compare as paired
     from shoal.lab.statistics import estimate
 

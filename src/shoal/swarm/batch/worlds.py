@@ -273,7 +273,7 @@ class WorldBatch(Inspection):
         share_out(work, len(chosen), words=64 * self._padded.words, threads=self.threads)
 
     def _show(self, chosen: NDArray[np.int64]) -> None:
-        """Write the boards and the end of the episode for worlds that the kernels do not support."""
+        """For worlds that the kernels do not support, copy the boards and the status to the arrays of the batch."""
         steps = self._steps
         for world in chosen.tolist():
             swarm = self._swarms[world]

@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return, for each command letter in order, the change of a cell's flat array index by one step.
+    """Return, for each command letter in order, the difference that one step makes to a cell's flat array index.
 
     Examples
     --------

@@ -35,7 +35,7 @@ def field_of(free: Words, state: SwarmState, belief: Belief) -> moves.Field:
 
 
 def new_field(layout: GridLayout, *, counts: NDArray[np.int32] | None = None, **boards: Words) -> moves.Field:
-    """Return the flat arrays for kernels: the given boards, an empty board for each missing one, and working memory."""
+    """Return the flat arrays for kernels: the given boards, an empty board for each missing board, and working memory."""
     block = max(moves.BLOCK_WORDS, layout.words[1])
     work = {name: np.zeros(block, dtype=np.uint64) for name in ("tried", "moving")}
     missing = [name for name in ("free", "occupied", "open", "known", "frontier") if name not in boards]

@@ -29,8 +29,8 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
     n : int
         Number of particles, from 1 to ``workspace.n_free``.
     placement : str or callable
-        The placement rule: "uniform", "flood-fill", "region-fill", "left-wall", the name "module:attribute" of a function, or a
-        function. A placement function is called with (workspace, n, rng) and returns the start cells.
+        The placement rule: "uniform", "flood-fill", "region-fill", "left-wall", the name of a function in the form
+        "module:attribute", or a function. A placement function is called with (workspace, n, rng) and returns the start cells.
     rng : numpy.random.Generator
 
     Returns

@@ -98,7 +98,7 @@ class Coverage:
         Raises
         ------
         InvalidInputError
-            Raised if no particle can reach some target cell.
+            Raised if a target cell is out of reach of all particles.
         """
         wanted = world.workspace.free if targets is None else targets
         check_reachable(world.workspace, state.occupied.cells, wanted)

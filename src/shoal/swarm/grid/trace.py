@@ -114,7 +114,8 @@ class Recorder:
     idle : int
         Number of consecutive runs, up to the last run, that moved no particle and classified no cell.
     last : tuple of int
-        The distance travelled by all particles in the last run of commands, in cells, and the number of cells classified.
+        Two numbers about the last run of commands: the distance that all particles together travelled, in cells, and the number
+        of classified cells.
     """
 
     def __init__(self) -> None:
@@ -138,7 +139,7 @@ class Recorder:
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return a trace of the last ``moves`` commands recorded."""
+        """Return a trace of the last ``moves`` recorded commands."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

@@ -60,7 +60,7 @@ class GridWorld:
 
     Examples
     --------
-    Three particles in a row move together to the right and queue at the wall.
+    In the following example, three particles in a row move together to the right and queue at the wall.
 
     >>> world = GridWorld(GridWorkspace([[1, 1, 1, 1, 1]]))
     >>> state = world.initial([(0, 1), (0, 2), (0, 3)])

@@ -37,8 +37,8 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
     """Return the free cells of a numeric array: the cells whose number is at least ``level``, or equals ``label``.
 
-    If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must have one other
-    number.
+    If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must have one common
+    number other than 0.
 
     Raises
     ------

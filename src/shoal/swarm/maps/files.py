@@ -90,8 +90,8 @@ def read_map(path: str | os.PathLike[str], **options: Any) -> GridWorkspace:
     Raises
     ------
     InvalidInputError
-        Raised if the file is missing, unreadable, damaged, of another format, too large, or has no free cell. The error message
-        gives the location of the fault.
+        Raised if the file is missing, unreadable, damaged or too large, has a wrong format, or contains no free cell. The error
+        message gives the location of the fault.
     MissingExtraError
         Raised if the file is a NIfTI file and the library nibabel is not installed.
     """
@@ -125,7 +125,7 @@ def _suffix(path: Path) -> str:
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file, from which `read_map` can read equal free cells.
+    """Write a workspace to a map file, from which `read_map` can read the same free cells.
 
     Parameters
     ----------

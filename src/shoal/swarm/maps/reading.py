@@ -35,8 +35,8 @@ class MapOptions:
     level : float, optional
         For arrays and volumes: the smallest value of a free cell.
     label : int, optional
-        For arrays and volumes: the exact value of all free cells. If neither ``level`` nor ``label`` is given, all obstacles must
-        have the value 0, and all free cells must have one other value.
+        For arrays and volumes: the exact value of all free cells. If neither ``level`` nor ``label`` is given, all obstacles
+        must have the value 0, and all free cells must have one common value other than 0.
 
     Raises
     ------

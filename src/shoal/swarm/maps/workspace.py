@@ -76,8 +76,8 @@ class GridWorkspace:
     name : str
         Name of the workspace, as written in summaries and files.
     spacing : tuple of float, optional
-        Size of a cell along each axis in millimetres, if known. Figures with a scale bar and NIfTI files contain the spacing. The
-        simulation measures all distances in cells.
+        Size of a cell along each axis in millimetres, if known. Shoal uses the spacing for the scale bars of figures, and
+        stores it in NIfTI files. The simulation measures all distances in cells.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Noise: particles slip, and scans show wrong positions. The user states the confidence of maps from noisy scans."""
+"""Noise: particles slip, and scans show wrong positions. The user chooses the confidence with which a cell must be classified."""
 
 from __future__ import annotations
 

@@ -172,7 +172,7 @@ class NoisyBelief:
 
     @property
     def finished(self) -> bool:
-        """Whether particles can reach no more frontier cell. The property is false if the policy gave up a cell as undecidable."""
+        """Whether no frontier cell is in reach of particles. The property is false if the policy gave up a cell as undecidable."""
         belief, occupied = self.belief, self.occupied
         return self.undecided == 0 and bool(belief.open) and bool(occupied) and not path_to_frontier(belief, occupied)
 

@@ -1,6 +1,6 @@
 """Base classes of the built-in policies.
 
-The base classes define the number of each policy in kernels, and the order of equally near cells.
+The base classes define the code by which kernels identify each policy, and the order of equally near cells.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ class Searching(Compiled):
 def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
     """Refuse a move rule or a number of dimensions that is missing in the policy's attributes ``rules`` and ``dimensions``.
 
-    A policy without these attributes supports all move rules, and two and three dimensions.
+    A policy without the attributes ``rules`` and ``dimensions`` supports all move rules, and two and three dimensions.
 
     Raises
     ------

@@ -57,7 +57,7 @@ def path_to_frontier(
     ties: str = "column-major",
     neighbours: str = "lurd",
 ) -> str:
-    """Return the shortest commands that move a particle from ``sources`` to a frontier cell, or "" if no path exists.
+    """Return the shortest sequence of commands that moves a particle from ``sources`` to the frontier, or "" if none exists.
 
     The breadth-first search passes through cells that are known to be free and ends at the first frontier cell found. ``ties`` is
     the order in which the search expands cells of equal distance. ``neighbours`` is the order in which the search visits the

@@ -56,8 +56,9 @@ class Policy(Protocol):
     decision of an episode. A policy object never changes, so that one policy object can serve many episodes.
 
     A policy may state its move rules and numbers of dimensions in two attributes, such as ``rules = ("block",)`` and
-    ``dimensions = (2,)``. Shoal refuses a run under any other rule or on any other map. Without the attributes, a policy supports
-    all move rules, and two and three dimensions.
+    ``dimensions = (2,)``. If the attributes ``rules`` and ``dimensions`` of the policy do not contain the move rule and the
+    number of dimensions of a problem, Shoal refuses the problem. A policy without the attributes ``rules`` and ``dimensions``
+    supports all move rules, and two and three dimensions.
     """
 
     @property

@@ -76,7 +76,7 @@ class Drive(WithTrace):
         return f"{REASONS[self.status]} after {self.moves} moves{rest}"
 
     def compared(self, truth: GridWorkspace) -> dict[str, int]:
-        """Return two numbers: obstacles that the run classified as free, and free cells that the run classified as obstacles.
+        """Return the number of obstacles that the run classified as free, and the number of free cells classified as obstacles.
 
         Raises
         ------
@@ -102,7 +102,7 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     log : DriveLog, optional
         Log of the run. Shoal writes each command and each scan to the log immediately.
     on_moves : callable, optional
-        Function that `drive` calls during the run, with the numbers of moves made and frontier cells left.
+        Function that `drive` calls during the run, with the number of moves made and the number of remaining frontier cells.
     **fields
         Fields of `SwarmProblem`. The list `shoal.swarm.problem.DRIVEN` contains the fields of `SwarmProblem` that are valid for a
         rig. If ``slip``, ``misplace`` or ``miss`` is given, wrong positions count as noise, and not as an error of the rig.

@@ -60,11 +60,11 @@ class RigSwarm(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether the particles can classify no more frontier cell."""
+        """Whether no frontier cell is left that the particles can classify."""
 
     @abstractmethod
     def predict(self, command: str, steps: int) -> list[Row] | None:
-        """Update the belief after the same command was sent ``steps`` times without a scan.
+        """Update the belief after the command was sent ``steps`` times without a scan.
 
         Return the trace entries of each command, as `update` does. If a scan is necessary, return None and leave the belief
         unchanged.
@@ -72,7 +72,7 @@ class RigSwarm(ABC):
 
     @abstractmethod
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Update the belief with the result ``cells`` of a scan, which followed ``steps`` repetitions of one command.
+        """Update the belief with ``cells``, the result of a scan after the command was sent ``steps`` times.
 
         Return the trace entries (classified, frontier, travelled) of each command.
         """
@@ -82,7 +82,7 @@ class RigSwarm(ABC):
         return check_cells(self.rig.observe(), self.rig.shape, what="positions")
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send the same command ``steps`` times. Observe the particles if ``scan`` is true or the outcome is uncertain.
+        """Send the command ``steps`` times. Observe the particles if ``scan`` is true or the outcome is uncertain.
 
         Return the trace entries of each command, and whether the rig observed the particles.
         """
@@ -138,7 +138,7 @@ class ExactRigSwarm(RigSwarm):
         return self.update(command, steps, state.cells)
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Update the belief with a scan after ``steps`` repetitions of a command.
+        """Update the belief with a scan after the command was sent ``steps`` times.
 
         Raises
         ------
@@ -214,7 +214,7 @@ class NoisyRigSwarm(RigSwarm):
 
     @property
     def finished(self) -> bool:
-        """Whether the particles can reach no more frontier cell."""
+        """Whether no frontier cell is in reach of the particles."""
         return self._noisy.finished
 
     def predict(self, command: str, steps: int) -> list[Row]:
@@ -225,10 +225,7 @@ class NoisyRigSwarm(RigSwarm):
         return [(0, self._noisy.remaining, 0)] * steps
 
     def update(self, command: str, steps: int, cells: NDArray[np.int64]) -> list[Row]:
-        """Update the belief with a scan after ``steps`` repetitions of a command.
-
-        The travelled distance is reported as 0, because it is unknown.
-        """
+        """Update the belief with a scan after the command was sent ``steps`` times. Report 0 as the unknown travelled distance."""
         rows = self.predict(command, steps - 1)
         classified = self._noisy.update(command, Board.of_cells(self.layout, cells))
         self.observations.append(cells)

@@ -244,7 +244,7 @@ def _pump(pipe: Any, came: queue.Queue[bytes]) -> None:
 
 
 def open_transport(spec: str) -> Transport:
-    """Return the connection for an address, not yet opened. `shoal.swarm.rigs.open_rig` explains the addresses.
+    """Return the connection for an address, without opening it. `shoal.swarm.rigs.open_rig` explains the addresses.
 
     Raises
     ------

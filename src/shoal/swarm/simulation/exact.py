@@ -41,7 +41,7 @@ class ExactSwarm:
         return self.belief.complete
 
     def carry_out(self, command: str, steps: int, *, scan: bool = True) -> tuple[list[Row], bool]:
-        """Send ``steps`` equal commands, and update the state and the belief."""
+        """Send the command ``steps`` times, and update the state and the belief."""
         rows, stuck = [], False
         for pushes in self._pushes(command, steps):
             travelled = classified = 0

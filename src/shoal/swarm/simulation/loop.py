@@ -47,7 +47,7 @@ class Controlled(Protocol):
         """Whether no cells are left that particles can still classify or cover."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send ``steps`` equal commands, scan, and update the belief and the state.
+        """Send the command ``steps`` times, scan, and update the belief and the state.
 
         Parameters
         ----------

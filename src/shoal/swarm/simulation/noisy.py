@@ -33,11 +33,11 @@ class NoisySwarm:
 
     @property
     def finished(self) -> bool:
-        """Whether particles can reach no more frontier cell, and the policy has given up no cell as undecidable."""
+        """Whether no frontier cell is in reach of the particles, and the policy has given up no cell as undecidable."""
         return self.noisy.finished
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send ``steps`` equal commands. Scan after the last command if ``scan`` is true."""
+        """Send the command ``steps`` times. Scan after the last command if ``scan`` is true."""
         code, rows = encode(command, ndim=self.noisy.layout.ndim)[0], []
         for step in range(1, steps + 1):
             travelled, classified = int(noisy_state.move_noisy(self.noisy.state, code, self.rng)), 0

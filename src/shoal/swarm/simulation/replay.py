@@ -83,7 +83,7 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        The belief contains the information of the last scan, and of the commands after the last scan whose outcome is certain.
+        The belief contains the information of the last scan, and of each later command with a certain outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)

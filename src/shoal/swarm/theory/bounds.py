@@ -21,13 +21,14 @@ class LowerBound:
     Parameters
     ----------
     count : int
-        Counting bound: a lower bound that follows because each move classifies at most one cell per particle.
+        Counting bound: a lower bound that follows from the fact that each move classifies at most one cell per particle.
     distance : int
         Distance bound: at least the distance from the particles to the farthest cell. If N cells are farther from the particles
         than d moves, a plan needs at least d moves plus the counting bound of the N cells.
     axes : int
-        Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number along an axis follows
-        from cells that need many commands along the axis, and from walls that particles can probe along this axis only.
+        Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number of commands along
+        an axis follows from cells that need many commands along the axis, and from walls that particles can probe along this
+        axis only.
     """
 
     count: int

@@ -150,7 +150,7 @@ class SmallWorld:
 
 
 def set_bits(number: int) -> Iterator[int]:
-    """Yield the indices of an integer's set bits."""
+    """Yield the index of each 1 bit in an integer."""
     while number:
         low = number & -number
         yield low.bit_length() - 1

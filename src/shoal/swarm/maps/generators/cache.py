@@ -18,8 +18,9 @@ from shoal.swarm.maps.generators.names import generate
 def generate_cached(spec: str) -> NDArray[np.bool_]:
     """Return the generated map with the given name. Read the map from the user's cache folder, or generate and store it.
 
-    Shoal caches the maps of slow generators, in a folder of `shoal.core.files.users_cache`. A cached map from another version of
-    the generators is ignored. If the cache folder is read-only, Shoal generates every map anew.
+    Shoal caches the maps of slow generators, in a folder inside the folder that `shoal.core.files.users_cache` returns. A
+    cached map from another version of the generators is ignored. If the cache folder is read-only, Shoal generates every map
+    anew.
     """
     name = spec.partition(":")[0]
     if name not in GENERATORS or not GENERATORS.get(name).slow:

@@ -113,7 +113,7 @@ class _Arms(NamedTuple):
 def _regular(levels: int) -> tuple[int, ...]:
     """Return the half-lengths of an H-tree in cells.
 
-    The half-lengths of the bars halve after every two levels and end with 2 cells.
+    After every two levels, the half-length of the bars is divided by 2; the half-length of the last bars is 2 cells.
     """
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
@@ -121,8 +121,9 @@ def _regular(levels: int) -> tuple[int, ...]:
 def _arms(halves: tuple[int, ...]) -> _Arms:
     """Return all arms of an H-tree in the order in which the generator removes them.
 
-    Each arm comes after all arms that grow from it. At each fork, the arm to the left or downwards and all its branches come before
-    the opposite arm and its branches, so that the generator starts in the lower left corner and removes one branch after another.
+    Each arm comes after all arms that grow from it. At each fork, the arm to the left or downwards and its branches come before
+    the opposite arm and its branches. The generator, which follows the order of the arms, starts in the lower left corner and
+    removes one branch after another.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

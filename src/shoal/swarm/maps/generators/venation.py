@@ -244,7 +244,7 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
-    """Return the best candidate node near a tip and ahead of the tip, or None without such a node."""
+    """Return the best candidate node near a tip and ahead of the tip, or None if no such node exists."""
     if not len(candidates):
         return None
     way = points[candidates] - points[tip]
@@ -264,7 +264,7 @@ def _bend(start: Points, end: Points, heading: Points) -> Points:
 
 
 def _ancestor(parents: Indices, node: int, steps: int) -> int:
-    """Return the ancestor of a node ``steps`` generations back. If the node has fewer generations of ancestors, return the root."""
+    """Return the ancestor ``steps`` generations above a node. If the node has fewer generations of ancestors, return the root."""
     for _ in range(steps):
         node = int(parents[node])
     return node

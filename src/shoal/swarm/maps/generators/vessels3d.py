@@ -1,4 +1,7 @@
-"""Vessel trees in 3-D. The generator splits a volume repeatedly, and a branch supplies each half. The radii follow Murray's law."""
+"""Vessel trees in 3-D.
+
+The generator splits a volume repeatedly, and a branch leads to each half. The radii of the branches follow Murray's law.
+"""
 
 from __future__ import annotations
 
@@ -31,11 +34,11 @@ def draw_vessel_tree(count: int, *, seed: int = 0) -> Mask:
 def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
     """Return a 3-D map of a vessel network with loops: a vessel tree with some twigs joined to twigs of other branches.
 
-    The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre of
-    all tips. A plane along each branch divides the branch's tips into two groups, and a new branch supplies each group. The
-    division of the tips continues until each group is a single tip. The cube of a branch's radius is proportional to the number of
-    tips that the branch supplies, so that the radius r0 of a branch and the radii r1 and r2 of its daughters follow Murray's law,
-    r0³ = r1³ + r2³.
+    The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre
+    of all tips. A plane along each branch divides the tips that the branch leads to into two groups, and a new branch leads to
+    each group. The division of the tips continues until each group is a single tip. The cube of a branch's radius is
+    proportional to the number of tips that the branch leads to. The radius r0 of a branch and the radii r1 and r2 of its
+    daughters follow Murray's law, r0³ = r1³ + r2³.
 
     Parameters
     ----------
@@ -67,7 +70,7 @@ def _draw_vessels(count: int, rng: np.random.Generator, *, loops: float) -> Mask
 
 
 def murray_radius(fed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Return the radius of each branch in cells. ``fed`` is the number of tips that each branch supplies."""
+    """Return the radius of each branch in cells. ``fed`` is the number of tips that each branch leads to."""
     return TIP_RADIUS * np.cbrt(fed.astype(np.float64))
 
 

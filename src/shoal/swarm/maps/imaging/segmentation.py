@@ -247,7 +247,7 @@ def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
 
 
 def _without_small(found: Mask, least: float) -> Mask:
-    """Remove connected parts with fewer than ``least`` pixels. If all connected parts are smaller, keep the largest ones."""
+    """Remove connected parts with fewer than ``least`` pixels. If no part is that large, keep the largest parts."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(found, np.ones((3, 3)))
@@ -259,10 +259,10 @@ def _without_small(found: Mask, least: float) -> Mask:
 def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
     """Return the confidence, from 0 to 1, that a network of lines consists of vessels.
 
-    The confidence combines four criteria. Vessels give stronger lines than noise with the spectrum of the picture. A vessel differs
-    in brightness from the background on both sides, but the edge of an object differs on one side only. Vessels are connected over
-    long distances, but letters and stars are not. Vessels run in all directions, but the joints of a brick wall run in two
-    directions.
+    The confidence combines four criteria. Vessels give stronger lines than random noise that has the spectrum of the picture. A
+    vessel differs in brightness from the background on both sides, but the edge of an object differs on one side only. Vessels
+    are connected over long distances, but letters and stars are not. Vessels run in all directions, but the joints of a brick
+    wall run in two directions.
     """
     spectrum = np.fft.rfft2(flat)
     phase = np.angle(np.fft.rfft2(np.random.default_rng(0).standard_normal(flat.shape)))

@@ -34,7 +34,7 @@ class VesselStatistics:
     lengths, chords, widths : ndarray, float64, shape (s,)
         Length, distance between the ends, and mean width of each vessel segment, in pixels.
     area_density : float
-        Fraction of the area of the view that vessels cover.
+        Area of the vessels divided by the area of the field of view.
     dead_ends : float
         Number of dead ends on a network length of 100 mean vessel widths. The number of dead ends is NaN if the network is not
         longer than the mean vessel width.
@@ -187,8 +187,8 @@ def box_dimension(mask: ArrayLike, *, smallest: float = 2.0) -> float:
     mask : array_like of bool, shape (H, W)
         Mask that is True on the network.
     smallest : float
-        Side of the smallest boxes, in pixels. The side of the boxes doubles from size to size, up to a quarter of the network's
-        larger side.
+        Side of the smallest boxes, in pixels. The function doubles the side of the boxes repeatedly, up to a quarter of the
+        network's larger side.
 
     Returns
     -------

@@ -59,8 +59,9 @@ class BeamRollout(Budgeted):
 
         For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
         random variations of plans. For more than 1000 particles, the beam search is wider and deeper than for 1000 particles.
-        Because many particles classify all cells in few moves, the planner simulates the plans of more than 1000 particles to the
-        end even for a larger frontier, and gives less weight to early classification.
+        For more than 1000 particles, the planner simulates plans to the end even if the frontier is large, because many
+        particles classify all cells in few moves. For more than 1000 particles, the planner gives less weight to early
+        classification than for 1000 particles.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

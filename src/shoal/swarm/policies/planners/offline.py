@@ -105,8 +105,8 @@ def plan_coverage(
     rule : str
         The move rule: "block" or "merge".
     budget : float
-        Planning budget: the mean number of simulated moves per command of the plan. A plan of fewer than 200 commands gets the
-        budget of 200 commands.
+        Planning budget: the mean number of simulated moves per command of the plan. A plan of fewer than 200 commands gets as
+        many simulated moves as a plan of 200 commands.
     attempts : int
         Number of plans to compute, each with different random changes. The function returns the shortest of all computed plans.
     seed : int

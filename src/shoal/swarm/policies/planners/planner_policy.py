@@ -37,7 +37,7 @@ class PlannerPolicy(Compiled):
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
-        """Return the next command. ``memory`` holds the last command and all knowledge that the planner has learnt."""
+        """Return the next command. ``memory`` holds the last command and everything that the planner has learnt."""
         belief, layout, memory = view.belief, view.occupied.layout, copy.deepcopy(memory)
         field = field_of(belief.open.words, SwarmState(view.occupied), belief)  # planners do not read the true state
         if memory is None:
@@ -75,9 +75,9 @@ class Budgeted(PlannerPolicy):
         large swarm. For n > 1000 particles, the budget is multiplied by n / 1000, at most by four, because a large swarm needs few
         moves in total. Equal seeds and equal budgets give equal commands on every machine.
     milliseconds : float
-        Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands then
-        depend on the speed and load of the machine. Shoal can replay an episode with a limit on computing time, because the episode
-        contains its commands.
+        Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands
+        then depend on the speed and load of the machine. Shoal can replay an episode with a limit on computing time, because
+        the episode contains the commands.
     """
 
     budget: float = UNLIMITED

@@ -70,9 +70,9 @@ def coverage_moves(positions: ArrayLike, *, cells: int) -> NDArray[np.int64]:
     """Return the number of moves until the particles, moving first to the left, have visited every cell and found both ends.
 
     The number of moves to the left equals the position p_1 of the first particle. Particle number i at the position p_i moves
-    ``min(p_1, p_i - i)`` cells to the left. On the way to the right, the last particle needs one move more than the number of cells
-    to its right. Every other particle needs as many moves to the right as the gap before the next particle has cells. The total
-    number of moves is p_1 plus the largest number of moves that a particle needs to the right.
+    ``min(p_1, p_i - i)`` cells to the left. On the way to the right, the last particle needs one move more than the number of
+    cells to its right. Each particle except the last needs one move to the right for each cell of the gap to the next particle.
+    The total number of moves is p_1 plus the largest number of moves that a particle needs to the right.
 
     Parameters
     ----------

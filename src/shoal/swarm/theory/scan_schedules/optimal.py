@@ -59,7 +59,7 @@ class OptimalSchedule(ScanSchedule):
 
     @cached_property
     def guarantee(self) -> Worst:
-        """The largest ratio of the schedule's price to the optimal price, and the wall distance with the largest ratio."""
+        """The largest ratio of the schedule's price to the optimal price, and the wall distance at which the ratio is largest."""
         return self.worst(scan_cost=self.scan_cost, move_cost=self.move_cost, max_distance=self.max_distance)
 
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
@@ -91,9 +91,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     -------
     OptimalSchedule
         The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
-        digits. If more than `MAX_SCANS` positions or more than nine digits are necessary, the function computes the best schedule
-        with `MAX_SCANS` positions (to 19 digits) and the best schedule with equal steps, and returns the one with the smaller
-        competitive ratio.
+        digits. If more than `MAX_SCANS` positions or more than nine digits are necessary, the function returns the better one
+        of two schedules: the best schedule with `MAX_SCANS` positions (to 19 digits), and the best schedule with equal steps.
 
     Raises
     ------

@@ -72,7 +72,7 @@ class Worst:
     ratio : Fraction
         The largest ratio of the schedule's price to the optimal price, over all distances of the wall.
     distance : int
-        The smallest distance of the wall with the largest ratio, in moves.
+        The smallest distance of the wall at which the ratio is largest, in moves.
     """
 
     ratio: Fraction

@@ -68,7 +68,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
 
 
 def worst_of_both(schedule: ScanSchedule, max_distance: int) -> Fraction:
-    """Return the larger one of a schedule's competitive ratios of moves and of scans, for walls at 0 to ``max_distance``.
+    """Return the larger of a schedule's competitive ratios of moves and of scans, for wall distances from 0 to ``max_distance``.
 
     Raises
     ------
