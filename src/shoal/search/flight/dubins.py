@@ -32,8 +32,8 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
     Returns
     -------
     ndarray of float64, shape (..., 6, 3)
-        For each curve type in `WORDS`, the lengths of the curve's three parts divided by the radius. If the curve does not exist,
-        the lengths are infinite.
+        For each curve type in `WORDS`, the lengths of the curve's three parts divided by the radius. If a curve does not exist, its
+        lengths are infinite.
 
     Notes
     -----

@@ -26,7 +26,7 @@ Started = tuple[Sequence[Trajectory], float]
 class Separation:
     """The required horizontal and vertical distance of vehicles in flight.
 
-    Two vehicles must always keep at least one of the two distances.
+    Two vehicles must always keep the horizontal or the vertical distance.
 
     Parameters
     ----------

@@ -118,8 +118,7 @@ class MissionCheck:
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
         """Write the uncovered areas as GeoJSON, from the largest to the smallest, each as a feature with its ``area_m2``.
 
-        Coordinates in the file are in degrees. For a region in metres, coordinates are in metres, so map programs cannot show the
-        file.
+        Coordinates in the file are in degrees, or in metres for a region in metres. Map programs cannot show a file in metres.
 
         Raises
         ------

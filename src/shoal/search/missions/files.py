@@ -69,7 +69,7 @@ def write_missions(
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
     The file ``missions.json`` lists all written files. The function removes mission files that an older ``missions.json`` in the
-    folder lists, so that the folder contains a single search. The function keeps all other files in the folder.
+    folder lists, so that the folder contains missions of only one search. The function keeps all other files in the folder.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Help: idle robots divide the remaining cells of dead and late robots among themselves. Each idle robot decides by itself.
+"""Help: idle robots divide the remaining cells of dead and late robots among themselves, without a coordinator.
 
 The remaining cells of a robot's part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched,
 and its first cell is called its front. If a robot is already searching a run from its front, a helper enters the run further along,

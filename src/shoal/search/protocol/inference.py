@@ -53,7 +53,7 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 def silence_limit(robot: Robot) -> float:
     """Return the duration of silence after which a robot is presumed dead.
 
-    The duration grows with the fraction of lost messages.
+    The allowed silence grows with the fraction of lost messages.
     """
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 

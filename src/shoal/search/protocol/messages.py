@@ -46,7 +46,7 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Later beacons repeat the content of a beacon, so that robots can miss any single message.
+    """The regular broadcast of a robot. Later beacons repeat its content, so that the loss of a single message does no harm.
 
     Parameters
     ----------
