@@ -44,7 +44,7 @@ _ROWS = 120  # maximum number of rows for an estimate
 
 @dataclass(frozen=True)
 class Candidate:
-    """One possible plan that the planner compares with others: an angle, a tour, possibly an allocation, and the search time.
+    """One possible plan that the planner compares with other plans: an angle, a tour, possibly an allocation, and the search time.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Readers of terrain height files: GeoTIFF and ESRI ASCII grids."""
+"""Readers of files with terrain heights: GeoTIFF and ESRI ASCII grids."""
 
 from __future__ import annotations
 
