@@ -192,8 +192,8 @@ class SwarmProblem(Problem):
         "where its response falls below the lower threshold.", above=0, most=10,
     )  # fmt: skip
     high: float = option(
-        1.2, help="With --vessels: upper threshold of the filter response, as a multiple of the automatic threshold. At "
-        "least one pixel of each vessel exceeds the upper threshold. A smaller upper threshold gives more vessels.", above=0, most=10,
+        1.2, help="With --vessels: upper threshold of the filter response, as a multiple of the automatic threshold. At least "
+        "one pixel of each vessel exceeds the upper threshold. A smaller upper threshold gives more vessels.", above=0, most=10,
     )  # fmt: skip
     bright: bool | None = option(
         None, help="With --vessels: vessels are brighter than their surroundings. By default, Shoal takes bright lines or dark "

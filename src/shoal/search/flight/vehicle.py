@@ -41,7 +41,7 @@ _LENS = ("sensor_width", "sensor_height", "focal_length")
 
 @dataclass(frozen=True, eq=False)
 class Vehicle(Problem):
-    """A vehicle. A field without a given value has the value of the preset. A field without any value has no effect.
+    """A vehicle. A field without a given value has the value of the preset, or no effect if the preset has no value.
 
     Raises
     ------
