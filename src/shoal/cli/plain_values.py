@@ -1,4 +1,7 @@
-"""Values of options that need no conversion. Typer converts all others with Pydantic, whose import takes a fifth of a start."""
+"""Plain values of options.
+
+Typer converts values with the library Pydantic, whose import takes a fifth of the start time of a command.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ class _PlainFirst:
         self._plain = self._kind in {str, int, float, bool} and info.parser is info.min is info.max is None
 
     def coerce(self, value: Any, param: Any, ctx: Any) -> Any:
-        """Return the value for a command; the interface of Typer's own converters."""
+        """Return a converted value; the method has the interface of Typer's own converters."""
         if value is None:
             return () if param.multiple or param.nargs == -1 else None
         if self._plain and type(value) is self._kind:
@@ -25,14 +28,14 @@ class _PlainFirst:
         return self._others().coerce(value, param=param, ctx=ctx)
 
     def itself(self) -> _PlainFirst:
-        """Return this converter, in place of the one that Typer would build."""
+        """Return the converter itself, in place of a converter that Typer would build."""
         return self
 
 
 def parse_plain_values(options: list[Any]) -> list[Any]:
-    """Make the arguments and options of a command read plain values without Pydantic. Return the arguments and options.
+    """Return the arguments and options of a command, changed so that they read plain values without Pydantic.
 
-    If a version of Typer has other converters, Typer itself reads all values.
+    If a version of Typer does not let Shoal replace its converters, Typer itself converts all values.
     """
     for one in options:
         with suppress(AttributeError):

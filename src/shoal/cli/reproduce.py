@@ -53,7 +53,7 @@ def reproduce(
 
     For each figure, Shoal states whether the printed numbers and Shoal's numbers agree, differ, or are not comparable.
 
-    The exit code is 1 if Shoal could not make a figure. If the numbers differ from a paper, the exit code is 0.
+    The exit code is 1 if Shoal could not make a figure. Differences from the numbers in a paper do not change the exit code.
     """
     from shoal.lab.versions import MixedVersionsWarning
     from shoal.papers import reproduce as reproduce_one

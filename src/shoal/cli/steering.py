@@ -35,10 +35,10 @@ def steer(
 ) -> None:
     """Bring two or more particles to their goals with one shared input, using walls that hold particles.
 
-    A problem file contains a JSON object with the fields "workspace", "start" and "goal", and with any other option as a field. The
-    field "workspace" is a name, a file, or an object as described in docs/concepts/steering.md. The fields "start" and "goal" are
-    lists of points. Options on the command line replace the fields of the problem file. The exit code is 1 if the problem was not
-    solved; the status gives the reason.
+    A problem file contains a JSON object with the fields "workspace", "start" and "goal", and may contain any option as a field.
+    The field "workspace" is a name, a file, or an object as described in docs/concepts/steering.md. The fields "start" and "goal"
+    are lists of points. Options on the command line replace the fields of the problem file. The exit code is 1 if the problem was
+    not solved; the status gives the reason.
     """
     from shoal.steering.run import run
 

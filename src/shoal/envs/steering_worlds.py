@@ -154,7 +154,7 @@ class SteeringWorlds:
         return next(film.frames([FilmMoment(max(0, len(inputs) - 1), 1.0)]))
 
     def _episode(self, world: int, states: list[Points], inputs: list[Points]) -> SteeringEpisode:
-        """Return the moves in a world as an episode that the package views can draw."""
+        """Return the moves in a world as an episode that the package ``views`` can draw."""
         batch = self.batch
         problem = self.problem.replaced(start=states[0], goal=batch.goals[world, 0], execution=0.0, goal_x=None, goal_y=None)
         status = Status.INCOMPLETE if batch.errors[world] > problem.tolerance else Status.SOLVED

@@ -85,7 +85,7 @@ class SwarmEnv(WorldEnv):
         Raises
         ------
         OptionError
-            If the policy does not support the task, or if ``scan_every`` is not 1, because a policy chooses itself when to scan.
+            If the policy does not support the task, or if ``scan_every`` is not 1, because a policy itself chooses when to scan.
         """
         check_running(self._running)
         with option_errors():

@@ -70,7 +70,7 @@ class SwarmWorlds:
         self._last[slice(None) if where is None else where] = -1
 
     def step(self, actions: Any, where: NDArray[np.bool_] | None = None) -> tuple[NDArray[np.float64], Trace]:
-        """Send an action to each world: its command once, or several times before the next scan.
+        """Send to each world the command of its action, once or several times before the next scan.
 
         The method returns the reward of each world, and a trace with the effect of each command.
         """

@@ -121,7 +121,7 @@ class Recipe:
     on_map : bool
         Whether the user may replace the map of the figure.
     also : str
-        Places of the papers that show the figure, in addition to ``source``.
+        Places in the papers that show the figure, in addition to ``source``.
     """
 
     name: str

@@ -36,17 +36,17 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     episode : Episode
         An episode of swarm, steering or search. The kind "frontier" accepts a list of swarm episodes, and shows their median.
     kind : str, optional
-        Kind of the figure. For a swarm episode, "map" (the default) shows the map after ``moves`` moves (an option; by default,
-        after all moves), and "frontier" shows the number of frontier cells over the moves. For a steering episode, "plan" shows the
-        paths of the particles. For a search, "routes" (the default) shows the path of each robot, and "timeline" shows the
-        activities of each robot over time.
+        Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier" shows the number of frontier
+        cells over the moves. For a steering episode, "plan" shows the paths of the particles. For a search, "routes" (the default)
+        shows the path of each robot, and "timeline" shows the activities of each robot over time.
     **options
-        Options of the chosen kind of figure: ``moves`` for the kind "map"; the other kinds have no options.
+        Options of the chosen kind of figure. The kind "map" has the option ``moves``, the number of moves after which the figure
+        shows the map (by default, all moves). All other kinds have no options.
 
     Raises
     ------
     InvalidInputError
-        If the part of the episode has no figure of the given kind, or if the kind has no such option.
+        If the part of the episode has no figure of the given kind, or if the kind does not have a given option.
     """
     kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
     if kind is None:

@@ -136,7 +136,7 @@ def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: 
 
 
 def _policy_text(episode: SwarmEpisode) -> str:
-    """Return the name of an episode's policy, after the name ``best`` if the policy is the one that ``best`` means."""
+    """Return the name of an episode's policy; for the policy that ``best`` means, the text is ``best (NAME)``."""
     from shoal.swarm.policies import POLICIES
 
     best: str = vars(POLICIES.get("best"))["kind"]

@@ -200,7 +200,7 @@ def _float(ratio: Any) -> float | None:
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
     """Return all positions at which a schedule scans, or None if it has too many positions to list.
 
-    The steps of a schedule with too many positions are all equal.
+    The steps of a schedule with too many positions to list are all equal.
     """
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None

@@ -269,7 +269,7 @@ def _fig10(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _positive(curve: Curve) -> Curve:
-    """Return a curve without means that a logarithmic axis cannot show."""
+    """Return a curve without the means that a logarithmic axis cannot show."""
     kept = curve.mean > 0
     return Curve(curve.label, curve.x[kept], curve.mean[kept], np.maximum(curve.low[kept], 0.05), curve.high[kept], curve.published)
 

@@ -81,7 +81,7 @@ def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
 
 
 def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
-    """Return the claim that no random pair of moves leaves the computed set, the largest angle ``widest``, and all trials."""
+    """Return (claim, largest angle ``widest``, all trials); the claim is that no random pair of moves leaves the computed set."""
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
     found = claim(

@@ -117,7 +117,7 @@ def disk_sets(distances: Sequence[float] = EXAMPLES, *, moves: int = 14) -> Figu
 
 
 def fraction_curves(data: DiskFractions) -> Figure:
-    """Return a figure of the fraction of all position differences that moves reach on a disk, over the initial distance.
+    """Return a figure of the fraction of all position differences that moves reach on a disk, drawn against the initial distance.
 
     The figure corresponds to figure 8 of paper W. Circles mark the numbers that paper W prints. Vertical lines mark the initial
     distances of figure 9 of paper W.
@@ -145,7 +145,7 @@ def fraction_curves(data: DiskFractions) -> Figure:
 
 
 def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
-    """Return a figure with maps of the costs of plans over the goal of one particle (paper W, figures 14 and 16).
+    """Return a figure with maps of the costs of plans for many goals of one particle (paper W, figures 14 and 16).
 
     Parameters
     ----------
@@ -263,7 +263,7 @@ def _goal_key(sweep: GoalSweep) -> list[object]:
 
 
 def antipode_errors(second: AntipodeSwap, nearer: AntipodeSwap, *others: tuple[AntipodeSwap, str]) -> Figure:
-    """Return a figure of the final distance of particles from antipodal goals over the length of the plan (paper W, figure 15).
+    """Return a figure of the final distance from antipodal goals, drawn against the length of the plan (paper W, figure 15).
 
     Parameters
     ----------

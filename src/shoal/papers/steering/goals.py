@@ -1,4 +1,4 @@
-"""Paper W, figures 14 and 16: the costs of plans over the goal of one particle."""
+"""Paper W, figures 14 and 16: the costs of plans for many goals of one particle."""
 
 from __future__ import annotations
 

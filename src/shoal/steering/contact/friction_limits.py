@@ -113,7 +113,7 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return the reason if a barrier curve separates the difference ``before`` from all differences near ``after``, or None."""
+    """Return why a barrier curve around ``before`` excludes all differences near ``after``, or None without a proof."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2

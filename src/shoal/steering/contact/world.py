@@ -116,8 +116,8 @@ class ContactWorld(SteeringWorld):
     Raises
     ------
     InvalidInputError
-        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace. If the
-        radius is above 0, and the friction is finite or ``gradient`` is given.
+        If a number is out of range, the gain is not positive everywhere, or a particle does not fit into the workspace; or if a
+        radius above 0 is combined with finite friction or with ``gradient``.
 
     Notes
     -----

@@ -2,12 +2,9 @@
 
 The depth of a point below a wall is its distance from the line of the wall. After k moves, let one particle touch a wall at the
 point c. Let H_k(c) be the largest possible depth of the other particle below the wall of c. Let the sign σ be 1 if particle 1
-touches the wall, and -1 if particle 2 touches the wall. The position differences that k + 2 moves reach are the union, over all
-contacts c and both signs σ, of the sets
-
-    { σ (q - c) : q in the polygon, depth of q below the wall of c <= H_k(c) }.
-
-Linear programs over the sets after k moves give the largest depths H_k.
+touches the wall, and -1 if particle 2 touches the wall. Let S(c, σ) be the set of all σ (q - c), for the points q of the polygon
+whose depth below the wall of c is at most H_k(c). The position differences that k + 2 moves reach are the union of the sets
+S(c, σ) over all contacts c and both signs σ. Linear programs over the sets after k moves give the largest depths H_k.
 """
 
 from __future__ import annotations

@@ -127,8 +127,8 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the part of each side from which every vector of ``shifts`` leads to a point of the polygon.
 
-    For each side, the result holds the start and the end of the part, as fractions of the side's length. If no point of a side
-    qualifies, the end of its part is smaller than the start.
+    For each side, the result holds the start and the end of the part, as fractions of the side's length. For a side without a
+    suitable point, the returned end is smaller than the returned start.
     """
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners

@@ -14,7 +14,7 @@ __all__ = ["PLANNERS", "Planner", "fewest_moves", "greedy", "make_planner", "rob
 
 
 def make_planner(planner: str | Planner) -> Planner:
-    """Return the planner with a given name or ``module:attribute``; a planner object is returned unchanged.
+    """Return the planner that a name or a text ``module:attribute`` denotes; a planner object is returned unchanged.
 
     Raises
     ------

@@ -103,7 +103,7 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
 
 
 def _is_slow(left: float, before: float, tolerance: float) -> bool:
-    """Return whether too many cycles would be needed if each cycle reduced the error by the mean factor of the last few."""
+    """Return whether too many cycles would be needed if each cycle reduced the error by the mean factor of the last few cycles."""
     return (
         before < inf
         and left > tolerance

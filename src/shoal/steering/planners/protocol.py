@@ -24,7 +24,7 @@ class Planner(Protocol):
     with two particles in a convex workspace.
 
     The attribute ``prefers`` is "length" or "moves", the measure by which Shoal compares the plans for different assignments of
-    interchangeable goals. The method ``control(task, apparatus)`` is for a closed loop: it sends moves and observes the particles
+    interchangeable goals. The method ``control(task, apparatus)`` runs a closed loop: it sends moves and observes the particles
     instead of making a plan in advance. The argument ``apparatus`` of ``control`` is a
     `shoal.steering.simulation.apparatus.Apparatus`.
     """

@@ -44,7 +44,7 @@ class Sampling:
     A manoeuvre brings one particle to a wall and then moves another particle. The second move of a manoeuvre corrects the relative
     positions of the particles completely or partly, or is random. The planner simulates each manoeuvre and adds the resulting state
     to the search tree. When the particles have the relative positions of their goals, the planner translates them around obstacles
-    on the shortest path without wall contact. With more than two particles, the planner sampling is experimental.
+    on the shortest path without wall contact. With more than two particles, the planner ``sampling`` is experimental.
 
     Notes
     -----
@@ -84,7 +84,7 @@ class Sampling:
 
 
 def world_of(world: Any) -> kernels.World:
-    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner sampling."""
+    """Return the walls and the friction of a world, as arrays for the compiled functions of the planner ``sampling``."""
     room = world.room
     size = float(room.size)
     if room.round:
@@ -135,7 +135,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree until a new state has the relative positions of the goals; return False if the search ends without one."""
+        """Grow the tree until a new state has the relative positions of the goals; return False if the search finds none."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow

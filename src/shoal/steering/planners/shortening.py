@@ -91,7 +91,7 @@ class Shortening:
 
 
 def copy_of(plan: Plan, first: int = 0) -> Plan:
-    """Return a copy of a plan that begins with step number ``first``."""
+    """Return a copy of a plan without the steps before step number ``first``."""
     steps, count = new_steps(), plan.count - first
     for new, old in zip(steps, plan.steps, strict=True):
         new[:count] = old[first : plan.count]

@@ -201,7 +201,7 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def departures(self) -> list[tuple[list[Points], ChainQuery]]:
-        """Return pairs of initial moves (none, or one particle's small move off its walls) and the query for the remaining plan."""
+        """Return pairs (initial moves, query for the rest), with no initial move or one particle's small move off its walls."""
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]

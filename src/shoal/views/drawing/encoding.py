@@ -110,7 +110,7 @@ def encode_film(path: Path, clip: Clip[Any], *, gif: bool, on_frame: OnFrame | N
 def palette_of(frames: list[Frame]) -> bytes:
     """Return up to 256 colours for a GIF of the given frames, as bytes of red, green and blue.
 
-    The palette contains the most frequent colours of the frames without rounding.
+    The palette contains the exact values of the most frequent colours of the frames.
     """
     from PIL import Image as Pillow
 

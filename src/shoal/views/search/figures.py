@@ -108,7 +108,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return closed lines as one path around the points inside an odd number of lines; the first line encloses all other lines."""
+    """Return closed lines as a path that contains the points inside an odd number of lines; the first line encloses all others."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 
@@ -280,7 +280,7 @@ def _not_seen(history: SearchHistory) -> Any:
 
 
 def _holes_text(region: SearchRegion) -> str:
-    """Return what the holes in the drawing of a region are: holes, no-go zones or both; an empty text without holes."""
+    """Return a text that names the kinds of holes in a region (hole, no-go zone, or both); an empty text without holes."""
     barred = {bool(hole.intersects(region.no_go)) for hole in region.holes}
     return " or ".join(name for name, is_zone in (("hole", False), ("no-go zone", True)) if is_zone in barred)
 

@@ -149,7 +149,7 @@ class SearchHistory:
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """For each cell, in tour order, whether the robot that searched it first had taken it over from another robot; bool."""
+        """For each cell in tour order, whether the first robot that searched it had taken it over from another robot; bool."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]

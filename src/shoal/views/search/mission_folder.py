@@ -33,7 +33,7 @@ class MissionFolder:
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an option is invalid, or if a rover would have to leave the region. The constructor raises the error before any planning.
+        If an option is invalid, or if a rover would have to leave the region; the constructor raises the error before any planning.
     """
 
     def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:

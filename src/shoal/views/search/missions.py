@@ -107,7 +107,7 @@ def _draw_region(axes: Axes, region: SearchRegion) -> None:
 
 
 def _holes(region: SearchRegion) -> list[Any]:
-    """Return the holes of a region that are no no-go zones."""
+    """Return the holes of a region, without its no-go zones."""
     return [hole for hole in region.holes if not hole.intersects(region.no_go)]
 
 

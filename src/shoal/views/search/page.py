@@ -156,7 +156,7 @@ def _robot(history: SearchHistory, robot: int) -> dict[str, Any]:
 
 
 def simplified(trajectory: RobotTrajectory, tolerance: float) -> RobotTrajectory:
-    """Return a trajectory without each point that linear interpolation reproduces within ``tolerance`` metres."""
+    """Return a trajectory without the points that linear interpolation reproduces within ``tolerance`` metres."""
     times, points = trajectory.times, trajectory.points
     if len(times) < 3:
         return trajectory

@@ -75,7 +75,7 @@ class RobotWays:
         return np.column_stack([route.points[:, :2], np.where(away[0] <= away[1], here, before)])
 
     def _way(self, start: Floats, end: Floats) -> tuple[Floats, Floats]:
-        """Return the path between two points with the columns of `of`, and the distance of each point from the first, in metres."""
+        """Return the path between two points (columns as in `of`), and the distance of each point from the start, in metres."""
         plan = self.episode.plan
         ups = np.array(plan.altitudes)
         if len(ups) == 1:
@@ -166,6 +166,6 @@ class RobotWays:
         return RobotTrajectory(np.append(times[: len(kept) - 1], min(died, float(times[-1]))), kept)
 
     def _home(self, robot: int) -> Floats:
-        """Return the launch point of a robot, with the columns of `of`."""
+        """Return the launch point of a robot, with columns as in `of`."""
         home = self.episode.plan.places[robot]
         return home if len(self.episode.plan.altitudes) == 1 else np.append(home, 0.0)

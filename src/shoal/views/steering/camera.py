@@ -126,7 +126,7 @@ def camera_for(workspace: ConvexWorkspace, states: Any, *, azimuth: float) -> Ca
 
 
 def picture_extent(workspace: ConvexWorkspace, states: Any) -> tuple[float, float, float]:
-    """Return the largest extent of a workspace in a picture to the right, upwards and downwards, over all directions of view."""
+    """Return the largest extents of a workspace in a picture (to the right, upwards and downwards) over all directions of view."""
     frame = Frame3D.of(workspace)
     corners = np.concatenate([frame.floor, frame.ceiling, states.reshape(-1, 3)])
     turns = np.linspace(0, 2 * np.pi, 49)

@@ -33,7 +33,7 @@ class Box:
 
 
 class PlaneView:
-    """The mapping of points in the plane to pixels: the outline is centred in a box and as large as possible."""
+    """A mapping of points in the plane to pixels, which centres an outline in a box and makes the outline as large as possible."""
 
     def __init__(self, outline: NDArray[np.float64], box: Box) -> None:
         low, high = outline.min(axis=0), outline.max(axis=0)

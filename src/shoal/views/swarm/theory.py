@@ -77,7 +77,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return a figure of two distributions, as in figure 6 of paper M: the moves to find both ends, and to cover all cells.
+    """Return a figure of the distributions of the moves to find both ends and of the moves to cover all cells (paper M, figure 6).
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio over the largest distance 10^k.
+    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio, drawn against the largest distance 10^k.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the move ratios and scan ratios of scan schedules over the distance of the wall."""
+    """Return a figure of the move ratios and scan ratios of scan schedules, drawn against the distance of the wall."""
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)

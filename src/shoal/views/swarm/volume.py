@@ -36,7 +36,7 @@ class Slices:
 
     @classmethod
     def of(cls, workspace: GridWorkspace) -> Slices:
-        """Return the three slices of a workspace with the most free cells."""
+        """Return, for each axis of a workspace, the slice that contains the most free cells."""
         counts = [np.count_nonzero(workspace.free, axis=tuple({0, 1, 2} - {axis})) for axis in range(3)]
         return cls(*(int(np.argmax(count)) for count in counts))
 
@@ -62,7 +62,7 @@ class Fit:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
-        """Return the visible part for the free cells of a workspace and the walls around the free cells."""
+        """Return the visible part of a 3-D map, which contains all free cells and the walls around the free cells."""
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
         places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
