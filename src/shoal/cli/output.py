@@ -75,7 +75,7 @@ def print_columns(names: list[str], values: list[str], rows: list[list[str]], *,
 
 
 def _titled(title: str, table: Any) -> Any:
-    """Return a table below its title, which does not wrap even if the table is narrow."""
+    """Return a table below its title; the title does not wrap even if the table is narrow."""
     from rich.console import Group
     from rich.text import Text
 

@@ -30,8 +30,8 @@ def run(problem: SteeringProblem, *, seed: int = 0) -> SteeringEpisode:
     Parameters
     ----------
     problem : SteeringProblem
-        The problem to solve. A planner knows the friction of the problem. Only closed-loop planners, such as robust, know the noise
-        and correct the plan during the run.
+        The problem to solve. A planner knows the friction of the problem. Only closed-loop planners, such as ``robust``, know the
+        noise and correct the plan during the run.
     seed : int
         Seed of all random numbers: for random starts and goals, for noise, and for the random decisions of planners.
 

@@ -34,7 +34,7 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. The kind "frontier" accepts a list of swarm episodes, and shows their median.
+        An episode of swarm, steering or search. The figure "frontier" accepts a list of swarm episodes, and shows their median.
     kind : str, optional
         Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier" shows the number of frontier
         cells over the moves. For a steering episode, "plan" shows the paths of the particles. For a search, "routes" (the default)
@@ -46,7 +46,7 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Raises
     ------
     InvalidInputError
-        If the part of the episode has no figure of the given kind, or if the kind does not have a given option.
+        If Shoal has no figure of the given kind for the episode, or if the kind does not have a given option.
     """
     kinds = _views_of(episode[0] if isinstance(episode, Sequence) and episode else episode, "figures").FIGURES
     if kind is None:
@@ -106,7 +106,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return the module named ``room`` from the views of an episode's part, without an import of the views of other parts."""
+    """Return the module ``room`` of the package that draws the episode, without an import of the packages for other episodes."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")

@@ -33,7 +33,7 @@ def demo(
     out: Annotated[Path, typer.Option("--out", metavar="FOLDER", help="Folder for the results.")] = Path("demo"),
     json_: options.Json = False,
 ) -> None:
-    """With 300 particles that obey one shared command, map the vessels in a photograph of a real eye.
+    """Map the vessels in a photograph of a real eye, with 300 particles that obey one shared command.
 
     The command 'shoal demo' writes two pictures of the photograph with its vessels, the vessel map, a picture of the final map, a
     chart of the frontier cells, a film (MP4), the HTML player and the episode. The command 'shoal demo steer' brings two particles

@@ -156,7 +156,7 @@ def goal_maps(rows: Sequence[Sequence[tuple[GoalSweep, str]]]) -> Figure:
     Raises
     ------
     InvalidInputError
-        If ``rows`` is empty, if the rows differ in length, or if a panel has a different content.
+        If ``rows`` is empty, if the rows differ in length, or if the quantity of a panel is neither "moves" nor "length".
     """
     if not rows or not rows[0] or len({len(row) for row in rows}) != 1:
         raise InvalidInputError("goal maps: expected rows of equal length with at least one panel")

@@ -63,7 +63,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
         of an episode with noise contain no ``start`` and no ``targets``. ``moments`` is the base64 text of
         `shoal.views.swarm.recording.packed_moments`, and ``looks`` explains the colour codes of the cells. ``noise`` holds the
         probabilities of the noise by name, and ``goal`` is the number of cells to classify. ``truth`` states whether the true map
-        is known, so that the page can show classification errors, and ``seen`` states whether the positions of the particles are
+        is known, so that the page can show classification errors. ``seen`` states whether the positions of the particles are
         observed positions instead of true positions.
     """
     return {

@@ -228,7 +228,7 @@ def _new_contacts(
 ) -> Iterator[tuple[int, Points, float, float]]:
     """Yield the wall, contact, fraction and path length of each possible new cycle of a particle at ``point``.
 
-    The fraction states which part of the chain's next change of the position difference the new cycle makes.
+    The fraction states how much of the chain's next change of the position difference the new cycle makes.
     """
     walls = query.walls
     flat = len(walls.normals)
