@@ -1,4 +1,4 @@
-"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, one move a step."""
+"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, with one move a step."""
 
 from __future__ import annotations
 

@@ -112,8 +112,8 @@ class MissionFolder:
 def write_check(result: MissionCheck, folder: Path, *, drawn: bool = True) -> list[Path]:
     """Write the report of a mission check, and return the paths of the written files.
 
-    Beside the report, the function writes the uncovered area if the check has measured the coverage, and a map if ``drawn`` is
-    true.
+    If the check has measured the coverage, the function writes the uncovered area beside the report. If ``drawn`` is true, the
+    function writes a map beside the report.
     """
     written = [folder / "check.json"]
     write_json(written[0], result.report())

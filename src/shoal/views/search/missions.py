@@ -29,7 +29,7 @@ _LONG = 0.02  # relative to all paths: level stretches whose altitude has its ow
 
 
 def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach: MissionApproach | None = None) -> Figure:
-    """Return a figure with the map of missions, with the same colour for each robot as in the figure of its search.
+    """Return a figure with the map of missions, in which each robot has the same colour as in the figure of the search.
 
     The legend names the colour and the altitudes of each robot, unless there are more robots than colours.
 
