@@ -146,10 +146,10 @@ file, the rule, the expected value and the value in the file. The function `read
 marked * in the table. [Missions](../concepts/missions.md) explains how Shoal writes mission files.
 
 If possible, pass the region of the search to the linter. Without the region, the linter cannot detect that latitude and longitude
-are exchanged in all coordinates of a file, because such a file looks like a mission in another place. The option `--autopilot
-px4` states the expected autopilot. The option `--cap 250` states the number of mission items that the autopilot can store.
-The option `--separation` of the command, or the argument `separation` of the function, sets the smallest distance between homes
-and landing points of different vehicles (rule `homes-near`).
+are exchanged in all coordinates of a file, because such a file looks like a mission in another place. The option `--autopilot px4`
+states the expected autopilot. The option `--cap 250` states the number of mission items that the autopilot can store. The option
+`--separation` of `shoal missions check`, or the argument `separation` of `lint`, sets the smallest distance between homes and
+landing points of different vehicles (rule `homes-near`).
 
 | rule | severity | what is wrong |
 |---|---|---|

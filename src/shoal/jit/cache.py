@@ -115,7 +115,7 @@ class _KernelCache(NullCache):
 def _environments(result: Any) -> tuple[Any, ...]:
     """Return the environments of a kernel that hold constants.
 
-    The function omits environments without constants, because loading them would only cost the time of imports.
+    The function omits environments without constants, because loading them has no use but takes time for imports.
     """
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 

@@ -165,7 +165,7 @@ def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]
 def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
     """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all footprints are equal.
 
-    A wide footprint sees neighbouring cells completely. After exchanges, a cell may be seen only from its own viewpoints.
+    A wide footprint sees neighbouring cells from one cell, but after exchanges a cell may be seen only from its own viewpoints.
     """
     return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
 
@@ -269,7 +269,7 @@ def best_grid_tour(
 def _exchanged_tours(
     region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float, transit: bool
 ) -> list[GridTour]:
-    """Return the best tour of each kind, shortened by exchanges and by viewpoints on shorter paths."""
+    """Return the best tour for each name in ``tours``, shortened by exchanges and by viewpoints on shorter paths."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)

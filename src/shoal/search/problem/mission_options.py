@@ -44,7 +44,7 @@ def parse_separation(text: str) -> tuple[float, ...]:
 
 
 def check_separation(value: Any) -> tuple[float, ...]:
-    """Check a horizontal and a vertical separation in metres. Return (0,) if the horizontal separation is 0.
+    """Check and return a horizontal and a vertical separation in metres, or (0,) if the horizontal separation is 0.
 
     Raises
     ------

@@ -116,7 +116,7 @@ def move(order, place, first, count, behind, backwards, moved):
 
 @in_place_kernel
 def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write the best exchange of two links in which a cell becomes linked to one beside it: saving, first and last place."""
+    """Write the best exchange of two links that links a cell to a cell beside it: saving, first and last reversed place."""
     n = len(order)
     for slot in range(9):
         other = beside[here, slot]
@@ -136,9 +136,10 @@ def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, ne
 
 @in_place_kernel
 def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write the best move of up to three cells, from or to a cell, beside one of its neighbours.
+    """Write the best move of up to three cells that begin or end with a given cell, to a place beside one of its neighbours.
 
-    ``found`` is: saving, first place, cell behind which they move, whether backwards, number of cells.
+    The entries of ``found`` are the saving, the first place of the moved cells, the cell behind which they move, 1 if they move
+    backwards, and the number of moved cells.
     """
     n = len(order)
     for k in range(18 * _LONGEST):
@@ -164,8 +165,8 @@ def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, f
 def shorten(points, cells, beside, order, turn):
     """Exchange links and move cells until no exchange at an active cell saves length or turns. ``turn`` is the cost of a turn.
 
-    At first, the cells in and beside turns and links of another length than 1 are active. Afterwards, the cells at the ends of new
-    links are active.
+    At first, each cell at a turn, or at a link whose length is not 1, is active together with the cells beside it. Afterwards, the
+    cells at the ends of new links are active.
     """
     n = len(order)
     if n < 8:

@@ -46,7 +46,7 @@ def passes_over(path, count, boxes):
 
 @in_place_kernel
 def slide(path, v, other, step, result):
-    """Move point v of a path by a step towards another point, or away from it. Return whether it does not reach the point."""
+    """Move point v by a step towards another point (away from it if ``step`` < 0), or return False if v would reach the point."""
     length = distance(path, v, other)
     if length < 1e-9 or step >= length:
         return False
@@ -57,7 +57,7 @@ def slide(path, v, other, step, result):
 
 @in_place_kernel
 def join(path, v, result):
-    """Write the crossing point of the legs before point v and after point v + 1. Return whether both legs lead to it."""
+    """Write where the legs before point v and after point v + 1 cross. Return whether both legs lead to the crossing point."""
     x, y = path[v, 0] - path[v - 1, 0], path[v, 1] - path[v - 1, 1]
     u, w = path[v + 1, 0] - path[v + 2, 0], path[v + 1, 1] - path[v + 2, 1]
     across = u * y - x * w
@@ -71,7 +71,7 @@ def join(path, v, result):
 
 @in_place_kernel
 def changed(path, count, v, kind, step, result):
-    """Write the path after a change at point v. Return its number of points, or 0 if the change is impossible.
+    """Write the path after a change at point v. Return the path's number of points, or 0 if the change is impossible.
 
     The changes delete the point, move it half way to the middle of its neighbours, slide it along the leg to the previous or the
     next point, join the legs beside two points in one point, or slide two points back along the legs beside them.
