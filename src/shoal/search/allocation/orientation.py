@@ -135,8 +135,8 @@ def grid_tour(
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
     exchange : bool
-        Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged` and `along_border`. Each robot
-        must then search its cells by itself.
+        Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged` and `along_border`. If true,
+        each robot must visit all viewpoints of its cells.
 
     Examples
     --------
