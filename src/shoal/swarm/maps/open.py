@@ -87,7 +87,7 @@ def open_map(
 def vessels_in(
     path: str | os.PathLike[str], *, low: float = imaging.LOW, high: float = imaging.HIGH, **options: Any
 ) -> imaging.Vessels:
-    """Return the vessels in a photograph. Reuse the last result if the photograph's file and the options are unchanged.
+    """Return the vessels in a photograph. Reuse the last result if the file and the options have not changed.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def vessels_in(
 
 
 def finder_of(path: str | os.PathLike[str], *, bright: bool | None = None, thickest: float | None = None) -> imaging.VesselFinder:
-    """Return the vessel finder of a photograph. Reuse the last finder if the photograph's file and the options are unchanged.
+    """Return the vessel finder of a photograph. Reuse the last finder if the file and the options have not changed.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class Stop(_Message):
 
 
 class Welcome(_Message):
-    """Answer of a rig to hello: a description of the rig, and the number of the last request that the rig carried out."""
+    """Answer of a rig to the request hello: a description of the rig, and the number of the last request that it carried out."""
 
     type: Literal["welcome"] = "welcome"
     protocol: int
@@ -75,7 +75,7 @@ class Done(_Message):
 
 
 class Positions(_Message):
-    """Answer of a rig to observe: the cells of all observed particles."""
+    """Answer of a rig to the request observe: the cells of all observed particles."""
 
     type: Literal["positions"] = "positions"
     seq: int
@@ -83,7 +83,7 @@ class Positions(_Message):
 
 
 class Stopped(_Message):
-    """Answer of a rig to stop: the rig has stopped."""
+    """Answer of a rig to the request stop: the rig has stopped."""
 
     type: Literal["stopped"] = "stopped"
 

@@ -304,7 +304,7 @@ class RemoteRig:
         return None
 
     def _accepted(self, welcome: Welcome, *, new: bool) -> Welcome:
-        """Check that the answer to hello comes from the expected rig and session."""
+        """Check that the answer to the request hello comes from the expected rig and session."""
         if welcome.protocol != PROTOCOL:
             raise RigError(f"{self.transport.name}: expected a rig that speaks protocol {PROTOCOL}, got {welcome.protocol}")
         if welcome.rule not in RULES or int(np.prod(welcome.shape, dtype=object)) > MAX_CELLS:

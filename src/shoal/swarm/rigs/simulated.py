@@ -17,7 +17,7 @@ from shoal.swarm.noise.simulated import truth_of
 
 
 class SimulatedRig:
-    """A simulated rig without noise: it moves and observes particles in a workspace without errors.
+    """A simulated rig without noise, which makes no errors when it moves and observes particles in a workspace.
 
     Parameters
     ----------

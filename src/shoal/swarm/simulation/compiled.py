@@ -58,7 +58,10 @@ class Game(Protocol):
         """Maximum number of moves that one call of `play_on` may compute."""
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode at its maximum number of moves. If a run of commands is interrupted, add a last scan."""
+        """Return the status of an episode after its maximum number of moves.
+
+        If the end of the episode interrupts a run of commands, add a last scan.
+        """
 
 
 def compiled_loop(
@@ -154,7 +157,10 @@ class SearchGame:
         return int(self.policy_state.memory.remaining)
 
     def cut(self, trace: Trace) -> Status:
-        """Return the status of an episode at its maximum number of moves. Add a last scan after a run with an uncertain outcome."""
+        """Return the status of an episode after its maximum number of moves.
+
+        Add a last scan after a run with an uncertain outcome.
+        """
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:
             return Status.LIMIT
@@ -249,7 +255,7 @@ def largest_piece(field: moves.Field) -> int:
 
 
 def scanning_of(scanning: ScanRule | None) -> scan_runs.Scanning:
-    """Return a scan rule as kernels expect it. If ``scanning`` is None, the recorded trace determines the scans."""
+    """Return a scan rule in the form that kernels expect. If ``scanning`` is None, the recorded trace determines the scans."""
     return scan_runs.Scanning(scan_runs.GIVEN, 1) if scanning is None else scan_runs.Scanning(KINDS[scanning.kind], scanning.step)
 
 

@@ -42,7 +42,10 @@ class Decider(Protocol):
         """Return the command of the next run and the number of commands in the run. If no commands are left, return None."""
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Take note that the last run classified ``learnt`` cells. Return whether a scan was necessary after the last run."""
+        """Return whether a scan was necessary after the last run.
+
+        ``learnt`` is the number of cells that the last run classified.
+        """
 
 
 def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decider:
@@ -129,7 +132,7 @@ class AdaptiveRuns:
         return LETTERS[memory.run_command], int(memory.run_left)
 
     def scan_after(self, belief: Belief, state: SwarmState, learnt: int) -> bool:
-        """Return whether a scan was necessary after the last run, which classified ``learnt`` cells."""
+        """Return whether a scan was necessary after the last run. ``learnt`` is the number of cells that the run classified."""
         self.policy_state.memory.learnt = learnt
         return bool(policy_episode.end_run(field_of(belief.open.words, state, belief), self.policy_state, self.scan_planner, False))
 

@@ -35,10 +35,10 @@ def draw_vessel_net(count: int, *, seed: int = 0) -> Mask:
     """Return a 3-D map of a vessel network with loops: a vessel tree with some twigs joined to twigs of other branches.
 
     The generator distributes the tips of the network in an ellipsoid. The first branch grows from the inlet towards the centre
-    of all tips. A plane along each branch divides the tips that the branch leads to into two groups, and a new branch leads to
-    each group. The division of the tips continues until each group is a single tip. The cube of a branch's radius is
-    proportional to the number of tips that the branch leads to. The radius r0 of a branch and the radii r1 and r2 of its
-    daughters follow Murray's law, r0³ = r1³ + r2³.
+    of all tips. A plane along each branch divides the tips beyond the branch into two groups, and a new branch leads to each
+    group. The division of the tips continues until each group is a single tip. The cube of a branch's radius is proportional to
+    the number of tips that the branch leads to. The radius r0 of a branch and the radii r1 and r2 of its daughters follow
+    Murray's law, r0³ = r1³ + r2³.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def _spread(tips: int, rng: np.random.Generator) -> Points:
 
 
 def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, NDArray[np.int64]]:
-    """Return the start and the end of each branch, shape (n, 3), and the number of tips that it leads to, shape (n,).
+    """Return the start and the end of each branch, shape (n, 3), and the number of tips that each branch leads to, shape (n,).
 
     The trunk comes first.
     """

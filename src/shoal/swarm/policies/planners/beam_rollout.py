@@ -55,7 +55,7 @@ class BeamRollout(Budgeted):
     budget: float = 1000.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, as kernels expect them.
+        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
 
         For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
         random variations of plans. For more than 1000 particles, the beam search is wider and deeper than for 1000 particles.

@@ -1,4 +1,4 @@
-"""Weights of the learned occupancy prior, as kernels expect them. The learned prior is a neural network trained on maps."""
+"""Weights of the learned occupancy prior, in the form for kernels. The learned prior is a neural network trained on maps."""
 
 from __future__ import annotations
 

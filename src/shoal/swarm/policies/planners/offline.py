@@ -37,7 +37,7 @@ PLACES = 64  # states stored along a plan
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """The planner beam-rollout with a wider search. The policy offline shortens the plan of `FirstPlan` by simulated annealing."""
+    """A variant of the planner beam-rollout with a wider search. The policy offline shortens its plan by simulated annealing."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)

@@ -33,7 +33,7 @@ class PlannerPolicy(Compiled):
     milliseconds: ClassVar[float] = 0.0
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, as kernels expect them."""
+        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect."""
         return () if self.tuning is None else (UNLIMITED, *self.tuning)
 
     def decide(self, view: View, memory: Any, rng: Generator) -> Decision:
@@ -90,7 +90,7 @@ class Budgeted(PlannerPolicy):
             raise InvalidInputError(f"milliseconds: expected a time a move, 0 to 1e9, got {self.milliseconds:g}")
 
     def settings(self, particles: int) -> tuple[float, ...]:
-        """Return the planning budget and the tuning for a number of particles, as kernels expect them."""
+        """Return the planning budget and the tuning for a number of particles, in the form that kernels expect."""
         assert self.tuning is not None
         few, many = min(MOST_FEW, (USUAL / max(1, particles)) ** 2), min(MOST_MANY, particles / USUAL)
         return (self.budget * max(few, many), *self.tuning)

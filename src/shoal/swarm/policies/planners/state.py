@@ -34,8 +34,8 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
     """Return an occupancy prior without learned data, as it is at the start of an episode.
 
-    The occupancy prior contains ``lattices`` lattice models. If ``learned`` is true, the prior contains the trained neural network
-    in addition to the lattice models.
+    ``lattices`` is the number of lattice models in the occupancy prior. If ``learned`` is true, the prior contains the trained
+    neural network in addition to the lattice models.
     """
     weights = np.zeros(occupancy_prior.EXPERTS)
     weights[: lattices + 1] = (0.5 if learned else 1.0) / (lattices + 1)
