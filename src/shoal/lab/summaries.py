@@ -27,8 +27,8 @@ class Row:
     values : dict
         Values of the sweep's axes at the point, by axis name.
     estimate : Estimate or None
-        Estimate of the mean of the measure. The estimate is None if no trial has the measure, or if the measure grows until the
-        task is done and no trial completed its task.
+        Estimate of the mean of the measure. The estimate is None if no trial has the measure. For a measure that grows until
+        the task is done, the estimate is None if no trial completed its task.
     missing : int
         Number of trials that have not yet run, have failed, or returned None as the measure.
     counted : int
