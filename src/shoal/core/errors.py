@@ -21,7 +21,7 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 class ShoalError(Exception):
     """Base class of all exceptions that Shoal raises on purpose.
 
-    The constructor shortens each word of the error message that is longer than `LONGEST_ECHO` characters.
+    In the error message, the constructor shortens each word of more than `LONGEST_ECHO` characters.
     """
 
     def __init__(self, *arguments: Any) -> None:

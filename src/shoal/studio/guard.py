@@ -58,7 +58,8 @@ class Guard:
     application : callable
         The ASGI application that the middleware protects.
     port : int
-        Port of the server. The middleware refuses requests for other hosts or ports, and requests from pages of other sites.
+        Port of the server. The middleware refuses requests for a host or port that is not the server's, and requests from pages
+        of other websites.
 
     Attributes
     ----------

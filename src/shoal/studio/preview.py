@@ -1,6 +1,6 @@
 """Processes for the quick answers of the studio. Each process runs permanently and caches opened files.
 
-If a process for quick answers ends, the studio starts a new one.
+If a process for quick answers ends, the studio starts a new process.
 """
 
 from __future__ import annotations

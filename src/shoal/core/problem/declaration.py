@@ -185,7 +185,7 @@ def option(default: Any = REQUIRED, *, help: str, **more: Any) -> Any:  # noqa: 
 
 
 def declaration_of(one: Field[Any], value_type: Any, heading: str) -> Declaration:
-    """Return the declaration of a dataclass field that `option` made, with the type of the field and its heading."""
+    """Return the declaration of a dataclass field made by `option`, including the field's type and heading."""
     parts = get_args(value_type) if get_origin(value_type) in (Union, types.UnionType) else (value_type,)
     kinds = [part for part in parts if part is not type(None)]
     kind = kinds[0] if len(kinds) == 1 and kinds[0] in (int, float, bool, str) else object

@@ -50,7 +50,7 @@ class StoredSweep:
         return tuple(self.form.axes)
 
     def sweep(self) -> Sweep:
-        """Return the sweep as its user declared it for the run."""
+        """Return the sweep as the user declared it for the run."""
         return sweep_of(self.spec, where=self.where)
 
     def values(self, text: str) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class Store:
         return names[0]
 
     def sweep(self, name: str) -> Sweep:
-        """Return a sweep as its user declared it for the run."""
+        """Return a sweep as the user declared it for the run."""
         return self.stored(name).sweep()
 
     def points(self, name: str) -> Iterator[tuple[int, dict[str, Any]]]:

@@ -138,7 +138,10 @@ class GridWorkspace:
         return connected_parts(self.free)[0]
 
     def largest_component(self) -> GridWorkspace:
-        """Return the largest connected component of the workspace. Of several equally large components, return the first one."""
+        """Return the largest connected component of the workspace.
+
+        Of several equally large components, return the component with the smallest label in `components`.
+        """
         sizes = np.bincount(self.components.ravel())
         sizes[0] = 0
         return GridWorkspace(self.components == int(np.argmax(sizes)), name=self.name, spacing=self.spacing)

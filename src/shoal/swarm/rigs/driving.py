@@ -112,7 +112,7 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
     InvalidInputError, UnknownNameError
         Raised if an argument is invalid.
     RigError
-        Raised if the rig does not answer, or if its particles violate the move rule.
+        Raised if the rig does not answer, or if the rig's particles violate the move rule.
 
     Examples
     --------

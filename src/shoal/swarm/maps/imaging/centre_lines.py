@@ -104,8 +104,8 @@ class CentreLines(NamedTuple):
 def centre_lines(mask: Mask) -> CentreLines:
     """Return the centre lines of a mask of shape (H, W), which is True on vessels.
 
-    The function joins two connected junctions if the largest discs around them inside the vessels overlap, so that two crossing
-    vessels have one junction of four segments.
+    The function joins two connected junctions if the largest discs inside the vessels around the two junctions overlap, so that
+    two crossing vessels have one junction of four segments.
 
     Raises
     ------

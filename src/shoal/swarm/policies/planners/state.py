@@ -138,7 +138,7 @@ class Pace:
 
     @contextmanager
     def timed(self, planner: Any, moves: int) -> Iterator[None]:
-        """Set the planner's budget for the next ``moves`` moves, and measure the computing time of the ``with`` block."""
+        """Set the planner's budget for a number of ``moves``, and measure the computing time of the ``with`` block."""
         if not self.milliseconds:
             yield
             return

@@ -236,8 +236,9 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The schedule with the i-th scan after i^i moves: after 1, 4, 27, 256, ... moves.
 
-    For a wall at distance D, the numbers of moves and scans, divided by their optima, both grow as log D / log log D. In no
-    schedule do the numbers of moves and scans, divided by their optima, both grow more slowly than log D / log log D.
+    For a wall at distance D, the numbers of moves and scans, divided by their optima, both grow as log D / log log D. No
+    schedule exists for which the numbers of moves and scans, divided by their optima, both grow more slowly than log D / log
+    log D.
 
     Notes
     -----
