@@ -30,7 +30,7 @@ def run_trials(
     on_trial: OnTrial | None = None,
     on_moves: OnMoves | None = None,
 ) -> list[SwarmEpisode]:
-    """Run ``trials`` trials of one swarm problem, and return their episodes.
+    """Run the given number of trials of one swarm problem, and return their episodes.
 
     Parameters
     ----------

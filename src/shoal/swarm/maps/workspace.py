@@ -150,7 +150,7 @@ class GridWorkspace:
     def text(self) -> str:
         """The map as rows of text, with ``.`` for free cells and ``#`` for obstacles. In 3-D, an empty line separates two layers.
 
-        For a small map, the function ``print`` shows the rows of text.
+        The function ``print`` shows a small workspace as rows of text.
         """
         return raster.text_rows(self.free, ".#")
 

@@ -140,10 +140,10 @@ class AdaptiveRuns:
 class ReplannedRuns:
     """Chooses runs in episodes with noise. Each run is one command. The policy plans anew after each scan.
 
-    The swarm scans after every ``every`` commands, and at the end of each plan. After a scan, a policy without memory discards the
-    rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every episode ends. The limit
-    on moves without a new cell is about `NOISY_TIMES` times the longest path of the policy closest-frontier through the known free
-    cells.
+    The swarm scans once for every group of ``every`` commands, and at the end of each plan. After a scan, a policy without
+    memory discards the rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every
+    episode ends. The limit on moves without a new cell is about `NOISY_TIMES` times the longest path of the policy
+    closest-frontier through the known free cells.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:

@@ -89,7 +89,7 @@ def _draw(start: Points, end: Points, width: Points) -> Mask:
 
 
 def _paint_discs(free: Mask, centre: Points, cell: Indices, radius: Points) -> None:
-    """Mark all cells as free whose centre lies within ``radius`` of a disc's centre."""
+    """Mark as free all cells whose centre lies within ``radius`` of a disc's centre."""
     reach = int(np.ceil(radius.max(initial=0)))
     for right in range(-reach, reach + 1):
         for down in range(-reach, reach + 1):

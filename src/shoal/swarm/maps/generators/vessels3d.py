@@ -183,7 +183,7 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
 
 
 def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
-    """Mark all cells as free whose centre lies within ``radius`` of a ball's centre.
+    """Mark as free all cells whose centre lies within ``radius`` of a ball's centre.
 
     The balls of a thick branch lie farther apart than the balls of a thin branch.
     """
