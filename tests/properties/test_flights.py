@@ -11,6 +11,7 @@ from tests.reference.flight import narrow_turns, way_of_plan
 
 from shoal.search import LocalFrame, open_region
 from shoal.search.allocation.plan import plan_search
+from shoal.search.flight.turning import NEAR, turned_way
 from shoal.search.missions import check_missions, write_missions
 from shoal.search.problem import SearchProblem
 
@@ -49,3 +50,11 @@ def test_a_fixed_wing_sees_all_beside_no_go_zones_and_crosses_none(tmp_path):
     assert result.coverage.covered_fraction > 0.99999
     assert len(missions) == 1
     assert not narrow_turns(way_of_plan(tmp_path / "m" / "robot-01.plan"), 30.0)
+
+
+def test_a_path_of_curves_ends_at_home_even_if_home_is_almost_at_the_last_viewpoint():
+    """A last leg of less than 5 cm is no leg, but a path that ends before home would turn back by 180 degrees there."""
+    way = np.array([(0.0, 0.0), (0.0, 400.0), (40.0, 400.0), (40.0, 0.0), (40.0, 0.8 * NEAR)])
+    (flown,) = turned_way(way, 30.0, link=20.0)
+    assert flown[0].tolist() == way[0].tolist()
+    assert flown[-1].tolist() == way[-1].tolist()

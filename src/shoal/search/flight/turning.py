@@ -125,8 +125,7 @@ def turned_way(
     area : Shapely geometry, optional
         Area that a curve must not leave if the straight line between the ends of the curve lies inside the area.
     known : KnownCurves, optional
-        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. The function adds new curves to the
-        cache.
+        Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. New curves are added to the cache.
     cuts : sequence of int
         Inner vertices at which the path is cut into pieces. A piece begins in the direction in which the previous piece ends.
 
@@ -149,6 +148,7 @@ def turned_way(
     """
     moves = np.hypot(*np.diff(way, axis=0).T) > NEAR
     points = np.asarray(way[np.concatenate([[True], moves])])
+    points[-1] = way[-1]  # a last leg shorter than NEAR is not flown, but the path ends at its end
     if len(points) < 3:
         return [points]
     marks = np.zeros(len(points), dtype=np.int8)
