@@ -177,7 +177,7 @@ class CellGrid:
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """Whether a portal connects each cell's own piece to that of the cell below it; bool, shape (H - 1, W)."""
+        """For each cell, whether a portal leads from its own piece to the own piece of the cell below; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:

@@ -133,7 +133,7 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
 
 
 def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points], known: Points, turn: float) -> Points:
-    """Return one point in each window, on a path with few bends between fixed points.
+    """Return one point in each window, so that the path through all fixed points and windows has few bends.
 
     If the function finds no path through all windows, it returns the points ``known``.
     """

@@ -1,4 +1,4 @@
-"""Answers for all pages of the studio: episodes in the folder, and problems as Python code, as commands and as files."""
+"""Answers to requests of every page of the studio: the folder's episodes, and a problem as Python code, command or file."""
 
 from __future__ import annotations
 

@@ -108,7 +108,7 @@ class Replanning:
         return False
 
     def _plans_at_hand(self, task: SteeringTask, last: Plan | None) -> Iterator[Plan]:
-        """Yield the last plan, the last plan without its first step, and translations to the goals, also around obstacles."""
+        """Yield the last plan, the last plan without its first step, and translations straight to the goals or around obstacles."""
         offset = (task.start - task.goal).mean(axis=0)
         for moves in [-offset[None], *self.translations.around(offset)]:
             if len(moves) <= task.max_moves:

@@ -55,7 +55,7 @@ def _fit(network: VesselNetwork, count: int) -> Mask:
 
 
 def _pieces(network: VesselNetwork, trunk_width: float) -> tuple[Points, Points, Points]:
-    """Return the start and end point (segments, 2) and the width in cells (segments,) of every straight vessel segment.
+    """Return the start points (n, 2), end points (n, 2) and widths in cells (n,) of the n straight segments of the vessels.
 
     The width of a segment is a power of the total length of the vessels that the segment supplies. The exponent of the power is
     such that the widest segment has the width ``trunk_width``, and the ends of twigs have the width ``TIP_WIDTH``.

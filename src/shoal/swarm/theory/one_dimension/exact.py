@@ -163,7 +163,7 @@ class Line:
         """The published curve of full coverage: the papers' formula, with differences of positions as the sizes of the gaps.
 
         The published curve has two errors: the error of the printed formula, and gaps that are one cell too long. If particles fill
-        all cells, the curve has the correct value of 2 moves. Source: paper M, figure 7, 1-D curve.
+        all cells at the start, the curve gives 2 moves, which is correct. Source: paper M, figure 7, 1-D curve.
         """
         if self.particles == self.cells:
             return Fraction(2)
