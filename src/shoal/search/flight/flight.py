@@ -125,8 +125,9 @@ class Flight:
     def waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a path as metres east, north, and above home; float64, shape (m, 3).
 
-        The home itself is not a waypoint. If waypoints follow the terrain, the points above home and above the landing point are
-        waypoints. The first waypoint of a fixed wing is the end of its straight climb after take-off.
+        The coordinates are rounded as in mission files. The home itself is not a waypoint. If waypoints follow the terrain, the
+        points above home and above the landing point are waypoints. The first waypoint of a fixed wing is the end of its straight
+        climb after take-off.
 
         Parameters
         ----------
@@ -139,6 +140,15 @@ class Flight:
         InvalidInputError
             If the path meets the ground, or if the vehicle has no space for a turn, a circle or its approach.
         """
+        found = self._exact_waypoints(way)
+        return np.column_stack([self._rounded(found[:, :2]), found[:, 2]])
+
+    def _rounded(self, points: Points) -> Points:
+        """Return points as a mission file contains them. The rounding turns short legs, and so can change the number of turns."""
+        return points if self.frame is None else self.frame.rounded(points)
+
+    def _exact_waypoints(self, way: Points) -> Floats:
+        """Return the waypoints of a path before their coordinates are rounded."""
         inner = way[:, 2] if way.shape[1] == 3 else np.full(len(way), self.vehicle.height)
         whole, ups = np.vstack([self.home, way[:, :2], self.end]), np.full(2, self.vehicle.height)
         whole, ups = climbs_apart(whole, np.pad(inner, 1, mode="edge") if len(inner) else ups)
@@ -337,5 +347,6 @@ class Flight:
     def flown(self, waypoints: Floats) -> Trajectory:
         """Return the vehicle's trajectory from the ground at its home, along waypoints, to the ground at its landing point."""
         climb = 0.0 if self.vehicle.radius else None
-        way = whole_way(self.home, waypoints, self.landing, climb=climb, glides=self.glides)
+        home, end = self._rounded(np.stack([self.home, self.end]))
+        way = whole_way(home, waypoints, end, climb=climb, glides=self.glides)
         return trajectory(way, self.vehicle, rate=self.rate)

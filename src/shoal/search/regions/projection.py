@@ -14,6 +14,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
 REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
+DECIMALS = 8  # decimals of degrees in mission files: 1.1 mm
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,16 @@ class LocalFrame:
         array = check_plane_points(points, what="points")
         self._check_near(array, array, " m")
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
+
+    def rounded(self, points: ArrayLike) -> Points:
+        """Return points in metres as a mission file contains them: with longitudes and latitudes rounded to `DECIMALS` decimals.
+
+        Raises
+        ------
+        InvalidInputError
+            If a point is farther from the origin than twice `REACH`.
+        """
+        return self.to_metres(np.round(self.to_degrees(points), DECIMALS))
 
     def _check_near(self, points: Points, given: Points, unit: str) -> None:
         """Refuse points in metres that are too far from the origin. The error message shows the user's original point."""

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from shoal.search.missions.diagnostics import Sheet, decimals_of
-
-DECIMALS = 8  # of a degree: 1.1 mm
+from shoal.search.regions.projection import DECIMALS
 
 
 def degrees(value: float) -> str:
