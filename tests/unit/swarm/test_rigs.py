@@ -12,6 +12,7 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import groupby
 from pathlib import Path
 
 import numpy as np
@@ -472,7 +473,9 @@ def test_a_rig_that_dies_at_a_command_is_told_to_stop_all_the_same(tmp_path, cap
     said = capsys.readouterr().err
     assert "the rig has restarted" in said
     assert len(said.strip().splitlines()) == 1
-    assert (tmp_path / "heard.txt").read_text().split() == ["hello", "observe", "command", "hello", "stop"]
+    heard = (tmp_path / "heard.txt").read_text().split()
+    once = [message for message, _ in groupby(heard)]  # a rig that starts slowly is asked again
+    assert once == ["hello", "observe", "command", "hello", "stop"]
 
 
 def test_a_log_ends_with_the_map_even_if_the_rig_does_not_confirm_the_stop(tmp_path, capsys):

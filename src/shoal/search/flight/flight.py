@@ -125,9 +125,8 @@ class Flight:
     def waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a path as metres east, north, and above home; float64, shape (m, 3).
 
-        The coordinates are rounded as in mission files. The home itself is not a waypoint. If waypoints follow the terrain, the
-        points above home and above the landing point are waypoints. The first waypoint of a fixed wing is the end of its straight
-        climb after take-off.
+        The coordinates are rounded as in mission files. The home is not a waypoint. If waypoints follow the terrain, the points
+        above home and landing point are waypoints. A fixed wing's first waypoint is the end of its straight climb after take-off.
 
         Parameters
         ----------
@@ -141,11 +140,11 @@ class Flight:
             If the path meets the ground, or if the vehicle has no space for a turn, a circle or its approach.
         """
         found = self._exact_waypoints(way)
-        return np.column_stack([self._rounded(found[:, :2]), found[:, 2]])
+        return np.column_stack([self._written(found[:, :2]), found[:, 2]])
 
-    def _rounded(self, points: Points) -> Points:
+    def _written(self, points: Points) -> Points:
         """Return points as a mission file contains them. The rounding turns short legs, and so can change the number of turns."""
-        return points if self.frame is None else self.frame.rounded(points)
+        return points if self.frame is None else self.frame.written(points)
 
     def _exact_waypoints(self, way: Points) -> Floats:
         """Return the waypoints of a path before their coordinates are rounded."""
@@ -347,6 +346,5 @@ class Flight:
     def flown(self, waypoints: Floats) -> Trajectory:
         """Return the vehicle's trajectory from the ground at its home, along waypoints, to the ground at its landing point."""
         climb = 0.0 if self.vehicle.radius else None
-        home, end = self._rounded(np.stack([self.home, self.end]))
-        way = whole_way(home, waypoints, end, climb=climb, glides=self.glides)
-        return trajectory(way, self.vehicle, rate=self.rate)
+        home, end = self._written(np.vstack([self.home, self.end]))
+        return trajectory(whole_way(home, waypoints, end, climb=climb, glides=self.glides), self.vehicle, rate=self.rate)

@@ -94,7 +94,7 @@ class LocalFrame:
         self._check_near(array, array, " m")
         return np.stack(_transformer(self.proj).transform(array[:, 0], array[:, 1], direction="INVERSE"), axis=1)
 
-    def rounded(self, points: ArrayLike) -> Points:
+    def written(self, points: ArrayLike) -> Points:
         """Return points in metres as a mission file contains them: with longitudes and latitudes rounded to `DECIMALS` decimals.
 
         Raises
