@@ -20,12 +20,13 @@ _SENSE = {"L": 1.0, "R": -1.0, "S": 0.0}
 
 
 def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
-    """Return the lengths of the arcs and segments of all six Dubins curves between each start pose and each end pose.
+    """Return, for each pair of a start pose and an end pose, the lengths of the arcs and segments of all six Dubins curves.
 
     Parameters
     ----------
     starts, ends : array_like of float, shape (..., 3)
-        Poses (x, y, heading), with x and y in metres and the heading in radians counter-clockwise from east.
+        Poses (x, y, heading), with x and y in metres and the heading in radians counter-clockwise from east. NumPy broadcasts the
+        two arrays to pairs of poses.
     radius : float
         Minimum turning radius in metres.
 
@@ -78,9 +79,9 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
     """Approximate a Dubins curve by a path of straight legs, in metres; float64, shape (k, 2).
 
-    The legs are tangents of the curve's arcs. From leg to leg, the direction changes by at most `SHARPEST`. A vehicle that begins
-    each turn in the middle of a leg flies exactly along the curve. The first leg has the heading of the curve's start, and the last
-    leg has the heading of the curve's end.
+    The legs are tangents of the curve's arcs, so a vehicle that rounds off each bend with the turning radius ``radius`` flies
+    exactly along the curve. From leg to leg, the direction changes by at most `SHARPEST`. The first leg has the heading of the
+    curve's start, and the last leg has the heading of the curve's end.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]

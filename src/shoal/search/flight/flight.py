@@ -143,7 +143,7 @@ class Flight:
         return np.column_stack([self._written(found[:, :2]), found[:, 2]])
 
     def _written(self, points: Points) -> Points:
-        """Return points as a mission file contains them. The rounding turns short legs, and so can change the number of turns."""
+        """Return points rounded as in a mission file. Rounding turns short legs a little, and so can change the number of turns."""
         return points if self.frame is None else self.frame.written(points)
 
     def _exact_waypoints(self, way: Points) -> Floats:
@@ -273,7 +273,7 @@ class Flight:
         )
 
     def _approach(self, last: Points, up: float) -> Points:
-        """Return the start of the approach to a landing. The approach leads against the wind, as far as space allows."""
+        """Return the start of the approach to a landing. It leads as directly against the wind as space allows."""
         lasting = float(self.vehicle.vertical_seconds(-up))
         for course, speed in self._directions(self.end - last):
             best = self.end - course * max(lasting * speed, 2 * self.radius)
@@ -297,7 +297,7 @@ class Flight:
     def _clear(self, low: Points, high: Points, up: float) -> bool:
         """Return whether a climb from the ground, or a descent to the ground, stays above the terrain.
 
-        The height of the ground must be known along the leg. A turn at the upper end of the leg must stay above the terrain.
+        A turn at the upper end must stay above the terrain too. The result is False where the height of the ground is unknown.
         """
         if self.terrain is None:
             return True

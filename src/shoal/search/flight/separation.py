@@ -41,7 +41,7 @@ class Approach:
 
 @dataclass(frozen=True, eq=False)
 class _Legs:
-    """The legs of a trajectory that take time: the start time, the duration, the start point and the velocity of each leg.
+    """The start time, the duration, the start point and the velocity of each leg of a trajectory, without legs that take no time.
 
     The attribute ``reach`` is the distance in metres by which a vehicle that flies circles may be away from the leg.
     """
@@ -82,7 +82,7 @@ def nearest_approach(
     ----------
     one, other : Trajectory
     vertical : float
-        Vertical separation in metres. The nearest approach leaves out moments at which vehicles keep the vertical separation.
+        Vertical separation in metres. Moments at which the vehicles keep the vertical separation do not count as an approach.
     later : float
         Time in seconds by which the second vehicle starts later than the first vehicle.
     tolerance : float
@@ -117,7 +117,7 @@ def nearest_approach(
 
 
 def _together(mine: _Legs, theirs: _Legs, later: float, tolerance: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of legs of two vehicles that the vehicles may fly at the same time."""
+    """Return the pairs of legs that two vehicles may fly at the same time, as an index array for each vehicle."""
     low = np.searchsorted(theirs.begins + theirs.lasts, mine.begins - later - tolerance, side="left")
     high = np.searchsorted(theirs.begins, mine.begins + mine.lasts - later + tolerance, side="right")
     counts = np.maximum(high - low, 0)
@@ -135,10 +135,10 @@ def _gaps(mine: _Legs, theirs: _Legs, first: NDArray[np.int64], second: NDArray[
 def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float] | None) -> tuple[Floats, Floats]:
     """Return the normals and limits of linear constraints ``normals @ times <= limits``, with shapes (n, k, 2) and (n, k).
 
-    For each pair of legs, the two times count from the beginning of each leg. The constraints demand that each time lies within its
-    leg, and that the vehicles' heights differ by at most ``level`` metres. The argument ``shift`` holds the start time of the
-    second vehicle and the tolerance. If ``shift`` is given, additional constraints demand that the vehicles fly both legs at the
-    same time.
+    For each of n pairs of legs, ``times`` holds one time for each vehicle, counted from the beginning of the vehicle's leg. The
+    constraints demand that each time lies within the leg, and that the vehicles' heights differ by at most ``level`` metres. If
+    ``shift`` is given as (later, tolerance), with the meanings in `nearest_approach`, additional constraints demand that the two
+    times are the same moment, within the tolerance.
     """
     n, zero, one = len(mine.begins), np.zeros(len(mine.begins)), np.ones(len(mine.begins))
     up, rise, fall = mine.points[:, 2] - theirs.points[:, 2], mine.velocities[:, 2], theirs.velocities[:, 2]
@@ -155,7 +155,10 @@ def _planes(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]
 
 
 def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return a point and the direction of a constraint's line, and the interval of the line that meets all constraints."""
+    """Return, for each pair of legs, the border line of one constraint, and the interval of this line that meets all constraints.
+
+    The result contains a point of the line, the direction of the line, and the lower and upper end of the interval.
+    """
     normal = normals[:, edge]
     square = (normal**2).sum(axis=1)
     there = square > 0
@@ -180,7 +183,7 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
 
 
 def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
-    """Return the smallest horizontal distance among pairs of legs in metres, and the times and positions of this distance."""
+    """Return the smallest horizontal distance in metres of vehicles on any pair of legs, and its times and positions."""
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
@@ -205,7 +208,7 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return, for pairs of legs, when each vehicle is at the crossing of their horizontal lines, and whether these lines cross."""
+    """Return, for each pair of legs, when each vehicle is where the two horizontal lines cross, and whether these lines cross."""
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
     there = np.abs(cross) > _HAIR * scale
@@ -216,7 +219,10 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return, for each pair of legs, 0 if they cross within the constraints, or else infinity, and the times of the crossing."""
+    """Return, for each pair of legs, a distance and the times at which the legs cross.
+
+    The distance is 0 if the legs cross within the constraints, and otherwise infinite.
+    """
     times, there = _solved(start, mine, theirs)
     good = there & _within(times, normals, limits)
     return np.where(good, 0.0, np.inf), times
@@ -275,7 +281,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
 
 def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Return the part of an interval along a line in which two vehicles are closer than the horizontal separation."""
+    """Return the ends of the part of an interval along a line in which two vehicles are closer than the horizontal separation."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -288,7 +294,10 @@ def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most:
 
 
 def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
-    """Return the smallest and largest start time difference for which two legs come too close, within all constraints."""
+    """Return, for each pair of legs, the smallest and largest start time difference for which the vehicles come too close.
+
+    Where a constraint does not allow such a difference, the result is infinite.
+    """
     middle, there = _solved(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).
     cross = np.where(there, mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0], 1.0)

@@ -32,7 +32,7 @@ class Terrain:
     heights : ndarray of float64, shape (rows, columns)
         Heights in metres above sea level, with rows from north to south. Missing heights are NaN.
     west, north : float
-        Coordinates of the north-west height, in the coordinate reference system.
+        Coordinates of the north-west grid point, in the coordinate reference system.
     steps : tuple of float
         Distance between neighbouring columns, and distance between neighbouring rows, as positive numbers.
     crs : str or None

@@ -123,9 +123,9 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
 
 
 def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
-    """Return the coordinates of the north-west height of a GeoTIFF, and the distances between columns and between rows.
+    """Return the coordinates of the north-west grid point of a GeoTIFF, and the distances between columns and between rows.
 
-    If ``points`` is false, heights belong to the centres of grid cells, and the file gives a corner of a grid cell.
+    If ``points`` is false, heights belong to the centres of grid cells, and the coordinates in the file are those of a corner.
     """
     try:
         if _TRANSFORM in tags:

@@ -26,7 +26,7 @@ class Trajectory:
     points : ndarray of float64, shape (n, 3)
         Position at each vertex as metres east, metres north and metres up.
     circle : float
-        Radius in metres of the circles that the vehicle flies around its position in the last leg.
+        Radius in metres of the circles that the vehicle flies around one point during the last leg, or 0 without circles.
     """
 
     times: Floats
@@ -52,9 +52,9 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
 
     The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
     longer than the horizontal motion, the duration of the leg is that of the climb or descent. Each horizontal change of direction
-    by more than one degree adds the duration of a turn. Each change between vertical and horizontal motion adds the duration of a
-    turn. The start and the stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must
-    contain the turns as short legs.
+    by more than one degree, and each change between vertical and horizontal motion, adds the duration of a turn. The start and the
+    stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
+    short legs.
 
     Parameters
     ----------
@@ -99,7 +99,10 @@ def leg_seconds(points: Floats, vehicle: Vehicle, *, rate: float = 1.0) -> Float
 
 
 def turns_of(points: Floats) -> NDArray[np.bool_]:
-    """Return whether the horizontal direction changes by more than 1 degree at each inner point of a path; bool, shape (k - 2,)."""
+    """Return, for each inner point of a path, whether a vehicle turns at this point; bool, shape (k - 2,).
+
+    A turn is a horizontal change of direction by more than one degree, or a change between vertical and horizontal motion.
+    """
     if len(points) < 3:
         return np.zeros(max(len(points) - 2, 0), dtype=np.bool_)
     legs = np.diff(points, axis=0)

@@ -31,8 +31,8 @@ _SAME = 1e-6  # metres, and radians
 class _Poses:
     """The points of a path, the possible headings at each point, and whether the leg to the next point is straight.
 
-    The array ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. The list ``vertices`` gives the index of the
-    path's vertex for each point.
+    The array ``headings`` has shape (n, `HEADINGS`), with NaN for unused entries. The list ``vertices`` holds the index of the
+    vertex at each point. A vertex between two straight legs gives two points, with different headings.
     """
 
     points: Floats
@@ -77,15 +77,15 @@ class _Room:
 
 @dataclass
 class KnownCurves:
-    """A cache of curves that all candidate sorties of a mission share.
+    """A cache of curves, which all candidate sorties along one route share.
 
     Parameters
     ----------
     costs : dict
-        For each link, the lengths of its shortest unblocked curves and the types of these curves as indices in `WORDS`. The key of
-        a link consists of its two end points and their possible headings.
+        For each link (two points that a curve must connect), the lengths of the shortest unblocked curves, and the types of these
+        curves as indices in `WORDS`. The key of a link consists of its two end points and their possible headings.
     loose : set
-        Points at which straight legs had to end early, because all curves were blocked.
+        Vertices at which straight legs had to be shortened, because all curves at the vertex were blocked.
     """
 
     costs: dict[bytes, tuple[Floats, Any]] = field(default_factory=dict)
@@ -106,11 +106,11 @@ def turned_way(
 
     The path passes all vertices of the given path. The path follows legs longer than ``link`` straight from end to end, and may
     replace any shorter leg by a curve. If the first or the last point is given twice, the path follows the leg at this point
-    straight. The function chooses headings at the vertices and curves for the smallest total length. At a vertex without a straight
-    leg, the function compares `HEADINGS` headings.
+    straight. The function chooses the curves, and the headings at the vertices, so that the total length is smallest. At a vertex
+    without a straight leg, the function compares `HEADINGS` headings.
 
-    If all curves at an end of a straight leg are blocked, the path near this end passes points on the leg in any direction. Points
-    near a blocked end of a leg are at most a footprint or an eighth of the radius apart, whichever is longer.
+    If all curves at an end of a straight leg are blocked, the path near this end passes a series of points on the leg, each in any
+    direction. Neighbouring points are at most a footprint or an eighth of the radius apart, whichever is longer.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: flo
 def _along(poses: _Poses, radius: float, room: _Room, known: KnownCurves) -> tuple[_Poses, Any, list[Floats]] | list[int]:
     """Return the shortest path through all points.
 
-    If no path exists, return the vertices at which straight legs must be shortened, and then the first unreachable vertex.
+    If no path exists, return the vertices at which straight legs must be shortened, followed by the first unreachable vertex.
     """
     links = np.flatnonzero(~np.array(poses.straight))
     lengths, words = _costs(poses, links, radius)
@@ -243,7 +243,7 @@ def _poses(points: Floats, far: Any) -> _Poses:
 
 
 def _costs(poses: _Poses, links: Any, radius: float) -> tuple[Floats, Any]:
-    """Return the length and the type of the shortest Dubins curve for each link and each pair of headings."""
+    """Return the length and the type of the shortest Dubins curve for each link and each pair of headings at its two ends."""
     lengths, words = np.full((len(links), HEADINGS, HEADINGS), np.inf), np.zeros((len(links), HEADINGS, HEADINGS), dtype=np.int8)
     only = np.isnan(poses.headings[:, 1])
     fixed = only[links] & only[links + 1]
@@ -320,7 +320,7 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Join all legs and curves to a path, cut it into pieces, and leave out unmarked points on straight lines.
+    """Join all legs and curves to a path, and cut the path into pieces. Unmarked points on straight lines are left out.
 
     The second point and the last but one point are always marked, because the vehicle searches the region between these two points.
     """

@@ -191,7 +191,7 @@ class Vehicle(Problem):
 
     @property
     def ground_radius(self) -> float:
-        """Minimum turning radius over ground in metres that the vehicle can fly in wind from any direction, even in a tailwind."""
+        """Smallest turning radius over ground, in metres, that the vehicle can fly in wind from any direction."""
         return self.radius * (1.0 + self.wind / self.cruise) ** 2
 
     @property
@@ -244,7 +244,7 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the mean ground speed in m/s along rows, back and forth. The angle is 0 degrees for rows to the east."""
+        """Return the mean ground speed in m/s on a flight back and forth along rows. Rows to the east have the angle 0 degrees."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 

@@ -112,12 +112,12 @@ def missions_approach(
         The missions. The first sortie of each robot begins after the mission's ``delay``. A later sortie begins at the mission's
         ``start``, or when all earlier sorties have ended.
     separation : Separation
-        The required separation. The nearest approach leaves out moments at which vehicles keep the vertical separation.
+        The required separation. Moments at which two vehicles keep the vertical separation do not count as an approach.
     frame : LocalFrame or None
         Local frame in which distances are measured, or None for missions in metres.
     vehicle : Vehicle, optional
-        Vehicle whose speeds of climb and descent and whose turning times are used. By default, vehicles fly and climb at the speed
-        in the mission, and turn in no time.
+        Vehicle that gives the speeds of climb and descent, and the duration of turns. By default, vehicles fly and climb at the
+        speed in the mission, and turn in no time.
 
     Returns
     -------
@@ -176,7 +176,7 @@ class _Flights:
 class Clearance:
     """The smallest and the largest height above ground of vehicles that follow missions.
 
-    The heights of climbs after take-off, of landings and of rovers do not count.
+    Landings, rovers, and climbs after take-off do not count.
 
     Parameters
     ----------
@@ -210,8 +210,8 @@ class Clearance:
 def clearance_of(missions: Sequence[Mission], terrain: Terrain, frame: LocalFrame | None) -> Clearance | None:
     """Return the smallest and largest height above ground of vehicles that follow missions, or None if no vehicle flies.
 
-    The function evaluates the height of the ground at every waypoint, at every crossed grid line of the terrain, and at points in
-    between.
+    The function evaluates the height of the ground at every waypoint, wherever a path crosses a grid line of the terrain, and at
+    points in between.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Check of mission files: how much of a region vehicles see if they follow the missions in a folder, and which mistakes remain."""
+"""Check of the mission files in a folder: how much of a region the vehicles see, and which mistakes the files contain."""
 
 from __future__ import annotations
 
@@ -46,8 +46,7 @@ class MissionCheck:
     diagnostics : tuple of Diagnostic
         The diagnostics of all mission files in the folder.
     coverages : tuple of AreaCoverage
-        The coverage of each altitude band, or a single coverage without bands. Without a footprint, the tuple of coverages is
-        empty.
+        The coverage of each altitude band or, without bands, a single coverage. Without a footprint, the tuple is empty.
     n_waypoints : int
         Number of waypoints in all checked files.
     footprint : float, tuple of float or None
@@ -156,8 +155,9 @@ def check_missions(
 ) -> MissionCheck:
     """Read mission files, and measure how much of a region the vehicles see.
 
-    The check does not depend on the planner, because it uses only the waypoints in the files and Shapely's areas. The check counts
-    the area that vehicles see between the first and last waypoint of each mission, not on the paths from and to home.
+    The check does not depend on the planner, because it uses only the waypoints in the files, and computes areas with Shapely. The
+    check counts what vehicles see between the first and last waypoint of each mission, but not what they see on the paths from and
+    to home.
 
     Parameters
     ----------
@@ -177,20 +177,20 @@ def check_missions(
         Required separation of vehicles in flight. With a separation, the function computes the nearest approach of two vehicles,
         and compares the homes and landing points of different vehicles.
     vehicle : Vehicle, optional
-        Vehicle whose speeds of climb and descent and whose turning times are used for the nearest approach. By default, vehicles
-        fly and climb at the speed in the file.
+        Vehicle that gives the speeds of climb and descent, and the duration of turns, for the nearest approach. By default,
+        vehicles fly and climb at the speed in the file, and turn in no time.
     bands : sequence of float, optional
-        Altitudes in metres, ascending, from each of which vehicles must see the whole region. A flight counts for the highest band
-        that is not above the flight. The argument ``footprint`` applies to the lowest band. In higher bands, the footprint grows
-        like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
+        Altitudes in metres, ascending, from each of which vehicles must see the whole region. A section of a flight counts for the
+        highest band that is not above this section. The argument ``footprint`` applies to the lowest band. In higher bands, the
+        footprint grows like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
     terrain : Terrain, optional
         Terrain from which the function computes heights above ground along all paths.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If the folder has no mission files (of the given format), if a robot has no footprint, or if only the region or only the
-        missions are in degrees.
+        If the folder has no mission files (of the given format), if a robot has no footprint, or if the region is in degrees and a
+        mission in metres, or the reverse.
     """
     if not Path(folder).is_dir():
         raise InvalidInputError(
@@ -245,9 +245,9 @@ def _by_band(
     spread: NDArray[np.float64],
     least: float,
 ) -> Iterator[tuple[list[NDArray[np.float64]], list[float] | float]]:
-    """Yield, for each band, the paths of vehicles in this band and their footprints.
+    """Yield, for each band, the sections of paths in this band and the footprint on each section.
 
-    A band without flights gets the smallest footprint. Without bands, the function yields all paths together.
+    For a band without paths, the footprint is ``least``. Without bands, the function yields all paths together.
     """
     if not bands:
         yield [way[:, :2] for way in ways], sides.tolist()
@@ -275,8 +275,8 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
-    If home lies outside the region, the result contains only the sections of the paths from home and back that lie inside the
-    region.
+    The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place, it
+    contains the points at which these paths cross the border of the region.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))

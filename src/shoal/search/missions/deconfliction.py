@@ -42,9 +42,8 @@ def plan_missions(
 ) -> tuple[Mission, ...]:
     """Return the missions of all robots of a plan, for a search without faults.
 
-    The first sorties of all robots begin at the same time, apart from the delays of robots. The delay of a robot is at least as
-    long as its delay in the plan. Each later sortie begins as soon as its vehicle is back and recharged, and can keep the
-    separation from all other vehicles.
+    The first sortie of a robot begins after a delay, which is at least the robot's delay in the plan. Each later sortie begins as
+    soon as its vehicle is back and recharged, and can keep the separation from all other vehicles.
 
     Parameters
     ----------
@@ -55,12 +54,12 @@ def plan_missions(
     rally : ndarray of float64, shape (k, 2), optional
         Rally points in metres.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave
-        the area inside the margin by any distance.
+        Distance in metres by which turns of fixed wings may leave the allowed area, which is the region without its margin and its
+        no-go zones. By default, turns may leave the allowed area by any distance.
     ending : "return", "land" or "loiter", optional
-        Ending of missions. With a separation, multirotors land by default, and fixed wings without a landing point loiter. Without
-        a separation, `missions_of` chooses the default. In a return, vehicles might not keep the separation, because the autopilot
-        chooses the altitude of the return.
+        Ending of missions. By default, if a separation is given, multirotors land, and fixed wings without a landing point loiter.
+        If no separation is given, `missions_of` chooses the default. On a return, vehicles might not keep the separation, because
+        the autopilot chooses the altitude of the return.
     options
         Arguments of `missions_of` that the plan does not determine, such as ``autopilot``.
 

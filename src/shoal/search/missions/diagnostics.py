@@ -127,9 +127,9 @@ class Diagnostic:
 class Sheet:
     """The raw content of a mission file before it is checked. Readers of files fill the sheet, and checks add diagnostics.
 
-    The array ``points`` holds (longitude, latitude) in degrees, regardless of the order in the file, or (x, y) in metres if
-    ``geographic`` is false. The list ``places`` tells where the file contains each point, for error messages. Fields that are
-    missing in the file are None.
+    The array ``points`` holds (x, y) in metres if ``geographic`` is false, and otherwise (longitude, latitude) in degrees, even if
+    the file has the opposite order. For error messages, the list ``places`` names the place of each point in the file. A field is
+    None if the file does not contain it.
     """
 
     file: str

@@ -29,7 +29,7 @@ class Fence:
     Parameters
     ----------
     inclusion : ndarray of float64, shape (k, 2)
-        The ring that vehicles must not leave, in which the first corner is not repeated at the end.
+        Ring that vehicles must not leave. The first corner of the ring is not repeated at the end.
     exclusions : tuple of ndarray of float64, each of shape (k, 2)
         Rings that vehicles must not enter.
     """
@@ -58,9 +58,9 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     exclusion zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they
     interpret several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
-    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. In a fence with too
-    many corners, the function simplifies each exclusion zone whose simplified form no path enters. If the simplified fence still
-    has too many corners, Shoal prints a notice.
+    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. It also simplifies
+    exclusion zones, except where a path that avoids the zone would enter the simplified zone. If the simplified fence still has too
+    many corners, Shoal prints a notice.
 
     Parameters
     ----------
@@ -85,9 +85,10 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 
 
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Simplify polygons so that they have at most ``most`` corners in total, if possible, and contain the given polygons.
+    """Simplify polygons until they have at most ``most`` corners in total, if this is possible.
 
-    The function grows a ring by a distance, and then simplifies it by this distance, so that the result contains the given ring.
+    Each simplified polygon contains the given polygon, because the function first grows a polygon by the tolerance of
+    simplification.
     """
     import shapely
 

@@ -78,8 +78,8 @@ def write_missions(
         The output folder. If the output folder does not exist, the function creates it.
     formats : sequence of str, optional
         Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`.
-        By default, the function writes missions in all formats except third-party formats. For missions in metres, the function
-        writes only "csv" files, because all other formats need positions on Earth.
+        By default, the function writes missions in all formats except third-party formats, but missions in metres only as "csv",
+        because all other formats need positions on Earth.
 
     Returns
     -------
@@ -89,7 +89,7 @@ def write_missions(
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an argument is invalid. A function call with an invalid argument writes no file.
+        If an argument is invalid. In this case, the function writes no file.
     OutputError
         If a file cannot be written. After an `OutputError`, no partly written file remains.
     """
@@ -203,7 +203,7 @@ def format_of(path: Path) -> str:
 
 
 def _formats_by_suffix() -> dict[str, str]:
-    """Return the format of each file suffix. If two formats have equal suffixes, the first of these formats counts."""
+    """Return the name of the format for each file suffix. If two formats have equal suffixes, the first format counts."""
     found: dict[str, str] = {}
     for name in FORMATS:
         found.setdefault(FORMATS.get(name).suffix, name)
@@ -246,8 +246,8 @@ def read_mission(path: str | os.PathLike[str]) -> Mission:
 
     A ``.plan`` or WPL file does not contain the numbers of the robot and the sortie, so the function takes both numbers from the
     file name. If the file name gives no numbers, the mission counts as the first sortie of robot 1. A WPL file does not contain the
-    autopilot or the kind of vehicle. For a WPL file, the function assumes PX4, and a flying vehicle if a waypoint is above 0 m or
-    the file contains a take-off.
+    autopilot or the kind of vehicle. For a WPL file, the function assumes PX4. It assumes a vehicle that flies if a waypoint is
+    above 0 m or if the file contains a take-off, and otherwise a rover.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Homes and landing points of different vehicles that are nearer to each other than the separation of vehicles in flight."""
+"""Search for homes and landing points that are nearer to each other than the required separation of vehicles in flight."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class NearHomes:
     robots : tuple of int
         Numbers of the two robots.
     distance : float
-        Distance in metres between a home or landing point of one robot and a home or landing point of the other robot.
+        Smallest distance in metres between a home or landing point of one robot and a home or landing point of the other robot.
     pairs : int
         Number of pairs of robots whose homes or landing points are nearer to each other than ``required``.
     required : float
@@ -56,8 +56,8 @@ def near_homes(places: Iterable[tuple[int, Place]], required: float, frame: Loca
     Parameters
     ----------
     places : iterable of (int, (float, float))
-        Robots with their homes and landing points, in degrees if a frame is given, and otherwise in metres. A robot may have
-        several places.
+        Pairs of a robot's number and the position of a home or landing point of this robot. Positions are in degrees if a frame is
+        given, and otherwise in metres.
     required : float
         Smallest allowed distance in metres.
     frame : LocalFrame or None
@@ -88,9 +88,9 @@ def near_homes(places: Iterable[tuple[int, Place]], required: float, frame: Loca
 
 
 def homes_of(missions: Iterable[Mission]) -> list[tuple[int, Place]]:
-    """Return the homes and landing points of missions with the numbers of their robots.
+    """Return the homes and landing points of missions, as pairs of a robot's number and a position.
 
-    The point around which a fixed wing loiters is no landing point.
+    A point at which a vehicle loiters is no landing point.
     """
     found = [(mission.robot, mission.home) for mission in missions]
     return found + [(mission.robot, mission.end) for mission in missions if mission.loiter is None]

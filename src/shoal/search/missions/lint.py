@@ -54,8 +54,8 @@ def lint(
     vehicle : Vehicle, optional
         Vehicle of the missions. Turns of a fixed wing must not be narrower than the turning radius of ``vehicle``.
     airspace : float, optional
-        Distance in metres by which turns of fixed wings may leave the area inside the margin. By default, turns may leave the area
-        inside the margin by any distance, and a warning reports the distance.
+        Distance in metres by which turns of fixed wings may leave the allowed area, which is the region without its margin and its
+        no-go zones. By default, turns may leave the allowed area by any distance, and a warning reports the distance.
     separation : float, optional
         Distance in metres that homes and landing points of different vehicles should keep. By default, the linter does not compare
         the homes of vehicles.
@@ -68,7 +68,7 @@ def lint(
     Raises
     ------
     InvalidInputError
-        If no mission file exists, or if only the region or only the mission is in degrees.
+        If no mission file exists, or if the region is in degrees and a mission in metres, or the reverse.
     """
     sheets = examine(source, region, cap=cap, autopilot=autopilot, vehicle=vehicle, airspace=airspace, separation=separation)
     return [diagnostic for sheet in sheets for diagnostic in sheet.diagnostics]
@@ -84,7 +84,7 @@ def examine(
     airspace: float | None = None,
     separation: float | None = None,
 ) -> list[Sheet]:
-    """Return the content of each mission file as a sheet that contains all diagnostics of `lint`."""
+    """Return the content of each mission file as a sheet, with the diagnostics that `lint` returns for this file."""
     if autopilot is not None:
         check_choice(autopilot, what="autopilot", choices=CAPS)
     if cap is not None:
@@ -169,7 +169,7 @@ def _check_homes(sheets: list[Sheet]) -> None:
 
 
 def _check_near_homes(sheets: list[Sheet], separation: float) -> None:
-    """Add a diagnostic in each format if homes or landing points of different vehicles are nearer than ``separation`` metres."""
+    """Add a diagnostic for each format in which homes or landing points of two vehicles are nearer than ``separation`` metres."""
     by_format: dict[str, list[Sheet]] = defaultdict(list)
     for sheet in sheets:
         if sheet.readable and sheet.robot is not None:
@@ -204,7 +204,7 @@ def _check_autopilots(sheets: list[Sheet]) -> None:
 
 
 def _check_sorties(sheets: list[Sheet]) -> None:
-    """Add diagnostics for each robot whose sortie numbers have gaps, in each format."""
+    """For each file format, add a diagnostic for each robot whose sortie numbers have a gap."""
     numbers: dict[tuple[str, int], dict[int, Sheet]] = defaultdict(dict)
     for sheet in sheets:
         if sheet.robot is not None and sheet.sortie is not None:

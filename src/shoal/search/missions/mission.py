@@ -36,7 +36,7 @@ class Mission:
     waypoints : ndarray of float64, shape (k, 2), k >= 1
         Waypoints as (longitude, latitude) in degrees (WGS84), or as (x, y) in metres if ``geographic`` is false.
     home : tuple of float
-        Start and landing point of the vehicle, in the unit of the waypoints.
+        Start point of the vehicle, in the unit of the waypoints. It is also the landing point if ``landing`` is not given.
     robot : int
         Number of the robot. The first robot has the number 1.
     sortie : int
@@ -70,8 +70,8 @@ class Mission:
         Position at which the mission ends, in the unit of the waypoints. A fixed wing glides to its landing position. By default,
         the autopilot returns the vehicle to its home.
     loiter : float, optional
-        Radius in metres of circles at the end of the mission. With a radius, the vehicle circles or hovers at the end instead of
-        landing.
+        Radius in metres of the circles that the vehicle flies at the end of the mission, instead of landing. With the radius 0, the
+        vehicle hovers.
     delay : float
         Waiting time of the vehicle before its start, in seconds.
     start : float, optional
@@ -191,7 +191,7 @@ class Mission:
     def length(self) -> float:
         """Horizontal length in metres of the path from home through all waypoints to the end.
 
-        For coordinates in degrees, the length is that on the WGS84 ellipsoid.
+        For coordinates in degrees, the length is measured on the WGS84 ellipsoid.
         """
         way = np.vstack([self.home, self.waypoints, self.end])
         if not self.geographic:

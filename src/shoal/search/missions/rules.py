@@ -219,7 +219,7 @@ def metres_of(sheet: Sheet, region: SearchRegion) -> Points:
     Raises
     ------
     InvalidInputError
-        If only the mission or only the region is in degrees.
+        If the mission is in degrees and the region in metres, or the reverse.
     """
     way = np.vstack([np.array([sheet.home]), sheet.points, np.array([sheet.landing or sheet.home])])
     if sheet.geographic != (region.frame is not None):
@@ -312,9 +312,8 @@ def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = Non
 def _check_legs(sheet: Sheet, way: Points, here: slice, allowed: Any, forbidden: Any) -> NDArray[np.bool_]:
     """Add diagnostics for legs that leave the allowed area or cross a forbidden area.
 
-    Only for rovers, a leg from home or back home that leaves the allowed area is a mistake. The result tells which legs a fixed
-    wing flies outside the region during the search. The function adds no diagnostics for legs that a fixed wing flies outside the
-    region.
+    A leg from home or back home may leave the allowed area, unless the vehicle is a rover. If a fixed wing leaves the allowed area
+    on a leg of the search, the function adds no diagnostic, and the result is true for this leg.
     """
     import shapely
 

@@ -77,14 +77,14 @@ def missions_of(
     rate : float
         Speed of the robot divided by the vehicle's cruise speed.
     altitude_frame, terrain, terrain_error, link, blocked, area
-        Parameters of `Flight`. Over terrain, additional waypoints keep the error of the height above ground below
-        ``terrain_error``.
+        Parameters of `Flight`. With the altitude frame "ground", additional waypoints keep the error of the height above ground
+        below ``terrain_error``.
     cap : int, optional
         Maximum number of mission items that the autopilot stores, including home, take-off, speed and return. The default is 2000
         items for PX4 and 700 items for ArduPilot.
     tolerance : float
-        Maximum distance in metres between an omitted point and a straight leg. With the tolerance 0, the function omits a point
-        only if it lies exactly on a leg.
+        Maximum distance in metres between an omitted point of the route and the straight leg that replaces it. With the tolerance
+        0, the function omits a point only if it lies exactly on a leg.
     ways : callable, optional
         Function ``ways(start, end)`` that computes the path between home and a point of the route, such as
         `shoal.search.RegionPaths.leg`. A path is an array of points, shape (n, 2), including both ends. The bends of the path
@@ -149,7 +149,7 @@ def _levels(waypoints: NDArray[np.float64], flight: Flight, *, several: bool) ->
     """Return the altitudes that a mission stores besides its heights above home.
 
     If the route has several altitudes, the result contains the first waypoint's altitude. If altitudes above ground differ, the
-    result contains the altitudes of all waypoints above ground.
+    result contains the altitude above ground of every waypoint.
     """
     ups = waypoints[:, 2] + (float(flight.elevation or 0.0) if flight.altitude_frame != "home" else 0.0)
     told: dict[str, Any] = {"altitude": float(ups[0])} if several else {}
@@ -196,7 +196,7 @@ class _Splitter:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return the largest distance along the path at which a sortie that begins at the distance ``begin`` can end."""
+        """Return the largest distance along the path at which a sortie can leave the path, if it joins the path at ``begin``."""
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
@@ -276,11 +276,11 @@ class _Splitter:
 def merged(points: Points, tolerance: float) -> Points:
     """Remove the points of a path that lie on straight legs between other points, in one pass over the points.
 
-    The algorithm starts a cone at each kept point. The cone contains all directions in which a straight line passes every later
-    point within the tolerance. A leg can end at a point that lies inside the cone and is farther away than all previous points of
-    the cone. The algorithm is that of Reumann and Witkam, 1974. The exact form of the cone is that of Williams, "An efficient
-    algorithm for the piecewise linear approximation of planar curves", 1978. The function keeps points at which the path turns
-    back.
+    At each kept point, the algorithm starts a cone: the directions in which a straight leg passes all points since the kept point
+    within the tolerance. The leg may end at the next point if this point lies inside the cone, and is no nearer than the points
+    before it. For this reason, the function keeps points at which the path turns back. The algorithm is that of Reumann and Witkam,
+    1974. The exact form of the cone is that of Williams, "An efficient algorithm for the piecewise linear approximation of planar
+    curves", 1978.
 
     Parameters
     ----------

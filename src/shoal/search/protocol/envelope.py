@@ -2,8 +2,8 @@
 
 A stamp is the time of the sender's clock in milliseconds. If a sender's clock has not advanced since its previous message, the
 stamp is the previous stamp plus 1. A receiver opens only one message with a given sender and stamp. A receiver refuses a message
-whose stamp is too far from the receiver's clock, or older than the last 64 stamps of the same sender. A receiver that was switched
-off for a while still refuses replayed messages, because its clock did not stop.
+whose stamp is too far from the receiver's clock, or older than the 64 newest stamps of the same sender. The clock of a receiver
+goes on while the receiver is switched off, so even after a pause the receiver refuses old messages that an attacker sends again.
 """
 
 from __future__ import annotations

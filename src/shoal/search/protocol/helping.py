@@ -34,16 +34,16 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return the two runs into which a helper with the search rate ``pace`` divides this run if it skips ``ahead`` cells."""
+        """Return the two parts of this run if a helper with the search rate ``pace`` skips the first ``ahead`` cells."""
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
 
 
 def cell_to_help(robot: Robot, wanted: int, own: int, time: float) -> int | None:
-    """Return the next cell that an idle robot searches as help, in its own part or in the part of a dead or late robot.
+    """Return the cell that an idle robot searches next, in its own part or in the part of a dead or late robot.
 
-    If the robot cannot help, the result is None.
+    The result is None if no such cell remains for the robot, or if the robot would save no time there.
     """
     n, parts = len(robot.brief.tour_cost), robot.parts
     count = min(robot.brief.multiplicity, len(parts))
@@ -99,7 +99,7 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
-    """Yield the runs of an arc's remaining cells in the order of the search. A run ends at a cell that another robot searches."""
+    """Yield an arc's runs of remaining cells in the order of the search. A new run begins where another robot searches."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
     fronts: dict[int, tuple[float, float]] = {}

@@ -22,8 +22,8 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
     """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell`` and searching ``cell``.
 
-    If the robot comes to the cell ``here`` without searching it, ``fresh`` is true. The bitset ``closed`` contains the blocked
-    cells.
+    The argument ``fresh`` tells that the robot has arrived in the cell ``here`` but has not searched it. The bitset ``closed``
+    contains the blocked cells.
     """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)
 
@@ -74,15 +74,18 @@ def is_live(robot: Robot, number: int, time: float) -> bool:
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
     """Return whether the robot with the number ``number`` is presumed alive, and starts in a cell of the bitset ``own``.
 
-    The bitset ``own`` contains the cells that the robot ``robot`` can reach. If the start cell of a robot is unknown, the function
-    assumes that it lies in ``own``.
+    The bitset ``own`` contains the cells that the robot ``robot`` can reach. If the start cell is unknown, the function assumes
+    that ``own`` contains the start cell.
     """
     peer = robot.peers.get(number)
     return is_live(robot, number, time) and (peer is None or bool(own >> peer.heartbeat.start % len(robot.brief.tour_cost) & 1))
 
 
 def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
-    """Return a robot's speed and search rate, estimated from its declared speed and its recent lag, in cells per unit of time."""
+    """Return two estimates for a robot, in cells per unit of time: the speed at which it moves, and the rate at which it searches.
+
+    The estimates follow from the robot's declared speed, its recent lag and the width of its footprint.
+    """
     if number == robot.number:
         gone, behind, rate, width = time - robot.allotted_at, robot.lag_at(time), robot.rate, robot.width
     else:
@@ -96,9 +99,10 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 
 
 def is_late(robot: Robot, number: int, time: float) -> bool:
-    """Return whether a robot lags so far behind its declared speed that it does not work normally.
+    """Return whether a robot lags so far behind its declared speed that other robots should help it.
 
-    A robot has a higher limit for its own lag than for the lag of another robot, so that other robots notice the lag first.
+    A robot has a higher limit for its own lag than for the lag of another robot, so that other robots notice it before the late
+    robot does.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)

@@ -1,7 +1,8 @@
-"""Content and encoding of the robots' messages. Messages store numbers with a variable length, and sets of cells as intervals.
+"""Content of the robots' messages, and its encoding as bytes.
 
-The protocol tolerates lost, duplicated and reordered messages, because a robot understands each fact in a message without any other
-message. A beacon that is too long for one message is divided into several messages.
+A beacon, which a robot broadcasts regularly, contains facts. A robot understands each fact without any other message, so the
+protocol tolerates lost, duplicated and reordered messages. A beacon that is too long for one message is divided into several
+messages. In a message, small numbers take fewer bytes than large numbers, and intervals of cells represent a set of cells.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ class Heartbeat:
     The attribute ``robot`` is the robot's number, and ``count`` is the number of beacons that the robot has sent. The attribute
     ``start`` is the robot's start cell, and ``rate`` is its declared speed. The attribute ``width`` is the width of the robot's
     footprint in cells. The attribute ``place`` is the robot's target cell, or its current cell if it has no target. The attribute
-    ``lag`` is the real duration of the robot's paths minus their duration at its declared speed.
+    ``lag`` is the real duration of all paths of the robot so far, minus the duration of these paths at the declared speed.
     """
 
     robot: int
@@ -46,18 +47,18 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Later beacons repeat its content, so that the loss of a single message does no harm.
+    """The regular broadcast of a robot. Later beacons repeat its facts, so that the loss of a single message does no harm.
 
     Parameters
     ----------
     sender : int
         Number of the robot that sends the beacon.
     heartbeats : tuple of Heartbeat
-        Heartbeat of the sender, followed by heartbeats of other robots that the sender knows directly or indirectly.
+        Heartbeat of the sender, followed by heartbeats of other robots that the sender has received.
     searched : tuple of (int, int)
         Pairs of a robot's number and the bitset of cells that this robot reports as searched.
     found : tuple of (int, int)
-        Pairs of a cell with findings and the bitset of robots that found something in this cell.
+        Pairs of the tour index of a cell and the bitset of the robots that found something in this cell.
     closed : tuple of (int, int)
         Pairs of a robot's number and the bitset of cells that this robot reports as blocked.
     """
@@ -103,7 +104,7 @@ def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
 
 
 def _facts(beacon: Beacon) -> Iterator[bytes]:
-    """Yield the content of a beacon in pieces, each of which is a complete fact."""
+    """Yield the content of a beacon as byte strings. A receiver understands each byte string without the others."""
     for heartbeat in beacon.heartbeats:
         yield _told(heartbeat)
     for kind, sets in ((_SEARCHED, beacon.searched), (_FOUND, beacon.found), (_CLOSED, beacon.closed)):
@@ -124,9 +125,10 @@ _PIECE = 32  # bytes of intervals: a piece with the preceding numbers fits into 
 
 
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
-    """Yield encoded intervals in short pieces that begin with the bytes ``head``.
+    """Yield short byte strings that together encode a set of intervals. Each byte string begins with the bytes ``head``.
 
-    The code of an interval is its distance from the end of the previous interval, followed by its length.
+    An interval is encoded as two numbers: its distance from the end of the previous interval in the same byte string, and its
+    length.
     """
     body, count, end = bytearray(), 0, 0
     for first, length in found:
@@ -166,7 +168,7 @@ def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: 
     cells : int
         Number of cells of the tour. Cell numbers in the message must be smaller than ``cells``.
     robots : int
-        Upper limit of robot numbers. Robot numbers in the message must be smaller than ``robots``.
+        Robot numbers in the message must be smaller than ``robots``.
 
     Raises
     ------

@@ -7,9 +7,10 @@ A robot first listens, then divides the tour among all robots that it knows, and
 idle robots divide the remaining cells of silent and late robots among themselves (`shoal.search.protocol.helping`).
 
 A robot without work waits while other robots work. A waiting robot resumes at the last moment at which it can still search all
-unsearched cells alone before its deadline. The deadline of a robot is the end of one round of the tour, which begins when the robot
-first divides the tour. Because of the deadline, a single surviving robot searches all cells in the time of one round, even if all
-messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as one robot is alive.
+unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the whole tour
+alone, beginning when it first divides the tour. For this reason, a single surviving robot searches all cells by its deadline, even
+if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as one robot is
+alive.
 
 A robot that finds a blocked cell reports this cell, so that all robots avoid it. Robots leave out cells that none of them can
 reach.
@@ -155,7 +156,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return the time at which a peer first reported its destination, and the length of the peer's path there in cell sides."""
+    """Return the time at which a peer first reported its destination, and the length of the path to it in cell sides."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -163,7 +164,7 @@ def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) ->
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
-    """Merge the known set of cells of each robot with the sets of cells that another robot reports."""
+    """Return the known set of cells of each robot, extended by the cells that a beacon reports for this robot."""
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:
@@ -192,7 +193,7 @@ def _allotted(robot: Robot, time: float) -> Robot:
 
 
 def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
-    """Return the cost, in cells, at which the robot alone searches all remaining cells, beginning with its own work."""
+    """Return the cost, in cells, of searching all cells in ``wanted`` alone: first the robot's own arcs, then all other cells."""
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     cost, away = 0.0, robot.at_launch and fresh
     for arc in _arcs_to_search(robot):
@@ -208,7 +209,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs that a robot searches: its own arcs, and arcs of the next robots if several robots must search each cell."""
+    """Return the arcs that a robot searches: its own arcs and, if several robots must search each cell, arcs of the next robots."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -260,7 +261,7 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Let the robot go to a cell, or home to recharge if its energy is too low for the way to the cell and then home."""
+    """Send the robot to a cell. If its energy does not suffice for the way to the cell and back home, send it home to recharge."""
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -302,8 +303,8 @@ def _hops(robot: Robot, cell: int) -> bool:
 def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: float) -> tuple[int | None, float]:
     """Return a cell that the robot searches to help other robots, or None and the time until which the robot waits.
 
-    If the robot cannot wait any longer, the result is the next cell of its own work (``mine``), or the next unsearched cell. The
-    robot helps only if it can still search all remaining cells alone before its deadline.
+    The robot helps only if it can still search all remaining cells alone before its deadline. If the robot cannot wait any longer,
+    the result is the next cell of its own work (``mine``) or, if its own work is done, the next unsearched cell.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

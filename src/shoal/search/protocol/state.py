@@ -33,8 +33,8 @@ class Brief:
     beat : float
         Time between two beacons of a robot.
     energy : float
-        Cost, in cells, of the movements and searches that a full battery allows. A robot must return to its start before its
-        battery is empty.
+        Energy of a full battery: the cost, in cells, of the movements and searches that it allows. A robot must return to its start
+        before its battery is empty.
     recharge : float
         Time that a robot needs to recharge its battery.
     ways_out : WaysOut, optional
@@ -58,10 +58,10 @@ class Brief:
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return by how much a cell is farther from a robot's launch point than from its start cell, in cell sides.
+        """Return by how much a cell is farther from a robot's launch point than from the robot's start cell, in cell sides.
 
-        The result can be negative. For robots that move only from cell to cell, the result is the distance from the launch point to
-        the start cell, where they enter the region.
+        The result can be negative. For a robot that moves only from cell to cell, the result is the distance from the launch point
+        to the start cell, where the robot enters the region.
         """
         if self.ways_out is None or number not in self.ways_out:
             return 0.0
@@ -156,7 +156,7 @@ class Robot:
     since : float
         Time at which the robot began its current action: a movement, or waiting.
     lag : float
-        Real duration of all previous paths of the robot, minus their duration at its declared speed.
+        Real duration of all previous paths of the robot, minus the duration of these paths at the declared speed.
     lost, got : int
         Number of messages known to be lost, and number of messages that the robot has received.
     told : tuple of tuple of mapping

@@ -31,7 +31,7 @@ def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:
 
 
 def _sets(now: Mapping[int, int], before: Mapping[int, int], window: int) -> tuple[tuple[int, int], ...]:
-    """Return, for each robot, the bitset of known cells that are not in the facts ``before`` or lie in a window of the tour."""
+    """Return, for each robot, a bitset of those cells in ``now`` that are missing in ``before`` or lie in the bitset ``window``."""
     told = ((number, bits & (~before.get(number, 0) | window)) for number, bits in now.items())
     return tuple((number, bits) for number, bits in told if bits)
 

@@ -26,14 +26,14 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Avoid a cell for a while because another robot is in it, so that two robots never wait for each other forever."""
+    """Avoid a cell for a while because another robot is in it. Otherwise, two robots could wait for each other forever."""
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
 
 
 def obstructed(robot: Robot, cell: int, at: int) -> Robot:
-    """Stop in front of an obstacle, and add its cell to the blocked cells that the robot reports."""
+    """Stop in front of an obstacle, and add the cell of the obstacle to the blocked cells that the robot reports."""
     tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
     left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK

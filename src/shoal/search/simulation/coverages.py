@@ -17,7 +17,7 @@ from shoal.search.simulation.trace import RobotLog, SearchTrace
 
 
 def coverages(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robots: Sequence[int]) -> tuple[AreaCoverage, ...]:
-    """Return the coverage of each layer by the robots with given numbers (from 0), from the lowest layer to the highest."""
+    """Return, for each layer from the lowest to the highest, the coverage by the robots with the numbers ``robots`` (from 0)."""
     layers, found = layers_of(plan.grid), []
     sides = plan.footprints / layers[0].footprint
     for number, layer in enumerate(layers):
@@ -39,9 +39,9 @@ def _ways(plan: SearchPlan, trace: SearchTrace, routes: Sequence[Route], robot: 
 
 
 def cell_spans(plan: SearchPlan, route: Route, log: RobotLog) -> NDArray[np.int64]:
-    """Return, for each cell of a robot's log, the first and last route point of its observation; int64, shape (k, 2).
+    """Return, for each cell of a robot's log, the indices of the cell's first and last point on the route; int64, shape (k, 2).
 
-    If a robot passes other cells on its way to a cell, the observation of this cell begins in the first of the passed cells.
+    If a robot passes other cells on its way to a cell, the first point of the cell lies in the first of the passed cells.
     """
     index = plan.grid.ordinals(plan.tour.cells[log.cells])
     counts = plan.grid.viewpoint_starts[index + 1] - plan.grid.viewpoint_starts[index]

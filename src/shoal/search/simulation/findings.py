@@ -33,7 +33,7 @@ class Finding:
 
 
 def merge_findings(scenario: Scenario, reports: dict[int, set[int]], searched: dict[int, int]) -> tuple[Finding, ...]:
-    """Merge the robots' reports to one finding for each cell.
+    """Merge the reports of all robots to one finding for each cell in which a robot found something.
 
     Parameters
     ----------

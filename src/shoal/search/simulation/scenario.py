@@ -187,7 +187,7 @@ def scenario_of(problem: SearchProblem, plan: SearchPlan, seed: int) -> Scenario
 
 
 def _crashes(problem: SearchProblem, plan: SearchPlan, seed: int) -> tuple[Fault, ...]:
-    """Return crashes of random different robots at random times.
+    """Return crashes of different robots. The robots and the times of their crashes are random.
 
     The latest possible time of a crash is twice the time in which a robot searches an equal share of the cells.
     """

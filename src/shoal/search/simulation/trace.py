@@ -76,7 +76,8 @@ class SearchTrace:
     takeovers : int
         Number of times that a robot began to search the part of another robot that it presumed dead.
     dropped : int
-        Number of dropped messages in a live search: messages from other senders, or with impossible values.
+        Number of messages that robots dropped in a live search, because the sender was no robot of the search or values were
+        impossible.
     """
 
     robots: tuple[RobotLog, ...]
@@ -107,7 +108,7 @@ class SearchTrace:
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace from which `to_dict` made the mapping ``data``, and check it for given numbers of robots and cells.
+        """Return the trace that a mapping from `to_dict` describes. The mapping must suit the numbers of robots and cells.
 
         Raises
         ------
@@ -187,7 +188,11 @@ def planned_trace(plan: SearchPlan, brief: Brief) -> SearchTrace:
 def _with_recharging(
     plan: SearchPlan, brief: Brief, robot: int, cells: NDArray[np.int64], lasting: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the times between a robot's cells if it recharges at home whenever `head_for` sends it home; float64, shape (k,)."""
+    """Return the time that a robot needs for each of its cells, with the times for recharging at home; float64, shape (k,).
+
+    The robot goes home to recharge whenever `head_for` would send it home. The array ``lasting`` holds the times without
+    recharging.
+    """
     tour_cost, rate, start = plan.tour_cost, float(plan.rates[robot]), int(plan.starts[robot])
     found, left = lasting.copy(), brief.energy
     away = [tour_cost.length(cell, start) + brief.from_launch(robot + 1, start, cell) for cell in cells.tolist()]

@@ -39,7 +39,7 @@ from shoal.search.tours.bitset import members
 
 @dataclass
 class SimulatedRobot:
-    """The body of a simulated robot: its state machine, its true position and energy, and whether it still works."""
+    """A simulated robot: its state machine, its true position and energy, and whether it still works."""
 
     robot: Robot
     place: int  # tour index of its cell
@@ -84,7 +84,7 @@ class SearchWorld:
     declared : dict of int to float
         Time at which each robot declared completion.
     vehicles : dict of int to SimulatedRobot
-        The body of each robot, by the number of the robot.
+        The simulated robots, by the number of the robot.
     takeovers : int
         Number of times that a robot began to search the part of another robot that it presumed dead.
     """

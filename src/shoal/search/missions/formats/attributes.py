@@ -24,7 +24,7 @@ ALTITUDES = "altitudes_m"
 
 
 def attributes_of(mission: Mission) -> dict[str, str | int | float]:
-    """Return the attributes of a mission by name: all attributes in `NAMES`, then those in `MORE` and `ALTITUDES` that it has."""
+    """Return the attributes of a mission by name: all in `NAMES`, and those in `MORE` and `ALTITUDES` that the mission has."""
     named = {name: getattr(mission, name.removesuffix("_m_s").removesuffix("_m")) for name in NAMES}
     more: list[float | None] = [
         mission.delay or None,

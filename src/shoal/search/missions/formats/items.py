@@ -43,9 +43,9 @@ class Item:
 def items_of(mission: Mission) -> list[Item]:
     """Return the mission items of a mission, without its home.
 
-    The first items are the start delay and the take-off, because autopilots begin with these items. The item after the take-off
-    sets the speed for the whole mission. The camera takes images from the first to the last waypoint. The take-off of a fixed wing
-    has the position of the first waypoint, because the vehicle climbs toward this waypoint.
+    The first items are the start delay and the take-off, because autopilots expect them first. The item after the take-off sets the
+    speed for the whole mission. The camera takes images from the first to the last waypoint. The take-off of a fixed wing has the
+    position of the first waypoint, because the vehicle climbs toward this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame

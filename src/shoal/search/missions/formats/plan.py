@@ -187,7 +187,7 @@ def _note(sheet: Sheet, fault: Any) -> None:
 
 
 def _path(location: tuple[int | str, ...]) -> list[tuple[int | str, Any]]:
-    """Return the keys and indices that lead to a place in a JSON file, as pairs (previous one, this one).
+    """Return the keys and indices that lead to a place in a JSON file, as pairs (previous key, key).
 
     The result leaves out the list name "items" and the type name "float".
     """

@@ -176,8 +176,8 @@ class Agent:
     def _set_out(self, aim: Go, cell: int) -> None:
         """Start a leg to a cell.
 
-        The length of the leg is the robot's own estimate. If the robot stands between two cells, the length is measured from the
-        position of its vehicle.
+        The length of the leg is the robot's own estimate. Only if the robot stands between two cells, the length is measured from
+        the position of its vehicle.
         """
         if aim.through:
             length = self.robot.cost

@@ -22,7 +22,7 @@ class MovingPoint:
     origin, goal : tuple of float
         Start and end point of the leg in cell sides, as in `TourCost.points`.
     way : float
-        Length of the path in cells. A path around a corner is longer than the straight line.
+        Length of the vehicle's path in cells. A path around a corner is longer than the straight line from ``origin`` to ``goal``.
     length : float
         Length of the leg in cells: the length of the path, plus the cost of turns and search at the end of the path.
     done : float

@@ -67,8 +67,9 @@ class LiveOutcome:
     failed : dict of int to str
         Reason for which the process of a robot ended too early: a program error, or a kill from outside.
     sent, heard, lost, dropped : int
-        Number of messages sent, received, lost and dropped by all robots. Robots drop messages that come from no robot of the
-        search or contain impossible values. Messages that a killed robot sends after its last report do not count.
+        Numbers of messages that were sent, received, lost and dropped, in total for all robots. Robots drop a message if it comes
+        from no robot of the search or contains impossible values. Messages that a killed robot sends after its last report do not
+        count.
     channel : str
         Channel of the messages: "multicast" or "unicast".
     port : int

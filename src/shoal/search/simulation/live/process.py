@@ -1,10 +1,12 @@
 """The program in the processes of live robots: python -m shoal.search.simulation.live.process FILE SIZE IN:OUT ...
 
-The `process_pool` starts a first process, which imports all slow modules once and forks one process for each robot. After it has
-forked the robots' processes, the first process waits until its standard input closes, and then ends the robots' processes that
-still run. The robots' processes share only the open file with the cell locks. A robot's process starts its search when it gets a
-message from IN. A robot's process writes one line of JSON for each event to OUT. If the supervisor ends, IN closes, and the robot's
-process ends too.
+FILE is the descriptor of an open file. The first SIZE bytes of the file contain the task, and the same file holds the cell locks.
+Each pair IN:OUT consists of the descriptors of two pipes, from the supervisor to one robot and from this robot to the supervisor.
+
+The `process_pool` starts a first process, which imports all slow modules once and forks one process for each robot. Then, the first
+process waits until its standard input closes, and ends the robots' processes that still run. The robots' processes share only the
+open file. The process of a robot starts its search when it reads a line from IN, and writes one line of JSON for each event to OUT.
+If the supervisor ends, IN closes, and the robot's process ends too.
 """
 
 from __future__ import annotations

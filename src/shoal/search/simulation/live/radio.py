@@ -138,7 +138,8 @@ class Radio:
     def receive(self) -> list[Beacon]:
         """Return the beacons in messages that have arrived from other robots of this search, and drop all other messages.
 
-        After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood costs the robot little time.
+        After many dropped messages, the radio pauses until the time ``rest_until``, so that a flood of messages costs the robot
+        little time.
         """
         beacons: list[Beacon] = []
         longest, clock, now = self._receiver.most + 1, _clock(), time.monotonic()

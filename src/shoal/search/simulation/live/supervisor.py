@@ -1,4 +1,4 @@
-"""The supervisor of a live search: it starts the robots, kills crashed robots, records reports, and ends all processes."""
+"""The supervisor of a live search: it starts robots, kills those that are to crash, records reports, and ends all processes."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ def run_live(
     Parameters
     ----------
     scenario : Scenario
-        The search. The supervisor kills the process of a crashed robot with SIGKILL. Each radio discards received messages with the
-        probability of the network model ``loss``. If ``brief.hello`` is ``0.3 * speed`` or more, robots listen for at least 0.3 s,
-        and find each other even on a busy machine. With a ``brief.hello`` below ``0.3 * speed``, the search may take longer, but is
-        still complete.
+        The search. The supervisor sends SIGKILL to the process of a robot that is to crash. Each radio discards received messages
+        with the probability of the network model ``loss``. If ``brief.hello`` is ``0.3 * speed`` or more, robots listen for at
+        least 0.3 s, and find each other even on a busy machine. With a ``brief.hello`` below ``0.3 * speed``, the search may take
+        longer, but is still complete.
     speed : float
-        Speed of a robot of speed 1, in cells per second of real time.
+        Number of cells that a robot of speed 1 searches per second of real time.
     channel : str
         Channel of the messages: "multicast", "unicast" or "auto". With "unicast", a robot sends each message to the port of every
         other robot. With "auto", robots use unicast only if multicast is not available.
@@ -119,7 +119,7 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key that signs the messages of one search. Two searches with one key file have different keys."""
+    """Return the key that signs the messages of one search. Different searches have different keys, even with the same ``key``."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")

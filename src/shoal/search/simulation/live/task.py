@@ -23,7 +23,7 @@ class LiveTask:
     scenario : Scenario
         The scenario of the search. Obstacles in the scenario block the vehicles, but the robots do not know the obstacles.
     speed : float
-        Speed of a robot of speed 1, in cells per second of real time.
+        Number of cells that a robot of speed 1 searches per second of real time.
     channel : str
         Channel of the messages: "multicast" or "unicast".
     port : int
