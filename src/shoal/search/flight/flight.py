@@ -273,7 +273,7 @@ class Flight:
         )
 
     def _approach(self, last: Points, up: float) -> Points:
-        """Return the start of the approach to a landing. It leads as directly against the wind as space allows."""
+        """Return the start of a landing approach. The approach leads as directly against the wind as space allows."""
         lasting = float(self.vehicle.vertical_seconds(-up))
         for course, speed in self._directions(self.end - last):
             best = self.end - course * max(lasting * speed, 2 * self.radius)

@@ -66,7 +66,7 @@ def near_homes(places: Iterable[tuple[int, Place]], required: float, frame: Loca
     Raises
     ------
     InvalidInputError
-        If a place is too far away for the frame.
+        If a position is too far away for the frame.
     """
     import shapely
 

@@ -36,7 +36,7 @@ class Mission:
     waypoints : ndarray of float64, shape (k, 2), k >= 1
         Waypoints as (longitude, latitude) in degrees (WGS84), or as (x, y) in metres if ``geographic`` is false.
     home : tuple of float
-        Start point of the vehicle, in the unit of the waypoints. It is also the landing point if ``landing`` is not given.
+        Start point of the vehicle, in the unit of the waypoints. Without a ``landing`` point, the vehicle also lands there.
     robot : int
         Number of the robot. The first robot has the number 1.
     sortie : int

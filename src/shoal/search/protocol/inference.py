@@ -36,7 +36,7 @@ def obstacles(robot: Robot) -> int:
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
-    """Return two bitsets: the cells that this robot can reach, and the cells that any live robot can reach."""
+    """Return two bitsets: the cells that this robot can reach, and the cells that at least one live robot can reach."""
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
@@ -51,9 +51,9 @@ def reachable(robot: Robot, time: float) -> tuple[int, int]:
 
 
 def silence_limit(robot: Robot) -> float:
-    """Return the duration of silence after which a robot is presumed dead.
+    """Return the time without a message from a robot after which the robot is presumed dead.
 
-    The allowed silence grows with the fraction of lost messages.
+    This time grows with the fraction of lost messages.
     """
     return robot.brief.beat * _silent_beats(robot.lost, robot.got)
 
@@ -101,8 +101,8 @@ def speed_of(robot: Robot, number: int, time: float) -> tuple[float, float]:
 def is_late(robot: Robot, number: int, time: float) -> bool:
     """Return whether a robot lags so far behind its declared speed that other robots should help it.
 
-    A robot has a higher limit for its own lag than for the lag of another robot, so that other robots notice it before the late
-    robot does.
+    A robot has a higher limit for its own lag than for the lag of another robot, so that other robots notice the lag before the
+    late robot does.
     """
     if number == robot.number:
         return robot.lag_at(time) > _RELUCTANCE * _tolerated(robot, time)

@@ -57,7 +57,8 @@ class Scenario:
     signed : bool
         Whether robots sign their messages with a secret key.
     packet : int
-        Maximum length of a message in bytes. With 0, robots send every beacon in one piece.
+        Maximum length of a message in bytes. With 0, the maximum is 1200 bytes, but in a simulation without signatures and without
+        replays, every beacon is one message.
     seed : int
         Seed of all random numbers in the simulation.
     """
