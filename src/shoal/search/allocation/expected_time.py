@@ -37,7 +37,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     robots : int
         Number of robots, including dead robots. The robots start in independent random cells.
     dead : int
-        Number of dead robots, which never start. The robot behind a dead robot searches the dead robot's part without a delay.
+        Number of dead robots, which never start. The last working robot before a dead robot on the tour also searches the dead
+        robot's part, without a delay.
     trials : int
         Number of random trials, at least 2.
     seed : int

@@ -16,10 +16,11 @@ LEVELS_2, LEVELS_3 = 5, 3
 
 
 def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (parts, following), each of shape (states, 2^dimensions): the visited parts in order, and the state in each part.
+    """Return (parts, following), each of shape (states, 2^dimensions).
 
-    Bit j of a part is the side of the cube along axis j. The curve with state 0 begins at the origin, first leads along axis 1, and
-    ends at the far end of axis 0.
+    For each state, ``parts`` holds the parts of the cube in the order of the curve, and ``following`` holds the state of the curve
+    in each part. Bit j of a part tells on which side of the cube the part lies along axis j. The curve with state 0 begins at the
+    origin, first leads along axis 1, and ends at the far end of axis 0.
     """
     count = 1 << dimensions
     states = [(0, 0)]

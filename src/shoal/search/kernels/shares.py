@@ -117,7 +117,7 @@ def back(tour, team, robot, one, other):
 
 @kernel
 def both_ways(tour, team, robot, at, low, budget):
-    """Return how far forwards a robot gets if it also searches backwards from its start cell ``at`` to the cell ``low``.
+    """Return the first cell ahead that a robot does not reach if it also searches backwards from its start ``at`` to ``low``.
 
     The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` within its budget.
     """
