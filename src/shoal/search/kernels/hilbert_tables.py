@@ -16,7 +16,7 @@ LEVELS_2, LEVELS_3 = 5, 3
 
 
 def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (parts, following), each of shape (states, 2^dimensions).
+    """Return the parts and the states of one level of the curve: (parts, following), each of shape (states, 2^dimensions).
 
     For each state, ``parts`` holds the parts of the cube in the order of the curve, and ``following`` holds the state of the curve
     in each part. Bit j of a part tells on which side of the cube the part lies along axis j. The curve with state 0 begins at the
@@ -58,7 +58,7 @@ def _turn(rank: int, dimensions: int) -> int:
 
 
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
-    """Return (decoding, encoding, begin) for ``levels`` levels per look-up.
+    """Return the tables (decoding, encoding, begin) for look-ups that convert ``levels`` levels each.
 
     The entry ``decoding[state << n * levels | digits]`` contains the shifted next state, and in its lower bits the coordinates. In
     an entry, the bits from j * levels on contain the coordinate of axis j. In the table ``encoding``, digits and coordinates are
