@@ -1,4 +1,4 @@
-"""Expected search time of robots that search from where they start (figure 5 of paper H): Monte Carlo estimate and theory."""
+"""Expected search time of robots that start in random cells of a tour (figure 5 of paper H): Monte Carlo estimate and theory."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
 _DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
-_FINALISTS = 2  # number of drafts that become complete tours, at least one of each kind of tour
+_FINALISTS = 2  # number of best drafts that become complete tours, besides the best draft of each kind of tour
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate

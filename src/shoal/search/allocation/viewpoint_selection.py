@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 
 Flags = NDArray[np.bool_]
-_EDGE = 0.15  # in new cells: value of a searched cell, or of a non-cell, beside the footprint
+_EDGE = 0.15  # in new cells: value of a searched cell, or of a position without a cell, beside the footprint
 _MEASURED = 32  # footprint areas per section of the tour on which the gain is measured
 _STRETCHES = (1 / 7, 3 / 7, 5 / 7)  # relative to the tour: starts of these sections
 _TRIED = 12  # number of stops whose exact path is computed

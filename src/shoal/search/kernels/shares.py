@@ -1,4 +1,4 @@
-"""The progress of robots along a tour in a given time, for a bisection over the makespan (the time of the last robot).
+"""The progress of robots along a tour in a given time, for a bisection over the makespan (when the last robot finishes).
 
 A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
 in the given time. The array ``borders`` receives the tour index of the first cell of each robot.

@@ -96,8 +96,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
         None, help="Altitudes at which robots search the whole region, along one tour; by default the vehicle's altitude, or in "
-        "a box, as many altitudes as footprints fit into the height of the box.", unit="m", metavar="H,H,...", parse=parse_numbers,
-        check=check_bands,
+        "a box, the middles of equal layers that are at most one footprint thick.", unit="m", metavar="H,H,...",
+        parse=parse_numbers, check=check_bands,
     )  # fmt: skip
     passes: int = option(
         1, help="Number of times that robots search the whole region. In every second pass, rows are rotated by 90 degrees.",
@@ -177,7 +177,7 @@ class SearchProblem(Problem):
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
         "liar:R (the option can be repeated). R is the number of a robot, counted from 1. TIME, UNTIL and ENERGY are "
-        "numbers of searched cells.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        "in units of the time for one cell.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
         dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
     crashes: int = option(

@@ -21,7 +21,7 @@ _SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, beca
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """The part of a region that vehicles see on their routes, and the legs of routes that leave the region.
+    """The part of a region that vehicles see on their routes, and how far the routes leave the region.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ class _Course:
 
 
 class _Look:
-    """What a path must see: an area of the region that the footprint has to sweep on a part of the tour."""
+    """An area that the footprint must sweep on a part of the tour, and tests whether a path does so."""
 
     def __init__(self, grid: CellGrid, wanted: Any, path: Points) -> None:
         import shapely

@@ -144,8 +144,8 @@ def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, ne
 def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, found):
     """Write to ``found`` the best move of up to three consecutive cells to a place beside a neighbour of the cell ``here``.
 
-    The moved cells begin or end with the cell ``here``. The entries of ``found`` are the saving, the first place of the moved cells,
-    the cell behind which they move, 1 if they move backwards, and the number of moved cells.
+    The moved cells begin or end with the cell ``here``. The entries of ``found`` are the saving, the first place of the moved
+    cells, the cell that they follow after the move, 1 if their order is reversed, and the number of moved cells.
     """
     n = len(order)
     for k in range(18 * _LONGEST):
