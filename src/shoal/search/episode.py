@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the least time of a single robot."""
+        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by a single robot's least time."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),

@@ -248,7 +248,7 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances between the cells of each layer. The sequence ``layers`` is empty if all horizontal paths are straight.
+        For each layer, the distances between its cells. The sequence ``layers`` is empty if all horizontal paths are straight.
     """
 
     stepwise = False

@@ -115,7 +115,7 @@ class TourCost:
 
     @cached_property
     def ahead(self) -> Floats:
-        """Cumulative cost of all cells before each cell, over four rounds of the tour, in cells; float64, shape (4 N + 1,)."""
+        """For each cell of four rounds of the tour, the cost, in cells, of all cells before the cell; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property

@@ -160,7 +160,7 @@ def _lines(shape: Any) -> list[Points]:
 
 
 def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return the part of a shape in which a robot can be so that its footprint overlaps a piece."""
+    """Return the points of a shape from which a robot's footprint overlaps a piece, as a Shapely geometry."""
     import shapely
 
     low, high = np.reshape(piece.bounds, (2, 2))

@@ -203,10 +203,10 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells, sorted by cycle. ``starts`` contains the index of the first cell of each cycle, and the end of the
-    last cycle. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell nearest to the end of
-    the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges. If only one cycle
-    exists, the kernel opens the shorter edge.
+    ``members`` are the cells, sorted by cycle. ``starts`` contains the index in ``members`` of the first cell of each cycle, and
+    then the number of all cells. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell
+    nearest to the end of the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges.
+    If only one cycle exists, the kernel opens the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

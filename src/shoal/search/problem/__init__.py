@@ -44,7 +44,7 @@ FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
 
 MOST_ROBOTS = 1000
-"""Maximum number of robots in a search, because an allocation needs memory for each pair of robots."""
+"""Maximum number of robots in a search. An allocation needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")

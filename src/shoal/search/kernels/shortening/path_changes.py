@@ -97,9 +97,10 @@ def changed(path, count, v, kind, step, result):
 
 @kernel
 def changed_paths(path, boxes, turn, steps, paths, counts, costs):
-    """Write all changed paths that cost less and pass through all boxes: points, number of points, cost. Return their number.
+    """Write all changed paths that cost less than ``path`` and pass through all boxes. Return their number.
 
-    ``steps`` are the distances by which points slide. ``paths`` (K, M, 2) has room for all changes.
+    ``paths``, ``counts`` and ``costs`` receive the points, the number of points and the cost of each changed path. ``steps`` are
+    the distances by which points slide. ``paths`` (K, M, 2) has room for all changes.
     """
     count, found, result = len(path), 0, np.empty_like(path)
     most = path_cost(path, count, turn) - _LESS * turn
