@@ -191,7 +191,7 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse a ring with a coordinate above `FARTHEST` metres, where a float64 cannot distinguish points a micrometre apart.
+    """Refuse a ring with a coordinate above `FARTHEST` metres, because a float64 cannot store small fractions of such a coordinate.
 
     Raises
     ------
