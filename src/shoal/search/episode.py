@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the least time one robot needs."""
+        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by a single robot's least time."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -165,7 +165,7 @@ class SearchEpisode(Episode):
 
     @cached_property
     def obstacles(self) -> dict[int, float]:
-        """The cells with discovered obstacles, in tour order, and the time of each discovery in units of `cell_time`."""
+        """The time of discovery, in units of `cell_time`, of each obstacle that robots found, by the tour index of its cell."""
         found: dict[int, float] = {}
         for moment, cell in sorted(entry for log in self.trace.robots for entry in log.obstructed):
             found.setdefault(cell, moment)

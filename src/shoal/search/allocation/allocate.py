@@ -28,7 +28,7 @@ class Allocation:
     allocator : str
         Name of the allocator that divided the tour.
     arcs : tuple of tuple of Arc
-        Arcs of the tour for each robot, in the order in which the robot searches them. A robot in reserve has no arcs.
+        Arcs of the tour for each robot, in the order in which the robot searches them. A robot may have no arcs.
     times : ndarray of float64, shape (m,)
         Completion time of each robot, including its path to its first cell. The unit of time is the time in which a robot of speed
         1 searches one cell.
@@ -75,13 +75,13 @@ def allocate(
         each robot moves straight to the first cell of its arc. A text of the form ``module:attribute`` names a function with the
         same arguments as the functions in `shoal.search.allocation.allocators`.
     rates : array_like of float, shape (m,), optional
-        Speed of each robot relative to the common speed, for motion and search alike. By default, all robots have the speed 1.
+        Speed of each robot, for motion and search alike. By default, all robots have the speed 1.
     places : array_like of float, shape (m, d), optional
         Positions of the robots in cell sides, as in `TourCost.points`. By default, each robot is at the viewpoint of its start
         cell.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A robot with a wide
-        footprint gets more cells than a robot with a narrow footprint, by the factor `gain_of`.
+        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A wide footprint
+        multiplies the number of cells that a robot gets by about the factor `gain_of`.
 
     Raises
     ------
@@ -154,7 +154,7 @@ def _team(
         raise InvalidInputError(f"places: expected shape ({len(first)}, {tour_cost.points.shape[1]}), got {at.shape}")
     wide = np.ones(len(first), dtype=np.int64) if widths is None else np.asarray(widths)
     check_widths(wide, len(first))
-    order = np.argsort(first, kind="stable")  # of several robots in a cell, the last one searches on
+    order = np.argsort(first, kind="stable")  # if several robots start in a cell, ``stay`` gives cells only to the last one
     gains = np.array([gain_of(tour_cost, int(width)) for width in wide])
     return Team(first[order], speeds[order], at[order], gains[order], tour_cost.far(first[order])), order
 

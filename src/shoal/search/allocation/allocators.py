@@ -17,8 +17,8 @@ from shoal.search.kernels.shares import Team
 Indices = NDArray[np.int64]
 _HALVINGS = 40
 _STRIDES = 96  # maximum number of first borders that are tried
-_TRIALS = 8_000  # maximum number of cuts into equal arcs, one for each rotation of the robots
-_CANDIDATES = 12  # number of cuts into equal arcs that are improved
+_TRIALS = 8_000  # maximum number of trials: a cut of the tour into equal arcs, and a rotation of the robots
+_CANDIDATES = 12  # number of trials whose borders are improved
 
 
 Allocator = Callable[[TourCost, Team], list[list[Arc]]]
@@ -102,7 +102,7 @@ def hop(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
         row, turn = np.unravel_index(int(number), latest.shape)
         low, high = n / float(_powers(team).sum()), float(min(latest[row, turn], best)) + 1.0
         trial = np.empty(m + 1, dtype=np.int64)
-        while best == np.inf:  # with fewer cells than robots, equal arcs are less than a cell
+        while best == np.inf:  # with fewer cells than robots, an equal arc is shorter than a cell
             if shares.hop_pass(tour_cost.arrays, team, high, firsts[row], turn, trial):
                 best, borders, chosen = high, np.minimum(trial, firsts[row] + n), int(turn)
             high *= 2
@@ -139,7 +139,7 @@ def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
     The function finds the least time by bisection.
     """
     n, starts = len(tour_cost), team.starts
-    best = np.append(starts, starts[0] + n) + n  # the borders of the allocator stay
+    best = np.append(starts, starts[0] + n) + n  # the borders that the allocator ``stay`` chooses
     gaps = np.diff(tour_cost.ahead[best]) / _powers(team)
     low, high = n / float(_powers(team).sum()), float(gaps.max())
     trial = np.empty(len(starts) + 1, dtype=np.int64)

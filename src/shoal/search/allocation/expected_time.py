@@ -1,4 +1,4 @@
-"""Expected search time of robots that search from where they start (figure 5 of paper H): Monte Carlo estimate and theory."""
+"""Expected search time of robots that start in random cells of a tour (figure 5 of paper H): Monte Carlo estimate and theory."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     robots : int
         Number of robots, including dead robots. The robots start in independent random cells.
     dead : int
-        Number of dead robots, which never start. The robot behind a dead robot searches the dead robot's part without a delay.
+        Number of dead robots, which never start. The last working robot before a dead robot on the tour also searches the dead
+        robot's part, without a delay.
     trials : int
         Number of random trials, at least 2.
     seed : int

@@ -32,7 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Length in metres of the level flight that takes as long as a climb and a descent of one metre take on average.
+        Distance in metres that a robot flies level in the mean time of a climb of one metre and a descent of one metre.
     """
 
     layers: tuple[CellGrid, ...]
@@ -46,7 +46,7 @@ class LayeredGrid:
 
     @cached_property
     def size(self) -> float:
-        """Side of the smallest cells in metres, which is also the unit of path lengths in cells."""
+        """Side of the smallest cells in metres. A path length in cells is the length divided by this side."""
         return min(layer.size for layer in self.layers)
 
     @property
@@ -248,7 +248,7 @@ class LayeredDistances:
     paths : LayeredPaths
     numbers : LayerNumbers
     layers : sequence of Distances
-        Distances between the cells of each layer. The sequence ``layers`` is empty if all horizontal paths are straight.
+        For each layer, the distances between its cells. The sequence ``layers`` is empty if all horizontal paths are straight.
     """
 
     stepwise = False
@@ -271,7 +271,7 @@ class LayeredDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        The argument ``closed`` must be 0, because `LayeredDistances` knows no closed cells.
+        The argument ``closed``, a bitset of cells that the path must not enter, has no effect here.
         """
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
@@ -292,7 +292,7 @@ class LayeredDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        The horizontal distance to a cell of another layer starts from the cell of that other layer above or below ``here``.
+        The horizontal distance to a cell of another layer is counted from that layer's cell above or below ``here``.
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
@@ -320,7 +320,7 @@ def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
 
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
-    """Return the distances for robots that move from cell to cell and climb between cells above each other in consecutive layers.
+    """Return the distances for robots that move only to a neighbouring cell, or to the cell above or below in the next layer.
 
     Parameters
     ----------

@@ -26,17 +26,17 @@ from shoal.search.tours.boustrophedon import BoustrophedonTour
 from shoal.search.tours.layers import TIE, joined
 
 ON_ROWS = ("boustrophedon",)
-"""Tours that follow the rows of cells, and for which the viewpoints of border cells lie on a path with few bends."""
+"""Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a path with few bends."""
 
 TURN = 0.8
-"""Cost of a turn in cells that Shoal assumes, when it compares orientations, for vehicles that turn in no time."""
+"""Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns in no time."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
-_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shift relative to a row
+_SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
 _DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
-_FINALISTS = 2  # number of drafts that become complete tours, at least one of each kind of tour
+_FINALISTS = 2  # number of best drafts that become complete tours, besides the best draft of each kind of tour
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate
@@ -130,8 +130,7 @@ def grid_tour(
     turn_cost : float
         Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     stepwise : bool
-        Whether robots move only from a cell to a neighbouring cell. Robots that move from cell to cell look at each cell from
-        inside it.
+        Whether robots move only from a cell to a neighbouring cell. Such robots look at each cell from inside it.
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
     exchange : bool
@@ -157,7 +156,7 @@ def grid_tour(
 
 
 def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
-    """Shorten a tour by exchanges, and return the grid with viewpoints for the shortened tour, and this tour."""
+    """Return the grid with new viewpoints, and the tour shortened by exchanges."""
     tour = exchanged(along_tour(grid, tour.cells, turn), tour, turn)[0]
     return along_tour(grid, tour.cells, turn), tour
 
@@ -165,7 +164,7 @@ def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]
 def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
     """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all footprints are equal.
 
-    A wide footprint sees neighbouring cells from one cell, but after exchanges a cell may be seen only from its own viewpoints.
+    After exchanges, some cells can be seen only from their own viewpoints, and not by a wide footprint in a neighbouring cell.
     """
     return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
 
@@ -190,7 +189,7 @@ def in_layers(
     tour : str
         Name of the tour for `make_tour`.
     climb : float
-        Horizontal distance in metres that takes as long as a climb or descent of one metre, as in `LayeredGrid`.
+        The parameter ``climb`` of `LayeredGrid`.
     given
         The arguments ``turn_cost``, ``stepwise`` and ``transit`` of `grid_tour`.
     """
@@ -269,7 +268,7 @@ def best_grid_tour(
 def _exchanged_tours(
     region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float, transit: bool
 ) -> list[GridTour]:
-    """Return the best tour for each name in ``tours``, shortened by exchanges and by viewpoints on shorter paths."""
+    """Return the best tour for each name in ``tours``, shortened by exchanges and by better viewpoints."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
@@ -333,7 +332,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
 
 
 def _chords(area: Any, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return the number, the outer ends (or NaN) and the total length of the parts of each horizontal line in an area."""
+    """Return, for each horizontal line, the number, the outer ends (or NaN) and the total length of its parts inside an area."""
     import shapely
 
     points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)

@@ -1,4 +1,4 @@
-"""Partition of a tour into one part for each robot, and the cost of searching the remaining cells."""
+"""Partition of a tour into one part for each robot, and the cost of searching a set of cells."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from shoal.search.tours.bitset import runs
 class Part:
     """The part of a tour that one robot searches: its arcs, and the bitset of the cells in these arcs.
 
-    The attribute ``first`` is the first cell of the part along the tour. A robot in reserve has no arcs, and its attribute
-    ``first`` is its start cell.
+    The attribute ``first`` is the first cell of the part along the tour. If a robot has no arcs, ``first`` is its start cell.
     """
 
     robot: int
@@ -48,7 +47,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
         bits, lows = 0, []
         for arc in arcs:
             bits |= arc.bits(n)
-        # Two arcs meet at the start. The part begins at the arc that has no arc of the part before it.
+        # Two arcs of a robot meet at its start. The part begins with the run of cells that no other cell of the part precedes.
         lows = [first for first, _ in runs(bits, start, n) if not bits >> ((first - 1) % n) & 1]
         first = lows[0] if lows else start
         parts.append((first, bool(bits), number, Part(number, first, arcs, bits)))

@@ -48,7 +48,7 @@ from shoal.search.regions.places import places_of
 from shoal.search.tours import Tour
 
 Points = NDArray[np.float64]
-_HOLLOW = 1e-9  # relative to its area: area that a convex region may lack because of rounding
+_HOLLOW = 1e-9  # share of its area that a convex region may lack because of rounding
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ class SearchPlan:
     starts : ndarray of int64, shape (m,)
         Tour index of each robot's start cell.
     rates : ndarray of float64, shape (m,)
-        Speeds of the robots relative to the common speed.
+        Speed of each robot, divided by the vehicle's speed.
     allocation : Allocation
     footprints : ndarray of float64, shape (m,)
         Side of each robot's square footprint in the lowest layer, in metres.
@@ -74,12 +74,12 @@ class SearchPlan:
     landing : ndarray of float64, shape (m, 2), optional
         Landing positions of the robots in metres. By default, robots land at their start positions.
     vehicle : Vehicle
-        Description of the vehicle, one for all robots. The speed of a robot is the vehicle's speed times the robot's rate.
+        Description of the vehicle, one for all robots.
     delays : ndarray of float64, shape (m,)
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
-        The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. If
-        the planner compared nothing, the tuple of candidates is empty.
+        The compared tours from the fastest to the slowest, and then the compared allocations from the fastest to the slowest. The
+        tuple is empty if the planner compared nothing.
     """
 
     grid: Grid
@@ -106,7 +106,7 @@ class SearchPlan:
 
     @property
     def cell_seconds(self) -> float:
-        """Mean time in seconds, over both directions of a row, that a robot of speed 1 needs for one cell."""
+        """Time in seconds that a robot of speed 1 needs for one cell, as the mean over both directions of a row."""
         return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
 
     def seconds(self, cells: float) -> float:
@@ -126,7 +126,7 @@ class SearchPlan:
         return widths_of(self.footprints, layers_of(self.grid)[0].size)
 
     def positions(self, numbers: ArrayLike) -> Points:
-        """Return the first viewpoint of each cell that is given by its tour index, as (x, y) or (x, y, altitude) in metres."""
+        """Return the first viewpoint of each cell with the given tour indices, as (x, y) or (x, y, altitude) in metres."""
         index = self.grid.ordinals(self.tour.cells[np.asarray(numbers, dtype=np.int64)])
         return np.asarray(self.grid.viewpoints[self.grid.viewpoint_starts[index]])
 
@@ -257,7 +257,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     landing = None if problem.land is None else places_of(problem.land, grid.region, robots, what="land")
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
-    # Robots exchange only cells. Therefore they can agree only on parts that follow from cells.
+    # Messages contain cells, not positions. Therefore robots can agree only on parts that they compute from cells.
     middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(grid.angle)
     given, times = best_allocation(
         tour_cost,
@@ -312,7 +312,7 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
     far = np.concatenate([[0.0], np.cumsum(leg_lengths(with_climb_cost(grid, whole.points)))])[whole.stops]
     begins = np.concatenate([[0], np.cumsum(np.diff(grid.viewpoint_starts)[index])])
     steps = np.diff(far[begins]) / grid.size
-    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # from the second point on, and then to the first again
+    bent = turns_of(np.concatenate([whole.points, whole.points[1:2]]))  # the last entry belongs to the first point
     turns = np.diff(np.cumsum(np.concatenate([[0], bent[-1:], bent]))[whole.stops[begins]])
     free = grid.region.free
     straight = not stepwise and bool(free.convex_hull.area - free.area <= _HOLLOW * free.area)

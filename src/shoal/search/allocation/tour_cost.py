@@ -25,14 +25,14 @@ _RECKONED = 1_000_000  # cells times robots: above this, paths between cells cou
 class TourCost:
     """The cost of searching along a tour.
 
-    Costs are in cells: at the cost 1, a robot of speed 1 searches a cell and moves to a neighbouring cell.
+    Costs are in cells: to move to a neighbouring cell and search it costs 1.
 
     Parameters
     ----------
     tour : Tour
         The tour, which robots follow again and again. From the last cell, a robot moves to the first cell, even on an open tour.
     points : array_like of float64, shape (N, d), optional
-        Viewpoint of each cell in cell sides. By default, viewpoints are the centres of the cells.
+        Viewpoint of each cell, in cell sides. By default, viewpoints are the centres of the cells.
     turn_cost : float
         Cost of a change of direction in cells.
     steps : array_like of float64, shape (N,), optional
@@ -115,7 +115,7 @@ class TourCost:
 
     @cached_property
     def ahead(self) -> Floats:
-        """Cumulative cost of all cells before each cell, over four rounds of the tour, in cells; float64, shape (4 N + 1,)."""
+        """For each cell of four rounds of the tour, the cost, in cells, of all cells before the cell; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
@@ -190,11 +190,11 @@ class TourCost:
         return tuple(passed for one, other in pairwise(along) for passed in distances.cells(one, other, closed))
 
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
-        """Return the cost of the cheapest path between two cells, and the cells at which the direct moves of this path end.
+        """Return the cost of the cheapest path between two cells, and the cells at which its direct moves begin and end.
 
         The path follows the tour if the tour is not blocked and not more expensive than the direct path. A path along the tour pays
-        only for the tour's bends, and a direct path pays for one turn. A robot's path never gets more expensive because other
-        robots have searched cells on it.
+        only for the tour's bends, and a direct path pays for one turn. So a robot that skips cells which other robots have searched
+        never pays more than for following the tour.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
@@ -226,8 +226,8 @@ class TourCost:
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        If allocators use straight distances, the result has shape (0, 0). Allocators use straight distances if ``distances`` is
-        None, ``reckoned`` is false, or m times N is too large.
+        If ``distances`` is None, ``reckoned`` is false, or m times N is too large, the result has shape (0, 0), and allocators use
+        straight distances.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))

@@ -2,8 +2,8 @@
 
 The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The robot always
 stops next in the cell with the largest ratio of newly visible cells to the cost of the path there. The robot prefers stops along
-the border of the searched area, because a narrow unsearched strip costs as much as a wide strip. Because of the stops along the
-border, the robot's path runs in circles inside its part, for any tour.
+the border of the searched area, because a narrow strip that it leaves unsearched costs as much time later as a wide strip.
+Therefore the robot's path runs in circles inside its part, whatever the tour.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from shoal.search.allocation.tour_cost import TourCost
 
 Flags = NDArray[np.bool_]
-_EDGE = 0.15  # in new cells: value of a searched cell, or of a non-cell, beside the footprint
+_EDGE = 0.15  # in new cells: value of a searched cell, or of a position without a cell, beside the footprint
 _MEASURED = 32  # footprint areas per section of the tour on which the gain is measured
 _STRETCHES = (1 / 7, 3 / 7, 5 / 7)  # relative to the tour: starts of these sections
 _TRIED = 12  # number of stops whose exact path is computed
@@ -149,9 +149,10 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 
 @lru_cache(maxsize=256)
 def gain_of(tour_cost: TourCost, width: int) -> float:
-    """Return how many times faster a robot searches with a footprint of ``width`` cells than with one cell, at least 1.
+    """Return how many times faster a robot searches with a footprint of ``width`` cells than with a footprint of one cell.
 
-    The function simulates the search of three sections of the tour. All robots compute equal gains for equal widths.
+    The result is at least 1. The function simulates the search of three sections of the tour. All robots compute equal gains for
+    equal widths.
 
     Examples
     --------

@@ -139,7 +139,7 @@ class Clipped:
     rows, cols : ndarray of int64, shape (n,)
         Row and column of the cell that contains each piece. A cell on the border of the region has one or several pieces.
     pieces : ndarray of Shapely polygons, shape (n,)
-        The connected pieces into which the cells on the border cut the region.
+        The connected parts of the region in the cells on its border.
     """
 
     whole: NDArray[np.bool_]

@@ -89,8 +89,8 @@ class CellDistances:
         Climbs between layers, as three arrays: tour index of the first cell, tour index of the second cell, and length in cell
         sides.
     steps : array_like of float64, shape (N,), optional
-        Length in cell sides of the path from each cell of the tour to the next cell. Robots use the paths along the tour only
-        between cells that steps and climbs do not connect.
+        Length in cell sides of the path from each cell of the tour to the next cell. Robots use such a path only if no sequence of
+        steps and climbs between neighbouring cells connects the two cells.
 
     Examples
     --------
@@ -133,7 +133,7 @@ class CellDistances:
         self._parts = lru_cache(maxsize=kept)(self._components)
 
     def _join(self, steps: NDArray[np.float64]) -> None:
-        """Connect consecutive cells of the tour if steps and climbs do not connect them."""
+        """Connect consecutive cells of the tour by paths of the lengths ``steps`` if no other path connects them."""
         labels = self._labels(0)
         for cell in np.flatnonzero(labels != np.roll(labels, -1)).tolist():
             other = (cell + 1) % self._n
@@ -249,7 +249,7 @@ class RegionDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        The argument ``closed`` must be 0, because `RegionDistances` knows no closed cells.
+        The argument ``closed``, a bitset of cells that the path must not enter, has no effect here.
         """
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)

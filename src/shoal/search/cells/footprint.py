@@ -2,7 +2,7 @@
 
 A footprint is a square whose side is an odd number of cells. The robot stands in the central cell of its footprint. A cell's own
 piece is the largest piece of the region in the cell (see `CellGrid`). The robot sees another cell if the own piece of that cell
-lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece. Walls block the view of a robot.
+lies entirely in the footprint, and a path inside the footprint leads from the robot to that piece.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
 Numbers = NDArray[np.int64]
 _HAIR = 1e-9  # relative to a cell: rounding error
-_USED = 0.75  # weight of the excess area of a wide footprint in the comparison of cell sizes
+_USED = 0.75  # share of a wide footprint's width that counts in the comparison of cell sizes
 WIDEST = 99  # maximum effective width of a footprint in cells
-_PARTS = (1, 3, 5)  # maximum number of cells across a footprint when the cell size is chosen
+_PARTS = (1, 3, 5)  # numbers of cells across a footprint that are tried in the choice of the cell size
 
 
 class Footprint(Protocol):
@@ -191,7 +191,7 @@ def cell_side(footprints: ArrayLike, rates: ArrayLike) -> float:
     footprints : array_like of float, shape (m,)
         Side of each robot's footprint in metres.
     rates : array_like of float, shape (m,)
-        Speed of each robot relative to the common speed.
+        Speed of each robot.
 
     Examples
     --------

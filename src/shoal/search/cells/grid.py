@@ -1,4 +1,4 @@
-"""CellGrid: a region divided into square cells, and the viewpoints from which a vehicle sees the whole region."""
+"""CellGrid: a region divided into square cells, and the viewpoints from which a robot sees the whole region."""
 
 from __future__ import annotations
 
@@ -24,16 +24,16 @@ from shoal.search.regions.region import SearchRegion
 class CellGrid:
     """The cells of a region. The function `cells_of` creates a `CellGrid`.
 
-    The border of the region may divide a cell into several pieces. The largest piece of a cell is called the cell's own piece. Any
-    piece that is not an own piece is assigned to the cell whose own piece is the fewest portals away, so that no robot has to drive
-    around a wall to see the piece.
+    The border of the region may divide a cell into several pieces. Portals connect neighbouring pieces. The largest piece of a cell
+    is called the cell's own piece. Any other piece is assigned to the cell whose own piece is the fewest portals away, so that no
+    robot has to drive around a wall to see the piece.
 
     Parameters
     ----------
     region : SearchRegion
         The region, whose attribute ``area`` is the area that robots can see.
     footprint : float
-        Side in metres of the square that a vehicle sees, which is centred on the vehicle and parallel to the rows of cells.
+        Side in metres of the square that a robot sees, which is centred on the robot and parallel to the rows of cells.
     mask : ndarray of bool, shape (H, W)
         Whether each cell contains a part of the region, with row 0 on top.
     lattice : Lattice
@@ -41,7 +41,7 @@ class CellGrid:
     clipped : Clipped
         The cells that lie entirely inside the region, and the pieces of the cells on the region's border.
     portals : Portals
-        The openings through which a vehicle moves from piece to piece.
+        The openings through which a robot moves from piece to piece.
     viewpoints : ndarray of float64, shape (k, 2)
         Viewpoints in metres, sorted by cell, row by row. The viewpoints of one cell have the order in which a robot visits them.
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
@@ -172,7 +172,7 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """Whether a portal connects each cell's own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
+        """For each cell, whether a portal leads from its own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
@@ -212,7 +212,7 @@ def cells_of(
     ----------
     region : SearchRegion
     footprint : float
-        Side in metres of the square that a vehicle sees. If the footprint is larger than the region, the grid has a single cell.
+        Side in metres of the square that a robot sees. If the footprint is larger than the region, the grid has a single cell.
     size : float, optional
         Side of a cell in metres, at most the footprint. By default, cells are as large as the footprint. If the cells are smaller
         than the footprint, neighbouring footprints overlap.

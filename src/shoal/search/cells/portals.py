@@ -21,8 +21,8 @@ class Portals:
 
     A whole cell lies entirely inside the region. The region's border divides all cells on the border into pieces.
 
-    The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index in the grid plus the number
-    of pieces.
+    The number of a piece is its index in `Clipped.pieces`. The number of a whole cell is its flat index in the grid plus
+    ``len(Clipped.pieces)``.
 
     Parameters
     ----------

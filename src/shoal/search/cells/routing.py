@@ -137,7 +137,7 @@ class RegionPaths:
         within = np.arange(int(counts.sum())) - np.repeat(begins, counts)
         within = np.where(np.repeat(self._backwards(index), counts), np.repeat(counts, counts) - 1 - within, within)
         visit = within + np.repeat(grid.viewpoint_starts[index], counts)
-        # Between the centres of neighbouring whole cells, only a wide margin has to be checked.
+        # A leg between the centres of neighbouring whole cells stays inside the region, unless the margin is wide.
         array = grid.cells[index]
         plain = self._centered[index]
         close = np.abs(np.diff(array, axis=0)).sum(axis=1) <= 1
@@ -154,7 +154,10 @@ class RegionPaths:
         return np.asarray(grid.clipped.whole[tuple(grid.cells.T)] & single & (away < _HAIR * grid.size))
 
     def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return, for each cell, whether a vehicle visits its viewpoints backwards, because consecutive cells join backwards."""
+        """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
+
+        The vehicle does so in two consecutive cells if the first viewpoint of the one cell is the last viewpoint of the next cell.
+        """
         grid = self.grid
         first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
         many = (grid.viewpoint_starts[index + 1] - grid.viewpoint_starts[index]) > 1

@@ -157,7 +157,7 @@ def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points],
             return known
         way = points[links[::-1]]
         nodes = np.array(links[::-1])
-        # The directions of the links beyond the fixed points are given.
+        # The links between the two fixed points at each end are given.
         asked = np.flatnonzero((stage_of[nodes[1:]] > 1) & (stage_of[nodes[:-1]] < len(stages) - 2))
         good = inside(region, to_region(way[asked]), to_region(way[asked + 1]))
         if good.all():

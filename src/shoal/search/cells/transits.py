@@ -16,7 +16,7 @@ from shoal.search.regions.margin import coarse, grown
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 from shoal.search.regions.region import SearchRegion, polygons_in
 
-_ROOM = 1.0  # relative to the bounds of region and launch points: margin in which paths may lead
+_ROOM = 1.0  # how far paths may lead around the region and the launch points, relative to the longer side of their bounds
 
 
 class Transits:

@@ -136,7 +136,10 @@ def viewpoints_of(
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
-    """Return points from which a whole piece is visible, inside the piece or, if robots may only be in ``free``, beside it."""
+    """Return points from which, together, a whole piece is visible.
+
+    The points lie inside the piece. If robots may only be in ``free``, the points lie in ``free``, inside or beside the piece.
+    """
     half = footprint / 2
     if free is None:
         return _within(piece, piece, center, half, speck)[0]
@@ -144,8 +147,7 @@ def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: 
     places, left = _within(piece, room, center, half, speck, most=_MOST)
     if left.area <= speck:
         return places
-    # The rest is seen along the border of the free area. Points on the border alone would miss areas that the border limits at an
-    # angle.
+    # A robot sees the rest while it follows the border of the free area. From single points on a slanted border, it would not.
     return np.concatenate([places, *_lines(_around(free.boundary, left, half))])
 
 
@@ -158,7 +160,7 @@ def _lines(shape: Any) -> list[Points]:
 
 
 def _around(shape: Any, piece: Any, half: float) -> Any:
-    """Return the part of a shape in which a robot's footprint can overlap a piece."""
+    """Return the points of a shape from which a robot's footprint overlaps a piece, as a Shapely geometry."""
     import shapely
 
     low, high = np.reshape(piece.bounds, (2, 2))
@@ -172,7 +174,7 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
-    """Return at most ``most`` viewpoints in the area ``room`` for a piece, and the part of the piece that no viewpoint sees."""
+    """Return viewpoints for a piece in the area ``room``, not more than ``most``, and the part of the piece that remains unseen."""
     import shapely
 
     chosen: list[Points] = []

@@ -14,8 +14,8 @@ from shoal.search.regions.region import SearchRegion
 _STRAIGHT = 1e-12  # sine of the largest angle that does not count as a turn
 _ALONG = 1e-9  # sine of the largest angle between collinear lines
 _AT_ONCE = 100_000  # number of segments tested in one call
-_LOOK_AHEAD = 64
-_START = -1  # corner indices
+_LOOK_AHEAD = 64  # number of points of a path among which `pulled` looks for the farthest visible point
+_START = -1  # stands for the start of a path, in place of a corner's index
 _AT_FIRST = 16  # number of corners tested for a start point at once
 
 
@@ -118,7 +118,7 @@ class VisibilityGraph:
                 continue
             else:
                 allowed[node] = False  # done
-                if self._ends(node, end):  # no other path can be shorter than the promising ones
+                if self._ends(node, end):  # no other path can be shorter, because the queue gives the most promising node first
                     return np.vstack([start, self.corners[_chain(came, node)], end])
                 others, lengths = self._neighbours(node, wide)
                 lengths = length[node] + lengths

@@ -1,6 +1,7 @@
 """Merging of cycles that cannot merge without additional length of the tour.
 
-The kernel first merges the cheapest pair of neighbouring cells.
+Of all pairs of neighbouring cells in different cycles, the kernel always takes the pair whose cycles merge with the least
+additional length.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def offer(heap, mask, links, parent, c):
 def attach(mask, links, parent):
     """Merge all cycles of a connected component into one cycle by the cheapest exchanges.
 
-    After each exchange, the kernel calls `grow`.
+    After each exchange, the kernel calls `grow`, which merges more cells without additional length.
     """
     width = mask.shape[1]
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)

@@ -51,8 +51,9 @@ def tree_of_blocks(full, origin, width, along_rows, links, parent):
     """Make a cycle of each full block of 2 x 2 cells, and merge neighbouring cycles along a spanning tree by Kruskal's algorithm.
 
     ``full`` (h, w) marks full blocks, and ``origin`` is the upper left cell of the first block. Kruskal's algorithm first tries all
-    links along one direction, and then the links across this direction, line by line. The spanning tree consists of straight
-    corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has few turns.
+    links along the rows (along the columns if ``along_rows`` is false), and then all other links, line by line. The spanning tree
+    consists of straight corridors and one spine across them, as far as the region permits. Around straight corridors, the tour has
+    few turns.
     """
     rows, cols = full.shape
     for i in range(rows):
@@ -113,7 +114,8 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
     """Merge into a cycle all cells beside edges of queued cells, if the merge does not lengthen the tour.
 
     The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
-    array ``queue`` is a ring buffer. Return the number of changed cells.
+    array ``queue`` is a ring buffer. The kernel writes the changed cells to ``touched``, as far as they fit, and returns their
+    number.
     """
     height, width = mask.shape
     n_touched = 0
@@ -201,10 +203,10 @@ def grow_everywhere(mask, links, parent):
 def chains(links, width, members, starts, order):
     """Write the cells of all cycles to ``order``, one cycle after the other.
 
-    ``members`` are the cells, sorted by cycle. ``starts`` contains the index of the first cell of each cycle, and the end of the
-    last cycle. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell nearest to the end of
-    the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges. If only one cycle
-    exists, the kernel opens the shorter edge.
+    ``members`` are the cells, sorted by cycle. ``starts`` contains the index in ``members`` of the first cell of each cycle, and
+    then the number of all cells. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell
+    nearest to the end of the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges.
+    If only one cycle exists, the kernel opens the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

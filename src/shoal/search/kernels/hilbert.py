@@ -3,8 +3,8 @@
 The table look-ups use unsigned indices. Unsigned indices need no tests for negative values, which halves the time.
 
 The last argument of each encoder and decoder is the output array. The encoders and decoders return the number of the first entry
-out of range, or -1. A square has 2^order cells along each side. A cell (row, col) of the square has the coordinates x = col and y =
-2^order - 1 - row. In three dimensions, the third coordinate of a cell (layer, row, col) is z = layer.
+out of range, or -1 if all entries are valid. A square has 2^order cells along each side. A cell (row, col) of the square has the
+coordinates x = col and y = 2^order - 1 - row. In three dimensions, the third coordinate of a cell (layer, row, col) is z = layer.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def place_of(index, order, state):
 
 @kernel
 def begin_of(order, transposed):
-    """Return the initial state from which leading zeros lead to state 0 or, with ``transposed``, to the transposed state."""
+    """Return the state from which the leading zeros of an index lead to state 0, or to `TRANSPOSED` if ``transposed`` is true."""
     filled = (LEVELS_2 - order % LEVELS_2) % LEVELS_2
     if transposed:
         filled = (filled + 1) % 2  # each level of leading zeros transposes the curve once more

@@ -16,10 +16,11 @@ LEVELS_2, LEVELS_3 = 5, 3
 
 
 def one_level(dimensions: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return (parts, following), each of shape (states, 2^dimensions): the visited parts in order, and the state in each part.
+    """Return the parts and the states of one level of the curve: (parts, following), each of shape (states, 2^dimensions).
 
-    Bit j of a part is the side of the cube along axis j. The curve with state 0 begins at the origin, first leads along axis 1, and
-    ends at the far end of axis 0.
+    For each state, ``parts`` holds the parts of the cube in the order of the curve, and ``following`` holds the state of the curve
+    in each part. Bit j of a part tells on which side of the cube the part lies along axis j. The curve with state 0 begins at the
+    origin, first leads along axis 1, and ends at the far end of axis 0.
     """
     count = 1 << dimensions
     states = [(0, 0)]
@@ -57,12 +58,12 @@ def _turn(rank: int, dimensions: int) -> int:
 
 
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
-    """Return (decoding, encoding, begin) for ``levels`` levels per look-up.
+    """Return the tables (decoding, encoding, begin) for look-ups that convert ``levels`` levels each.
 
-    The entry ``decoding[state << n * levels | digits]`` contains the shifted next state, and in its lower bits the coordinates. In
-    an entry, the bits from j * levels on contain the coordinate of axis j. In the table ``encoding``, digits and coordinates are
-    exchanged. The entry ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. An index whose order is not
-    a multiple of ``levels`` begins with leading zeros.
+    The entry ``decoding[state << dimensions * levels | digits]`` contains the shifted next state, and in its lower bits the
+    coordinates. In an entry, the bits from j * levels on contain the coordinate of axis j. In the table ``encoding``, digits and
+    coordinates are exchanged. The entry ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. An index
+    whose order is not a multiple of ``levels`` begins with leading zeros.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels

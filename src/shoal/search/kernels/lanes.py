@@ -1,9 +1,9 @@
 """Back and forth over any mask: runs of cells, chains of runs in consecutive rows, and the path from chain to chain.
 
 A *run* consists of the cells of a row between two gaps. Where the region neither splits nor joins, each run touches one run of the
-next row, and the runs form a *chain*. The path sweeps each chain back and forth. Choset calls a chain a cell in "Coverage of known
-spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000. The path visits the chains depth first. The next chain
-of the path is the unvisited neighbouring chain whose end is nearest to the present cell.
+next row, and the runs form a *chain*. The path sweeps each chain back and forth. Choset calls a chain a "cell" ("Coverage of known
+spaces: the boustrophedon cellular decomposition", Autonomous Robots 9, 2000). The path visits the chains depth first. The next
+chain of the path is the unvisited neighbouring chain whose end is nearest to the present cell.
 """
 
 from __future__ import annotations
@@ -128,7 +128,7 @@ def nearest_end(runs, first, last, row, col):
 
 @kernel
 def sweep(runs, first, last, following, previous, from_last, from_right, cells, at):
-    """Write the cells of a chain to ``cells``, back and forth from the given end. Return the row after the last row written."""
+    """Write the cells of a chain to ``cells``, back and forth from the given end. Return the index after the last row written."""
     run = last if from_last else first
     while run >= 0:
         row, begin, end = runs[run]
@@ -178,7 +178,7 @@ def sweep_all(mask, cells):
 
 @kernel
 def choose(runs, first, last, offsets, others, visited, pointer, here, row, col):
-    """Return (chain, from_last, from_right) of the nearest end of an unvisited chain that touches chain ``here``.
+    """Return (chain, from_last, from_right) of the end nearest to (row, col) among unvisited chains that touch chain ``here``.
 
     If all chains that touch chain ``here`` are visited, the first number is -1.
     """

@@ -13,12 +13,12 @@ import numpy as np
 from shoal.jit import kernel
 
 DEPTH = 512
-"""Size of the stack of boxes. A box with 2^31 cells along each side needs 4 entries for each halving."""
+"""Size of the stack of boxes. It is enough for 2^31 cells along each side of the box, with 4 entries for each halving."""
 
 
 @kernel
 def half(length):
-    """Return half of a signed length. If the length is above 2, the half is rounded to an even number."""
+    """Return half of a signed length. If the length is above 2, the half is rounded up to an even number."""
     size = abs(length)
     part = size // 2
     if part % 2 == 1 and size > 2:
@@ -47,7 +47,7 @@ def moved(place, axis, by):
 
 @kernel
 def walk_box(start, axes, lengths, places, at):
-    """Write the path through a box to ``places`` (N, 3), beginning with row ``at``. Return the row after the last row written.
+    """Write the path through a box to ``places`` (N, 3), beginning with row ``at``. Return the index after the last row written.
 
     ``start`` is the first position (x, y, z). ``lengths`` (3,) contains the signed lengths of the box along ``axes``. The path ends
     at the far end of the first axis. A box with the length 1 along the first axis must also have the length 1 along another axis.

@@ -1,4 +1,4 @@
-"""The progress of robots along a tour in a given time, for a bisection over the makespan (the time of the last robot).
+"""The progress of robots along a tour in a given time, for a bisection over the makespan (when the last robot finishes).
 
 A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
 in the given time. The array ``borders`` receives the tour index of the first cell of each robot.
@@ -117,7 +117,7 @@ def back(tour, team, robot, one, other):
 
 @kernel
 def both_ways(tour, team, robot, at, low, budget):
-    """Return how far forwards a robot gets if it also searches backwards from its start cell ``at`` to the cell ``low``.
+    """Return the first cell ahead that a robot does not reach if it also searches backwards from its start ``at`` to ``low``.
 
     The result is less than ``at`` if the robot cannot search the cells from ``low`` to ``at`` within its budget.
     """

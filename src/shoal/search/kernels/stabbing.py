@@ -1,4 +1,4 @@
-"""The path with the fewest bends through a sequence of windows: straight links between points that cross all windows in between."""
+"""The path with the fewest bends through a sequence of windows. A straight link of the path may cross several windows."""
 
 from __future__ import annotations
 
@@ -31,12 +31,13 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
 
 @kernel
 def fewest_links(points, starts, boxes, turn, reach, banned, before):
-    """Write to ``before`` the predecessor of each point on the path with the smallest cost: its length plus ``turn`` for each link.
+    """Write to ``before`` the previous point of each point on the cheapest path to it.
 
-    ``points`` (K, 2) contains the points of all windows. The points of window k have the indices from ``starts[k]`` to ``starts[k +
-    1] - 1``. The array ``boxes`` (M, 4) contains the left, low, right and high border of each window. The first and the last window
-    have one point each. A link leads at most ``reach`` windows ahead. The array ``banned`` contains forbidden links in increasing
-    order, each as the number i * K + j for the link from point i to point j.
+    A path costs its length plus ``turn`` for each link. ``points`` (K, 2) contains the points of all windows. The points of window
+    k have the indices from ``starts[k]`` to ``starts[k + 1] - 1``. The array ``boxes`` (M, 4) contains the left, low, right and
+    high border of each window. The first and the last window have one point each. A link leads at most ``reach`` windows ahead. The
+    array ``banned`` contains forbidden links in increasing order, each as the number i * K + j for the link from point i to point
+    j.
     """
     count, windows = len(points), len(boxes)
     cost = np.full(count, np.inf)

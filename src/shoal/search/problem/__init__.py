@@ -35,7 +35,7 @@ from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""The tour that ``auto`` means if tours are not compared, because its path is the shortest in every region."""
+"""The tour that ``auto`` means for a single pass if Shoal does not compare tours. Its path is the shortest in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
 """The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the rows."""
@@ -44,7 +44,7 @@ FOOTPRINT = 10.0
 """Default side of a robot's footprint in metres."""
 
 MOST_ROBOTS = 1000
-"""Maximum number of robots in a search, because an allocation needs memory for each pair of robots."""
+"""Maximum number of robots in a search. An allocation needs memory for each pair of robots."""
 
 LIVE_FAULTS = ("crash", "slow")
 TOURS = ("spanning-tree", "boustrophedon", "comb", "hilbert-rectangle", "hilbert", "moore", "open-hilbert")
@@ -55,8 +55,8 @@ ALLOCATIONS = ("hop", "two-way", "individual-shift", "common-shift", "stay")
 class SearchProblem(Problem):
     """A search of a region by robots that have no coordinator.
 
-    Options of ``shoal search``, sweeps and problem files use the field names of this class. In Python, the region may also be
-    a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
+    The options of ``shoal search`` and the fields of sweeps and problem files have the same names as the fields of this class. In
+    Python, the region may also be a `SearchRegion`, and starts, targets and obstacles may also be arrays of points in metres.
 
     Raises
     ------
@@ -96,8 +96,8 @@ class SearchProblem(Problem):
     )  # fmt: skip
     bands: tuple[float, ...] | None = option(
         None, help="Altitudes at which robots search the whole region, along one tour; by default the vehicle's altitude, or in "
-        "a box, as many altitudes as footprints fit into the height of the box.", unit="m", metavar="H,H,...", parse=parse_numbers,
-        check=check_bands,
+        "a box, the middles of equal layers that are at most one footprint thick.", unit="m", metavar="H,H,...",
+        parse=parse_numbers, check=check_bands,
     )  # fmt: skip
     passes: int = option(
         1, help="Number of times that robots search the whole region. In every second pass, rows are rotated by 90 degrees.",
@@ -123,12 +123,14 @@ class SearchProblem(Problem):
         check=lambda value: check_number_list(value, "delays", "numbers, 0 or more, one per robot", least=0),
     )  # fmt: skip
     tour: str = option(
-        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. auto means spanning-tree. If turns take time or Shoal "
-        "chooses the angle of the rows, auto means the faster tour of spanning-tree and boustrophedon.", names=TOURS,
+        "auto", help=f"Tour: {', '.join(TOURS)} or MODULE:ATTRIBUTE. With several passes, auto means boustrophedon. If turns take "
+        "time or Shoal chooses the angle of the rows, auto means the faster tour of spanning-tree and boustrophedon. In any other "
+        "search, auto means spanning-tree.", names=TOURS,
     )  # fmt: skip
     allocation: str = option(
         "auto", help=f"Rule that divides the tour among the robots: {', '.join(ALLOCATIONS)} or MODULE:ATTRIBUTE. auto means the "
-        "fastest rule, but the rule hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
+        "fastest rule. In large searches, auto means hop: if the number of cells times the number of robots exceeds 100,000, or "
+        "10,000 with footprints wider than a cell.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
         None, help="Angle of the rows of cells, counter-clockwise from east; by default auto for a region on Earth, else 0. With "
@@ -175,7 +177,7 @@ class SearchProblem(Problem):
     faults: tuple[Fault, ...] = option(
         (), help="Robot faults: crash:R@TIME, pause:R@TIME:UNTIL, slow:R@TIME:FACTOR, battery:R:ENERGY, wrong-position:R:CELLS, "
         "liar:R (the option can be repeated). R is the number of a robot, counted from 1. TIME, UNTIL and ENERGY are "
-        "numbers of searched cells.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
+        "in units of the time for one cell.", metavar="FAULT,...", repeated=True, parse=list, check=check_faults,
         dump=lambda value: [fault_text(fault) for fault in value],
     )  # fmt: skip
     crashes: int = option(
@@ -195,7 +197,7 @@ class SearchProblem(Problem):
         metavar="N|FILE", parse=parse_count_or_path, check=check_places("obstacles", "a file", count=True),
     )  # fmt: skip
     simulate: bool | None = option(
-        None, help="Simulate robots and messages; by default yes, unless there are more than 126 robots, or the number of cells "
+        None, help="Simulate robots and messages; by default yes, unless there are more than 125 robots, or the number of cells "
         "times the number of robots exceeds a million.",
     )  # fmt: skip
     live: float | None = option(
@@ -233,10 +235,7 @@ class SearchProblem(Problem):
 
     @property
     def chosen_angle(self) -> float | None:
-        """Angle of the rows of cells in degrees, or None if the planner chooses the angle.
-
-        If the field ``angle`` is None, the planner chooses the angle only for a region on Earth.
-        """
+        """Angle of the rows of cells in degrees, or None if the planner chooses the angle (by default, for a region on Earth)."""
         if self.angle is None:
             return None if self.place.frame is not None else 0.0
         return None if isinstance(self.angle, str) else self.angle

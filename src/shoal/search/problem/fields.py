@@ -161,7 +161,7 @@ def check_angle(value: Any) -> float | str | None:
 
 
 def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[Any], Any]:
-    """Return a function that checks a field for points: a text, or an array of points in metres.
+    """Return a function that checks a field whose value is a text or an array of points in metres.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def check_places(what: str, expected: str, *, count: bool = False) -> Callable[[
     expected : str
         Description of a correct text in error messages, such as "a file".
     count : bool
-        Whether the field may also be a whole number of random points.
+        Whether the field may also be a whole number: the number of random points.
     """
 
     def check(value: Any) -> Any:

@@ -37,7 +37,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Medium:
-    """A network model, which delays, loses, changes or multiplies copies of a message, and its parameters; see `network_of`."""
+    """A network model and its parameters. The model delays, loses, changes or multiplies copies of a message; see `network_of`."""
 
     kind: str
     numbers: tuple[float, ...]
@@ -59,8 +59,8 @@ class RadioNetwork:
     def send(self, link: Link, rng: Generator, bad: BadLinks) -> list[Copy]:
         """Return the copies of a message that arrive at the receiver.
 
-        The argument ``bad`` maps the index in `media` of each model ``bursts`` to the set of its bad links (sender, receiver). The
-        method updates the sets of bad links. Before the first message, no link is bad.
+        For each model ``bursts``, the argument ``bad`` maps the index of the model in `media` to the set of bad links. A link is a
+        pair (sender, receiver). The method updates the sets. Before the first message, no link is bad.
         """
         copies = [Copy()]
         for number, medium in enumerate(self.media):

@@ -21,7 +21,7 @@ _SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, beca
 
 @dataclass(frozen=True, eq=False)
 class AreaCoverage:
-    """The part of a region that vehicles see on their routes, and the legs of routes that leave the region.
+    """The part of a region that vehicles see on their routes, and how far the routes leave the region.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def coverage_check(
 
 
 def together(coverages: Sequence[AreaCoverage]) -> AreaCoverage:
-    """Add the coverages of several layers to one coverage, which holds the sums of their areas and lengths.
+    """Return one coverage for several layers, with the sums of the areas, the lengths and the legs of all layers.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
 
 
 def _without(area: Any, shapes: Any, footprint: float) -> Any:
-    """Subtract many shapes from an area, in small blocks of the area, because one large union of shapes would be slow."""
+    """Subtract many shapes from an area, one small block of the area after another. One large union of shapes would be slow."""
     import shapely
 
     if len(shapes) == 0:

@@ -43,8 +43,8 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
     Raises
     ------
     InvalidInputError
-        If the archive is missing, too large or damaged. A damaged archive may raise the error only when the caller reads a file
-        from it.
+        If the archive is missing, too large or damaged. For a damaged archive, the error may occur only when the caller reads a
+        file from it.
     """
     check_file(path, what="region file", most=LARGEST_FILE)
     try:

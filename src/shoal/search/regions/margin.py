@@ -10,8 +10,8 @@ from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
-_POINTED = 2.0  # margins: distance from a corner within which a path may bend once instead of following an arc
-_COARSE = 0.02  # relative to the side of a square with the area of a shape
+_POINTED = 2.0  # in margins: distance from a corner within which a path may bend once instead of following an arc
+_COARSE = 0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
 _SEEN = 1e-9  # relative to a region: unseen area that is rounding error
 
 

@@ -191,7 +191,7 @@ def check_polygon(outline: RegionOutline, *, closed: bool = True) -> Any:
 
 
 def check_metres(ring: Ring) -> None:
-    """Refuse a ring with coordinates in metres that are too large, because a float64 cannot store small fractions of them.
+    """Refuse a ring with a coordinate above `FARTHEST` metres, because a float64 cannot store small fractions of such a coordinate.
 
     Raises
     ------

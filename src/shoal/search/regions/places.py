@@ -64,7 +64,7 @@ def places_of(value: str | ArrayLike, region: SearchRegion, robots: int, *, what
 
 
 def read_points(path: Path, region: SearchRegion, *, what: str, count: int | None = None) -> Points:
-    """Return the points in a CSV or GeoJSON file in metres; float64, shape (k, 2).
+    """Return the points in a CSV or GeoJSON file, converted to metres; float64, shape (k, 2).
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
 
 
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
-    """Return the points in a file in metres, and whether they are the vertices of a line."""
+    """Return the points in a file, converted to metres, and whether they are the vertices of a line."""
     if path.suffix.lower() in (".geojson", ".json"):
         found, line = read_positions(path, what=f"file of {what}")
         return _in_metres(found, region, path, degrees=True), line

@@ -13,7 +13,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
 
-REACH = 100_000.0  # metres from the origin, where the scale error is 1.2e-4
+REACH = 100_000.0  # metres from the origin; at this distance, the scale error is 1.2e-4
 DECIMALS = 8  # decimals of degrees in mission files: 1.1 mm
 
 

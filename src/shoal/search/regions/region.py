@@ -41,7 +41,8 @@ class SearchRegion:
     free : shapely Polygon or MultiPolygon, optional
         The area where robots may be. By default, robots may be everywhere in ``area``.
     outline : shapely Polygon or MultiPolygon, optional
-        The whole region without no-go zones, including places that robots cannot see. By default, the outline is equal to ``area``.
+        The whole region except its no-go zones, including places that robots cannot see. By default, the outline is equal to
+        ``area``.
     height : float
         Height in metres of the volume above the region, or 0 for a plane region.
     bends : shapely Polygon or MultiPolygon, optional

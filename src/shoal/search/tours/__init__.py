@@ -46,9 +46,9 @@ def make_tour(maker: str | TourMaker, mask_or_shape: Any) -> Tour:
         object with the methods of `TourMaker`. A text of the form "module:attribute" names a tour maker object, or a class that
         Shoal calls without arguments.
     mask_or_shape : array_like of bool, shape (H, W) or (L, H, W); or a tuple of 2 or 3 int
-        A mask that is True for the cells to visit, with row 0 on top, or the shape of a full rectangle or box. On a 3-D mask,
-        "hilbert", "open-hilbert" and "hilbert-rectangle" are 3-D curves, and with any other name, Shoal joins plane tours of all
-        layers.
+        A mask that is True for the cells to visit, with row 0 on top, or the shape of a full rectangle or box. For a 3-D mask, the
+        names "hilbert", "open-hilbert" and "hilbert-rectangle" give 3-D curves. With any other name, Shoal computes a plane tour of
+        each layer, and joins these tours.
 
     Returns
     -------

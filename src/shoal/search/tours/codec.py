@@ -168,7 +168,7 @@ def _whole_numbers(values: ArrayLike, what: str) -> NDArray[Any]:
 
 
 def _encoded(kernels: dict[int, Callable[..., int]], cells: ArrayLike, order: int, curve: str) -> NDArray[np.int64]:
-    """Return the index of each cell on a curve. The mapping ``kernels`` gives the compiled function for 2 or 3 dimensions."""
+    """Return the index of each cell on a curve. ``kernels`` maps each possible number of dimensions to a kernel."""
     array = _whole_numbers(cells, "cells")
     if array.ndim == 0 or array.shape[-1] not in kernels:
         forms = " or ".join(("(row, col)", "(layer, row, col)")[: len(kernels)])

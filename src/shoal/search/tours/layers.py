@@ -12,8 +12,8 @@ from shoal.search.tours.tour import Tour
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 _CUTS = 2000  # maximum number of candidate steps for cutting a layer's tour, evenly spaced
-_ENOUGH = 64  # number of steps between two turns from which only these are tried
-_NEAR = 8  # number of steps of the next layer's tour that are tried with each
+_ENOUGH = 64  # if so many steps have the most turns at their ends, no other steps are tried
+_NEAR = 8  # number of steps of the next layer's tour that are tried with each candidate step
 TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 
 
@@ -33,7 +33,7 @@ def joined(
     points : sequence of ndarray of float64, each of shape (N, 3), optional
         Viewpoint of each cell of each tour. By default, the viewpoint of a cell is (row, column, layer).
     floors : sequence of int, optional
-        Number of the layer of each tour. By default, the tours get the numbers 0, 1, 2, ...
+        Layer number of each tour. By default, the tours get the numbers 0, 1, 2, ...
     turn : float
         Cost of a turn, in the unit of the viewpoints. If a turn costs more than 0, the function cuts tours at turns where possible.
 
@@ -70,7 +70,7 @@ def joined(
 def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
     """Insert the closed path ``new`` of a layer into the closed path ``way`` of all lower layers.
 
-    Cell numbers from ``low`` on belong to the layer just below the inserted layer.
+    The cells of the layer just below the inserted layer have the numbers from ``low`` on.
     """
     from scipy.spatial import KDTree
 

@@ -18,7 +18,7 @@ class SpanningTreeTour:
     The method follows Gabriely and Rimon, "Spanning-tree based coverage of continuous areas by a mobile robot", Annals of
     Mathematics and Artificial Intelligence 31, 2001. In a region of full blocks, all steps of the tour lead to neighbouring cells.
     Of the four alignments of blocks, the tour uses the alignment with the largest number of full blocks. The spanning tree consists
-    of straight corridors and a spine, because a tree of this shape gives few turns.
+    of straight corridors and a spine that connects them, because a tree of this shape gives few turns.
 
     The tour takes in cells outside full blocks in two stages. In the first stage, the tour takes in, without a detour, pairs of
     cells beside its edges, and full blocks that are not aligned with the other blocks. In the second stage, the tour connects

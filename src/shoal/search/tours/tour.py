@@ -27,7 +27,8 @@ class TourMetrics:
     closing_edge : float
         Length in cell sides of the step from the tour's last cell back to its first cell, or 0 for an open tour.
     turns : int
-        Number of cells at which the direction changes. On a closed tour, the direction can change at the first and the last cell.
+        Number of cells at which the direction changes. On a closed tour, the direction can also change at the first and the last
+        cell.
     turns_per_cell : float
         Number of turns divided by the number of cells.
     longest_step : float

@@ -1,9 +1,9 @@
 """Border paths: shorter paths along the border, on which a vehicle sees cells while it moves.
 
-A vehicle sees a complete cell from one viewpoint, or piece by piece on its way from viewpoint to viewpoint. On a slanted border,
-a path that sees the cells piece by piece is shorter and has fewer turns. A cell that is seen piece by piece has the viewpoints at
-which the vehicle starts and stops looking. A row can also end earlier where a path along the border sees a part of the row's last
-cell.
+A vehicle sees a complete cell from one viewpoint, or piece by piece on its way from viewpoint to viewpoint. On a slanted border, a
+path that sees the cells piece by piece is shorter and has fewer turns. The viewpoints of a cell that is seen piece by piece are the
+points at which the vehicle starts looking, turns, and stops looking. A row can also end earlier where a path along the border sees
+a part of the row's last cell.
 """
 
 from __future__ import annotations
@@ -27,14 +27,15 @@ Numbers = NDArray[np.int64]
 _STEPS = (1.0, 0.5, 0.25, 0.1, 0.05, -0.05, -0.1, -0.25, -0.5, -1.0)  # in footprints: distances by which points of a path move
 _SPACING = 0.2  # in footprints: distance of the points of a border that are compared with a path
 _SEEN = 0.03  # minimum share of a cell that other cells' paths must see, so that its row may end earlier
-_TRIMMED = (1.0, 0.75, 0.5, 0.25)  # parts of the first and the last leg on which the vehicle need not look
+_TRIMMED = (1.0, 0.75, 0.5, 0.25)  # shares of the first and the last leg that are cut off if the vehicle need not look there
 
 
 def along_border(grid: CellGrid, cells: Numbers, turn: float) -> CellGrid:
     """Return the grid with other viewpoints, so that the path along a closed tour is shorter.
 
-    Each cell stands for the area that the footprint sweeps between the cell's own viewpoints. All cells together stand for the
-    whole region. The path lies inside the region, and no wall separates the path from the area that it sees.
+    A vehicle that searches a cell of the new grid sees the area that its footprint sweeps between the cell's own viewpoints. These
+    areas of all cells together cover the whole region. The path lies inside the region, and no wall separates the path from the
+    area that it sees.
 
     Parameters
     ----------
@@ -85,7 +86,7 @@ class _Course:
         return found
 
     def rests(self) -> dict[int, Any]:
-        """Return the area that the shortened paths do not see, for each whole cell of which they see a part."""
+        """Return, for each whole cell of which the shortened paths see a part, the rest of the cell."""
         import shapely
 
         whole = np.flatnonzero(~self.cut & self.single)
@@ -99,7 +100,7 @@ class _Course:
         return dict(zip(whole[near[begins]][few].tolist(), rests[few], strict=True))
 
     def shorten(self, chain: list[int], wanted: Any) -> None:
-        """Choose the viewpoints of the cells of a chain on a shorter path that sweeps a wanted area."""
+        """Choose the viewpoints of a chain of cells on a shorter path that still sweeps the area ``wanted``."""
         before = np.concatenate([self.views[k % len(self.views)] for k in (chain[0] - 2, chain[0] - 1)])[-2:]
         after = np.concatenate([self.views[k % len(self.views)] for k in (chain[-1] + 1, chain[-1] + 2)])[:2]
         path = _without_straight_points(np.concatenate([before, *(self.views[k] for k in chain), after]))
@@ -125,7 +126,7 @@ class _Course:
 
 
 class _Look:
-    """What a path must see: an area of the region that the footprint has to sweep on a part of the tour."""
+    """An area that the footprint must sweep on a part of the tour, and tests whether a path does so."""
 
     def __init__(self, grid: CellGrid, wanted: Any, path: Points) -> None:
         import shapely
@@ -178,7 +179,7 @@ class _Look:
                 return path
 
     def trimmed(self, way: Points) -> Points:
-        """Return the part of a path on which the vehicle has to look: without the ends of its first and its last leg."""
+        """Cut off the beginning and the end of a path, as far as the vehicle need not look there."""
         for _ in range(2):
             for share in _TRIMMED:
                 later = np.concatenate([way[:1] + share * (way[1:2] - way[:1]), way[1:]])
@@ -203,7 +204,7 @@ def _without_straight_points(path: Points) -> Points:
 
 
 def _divided(way: Points, count: int) -> list[Points]:
-    """Return the parts of a path for ``count`` cells. Each part begins where the previous part ends."""
+    """Divide a path into ``count`` parts of equal length, one for each cell. Each part begins where the previous part ends."""
     far = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(way, axis=0).T))])
     if far[-1] == 0:
         return [way[:1]] * count

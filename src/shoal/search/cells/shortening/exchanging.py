@@ -13,14 +13,14 @@ from shoal.search.flight.timing import turns_of
 from shoal.search.tours import Tour
 
 MOST = 30_000
-"""Maximum number of cells for exchanges. The time grows with the square of the number."""
+"""Maximum number of cells for exchanges. The computing time grows with the square of the number of cells."""
 
 
 def exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[Tour, float]:
     """Return a tour shortened by exchanges of its links and moves of its cells, and its estimated cost in cells.
 
-    After the exchanges, a robot searches cells even on the closing path and on the links between distant rows, because this path
-    and these links follow the ends of the rows.
+    After the exchanges, the closing path and the links between distant rows follow the ends of the rows. Therefore a robot searches
+    cells even on these ways.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def beside_on_tour(grid: CellGrid, cells: NDArray[np.int64]) -> NDArray[np.int64
     found = np.full((*number.shape, 9), -1)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            if down and right:  # by one of the two cells between
+            if down and right:  # diagonally, past one of the two cells beside the step
                 rows, cols = doors[down, 0], doors[0, right]
                 free = (rows & np.roll(cols, -down, axis=0)) | (cols & np.roll(rows, -right, axis=1))
             else:

@@ -98,7 +98,10 @@ def reverse(order, place, first, last):
 
 @in_place_kernel
 def move(order, place, first, count, behind, backwards, moved):
-    """Move ``count`` cells from a place on to behind another cell, on the shorter way round."""
+    """Move the ``count`` cells from the place ``first`` on, so that they follow the cell ``behind``.
+
+    The kernel shifts the cells that lie between the old and the new place on the shorter way round the tour.
+    """
     n = len(order)
     for k in range(count):
         moved[k] = order[(first + k) % n]
@@ -116,7 +119,10 @@ def move(order, place, first, count, behind, backwards, moved):
 
 @in_place_kernel
 def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write the best exchange of two links that links a cell to a cell beside it: saving, first and last reversed place."""
+    """Write to ``found`` the best exchange of two links that links the cell ``here`` to a cell beside it.
+
+    The first three entries of ``found`` are the saving, and the first and the last place of the reversed part of the tour.
+    """
     n = len(order)
     for slot in range(9):
         other = beside[here, slot]
@@ -136,10 +142,10 @@ def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, ne
 
 @in_place_kernel
 def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write the best move of up to three cells that begin or end with a given cell, to a place beside one of its neighbours.
+    """Write to ``found`` the best move of up to three consecutive cells to a place beside a neighbour of the cell ``here``.
 
-    The entries of ``found`` are the saving, the first place of the moved cells, the cell behind which they move, 1 if they move
-    backwards, and the number of moved cells.
+    The moved cells begin or end with the cell ``here``. The entries of ``found`` are the saving, the first place of the moved
+    cells, the cell that they follow after the move, 1 if their order is reversed, and the number of moved cells.
     """
     n = len(order)
     for k in range(18 * _LONGEST):
@@ -165,8 +171,8 @@ def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, f
 def shorten(points, cells, beside, order, turn):
     """Exchange links and move cells until no exchange at an active cell saves length or turns. ``turn`` is the cost of a turn.
 
-    At first, each cell at a turn, or at a link whose length is not 1, is active together with the cells beside it. Afterwards, the
-    cells at the ends of new links are active.
+    At first, each cell at a turn, or at a link whose length is not 1, is active together with the cells beside it. After each
+    exchange, the cells at the ends of the new links become active.
     """
     n = len(order)
     if n < 8:

@@ -20,7 +20,7 @@ _LESS = 1e-3  # minimum saving relative to the price of a turn
 
 @in_place_kernel
 def path_cost(path, count, turn):
-    """Return the length of a path of ``count`` points between its fixed points, and ``turn`` for each turn."""
+    """Return the cost of a path of ``count`` points: its length between its fixed points, plus ``turn`` for each turn."""
     total = 0.0
     for k in range(1, count - 1):
         if k < count - 2:
@@ -57,7 +57,7 @@ def slide(path, v, other, step, result):
 
 @in_place_kernel
 def join(path, v, result):
-    """Write where the legs before point v and after point v + 1 cross. Return whether both legs lead to the crossing point."""
+    """Write the crossing of the legs before point v and after point v + 1. Return whether both legs lead to this crossing."""
     x, y = path[v, 0] - path[v - 1, 0], path[v, 1] - path[v - 1, 1]
     u, w = path[v + 1, 0] - path[v + 2, 0], path[v + 1, 1] - path[v + 2, 1]
     across = u * y - x * w
@@ -74,7 +74,7 @@ def changed(path, count, v, kind, step, result):
     """Write the path after a change at point v. Return the path's number of points, or 0 if the change is impossible.
 
     The changes delete the point, move it half way to the middle of its neighbours, slide it along the leg to the previous or the
-    next point, join the legs beside two points in one point, or slide two points back along the legs beside them.
+    next point, replace two points by the crossing of the legs beside them, or slide two points back along these legs.
     """
     for k in range(count):
         result[k, 0], result[k, 1] = path[k, 0], path[k, 1]
@@ -97,9 +97,10 @@ def changed(path, count, v, kind, step, result):
 
 @kernel
 def changed_paths(path, boxes, turn, steps, paths, counts, costs):
-    """Write all changed paths that cost less and pass through all boxes: points, number of points, cost. Return their number.
+    """Write all changed paths that cost less than ``path`` and pass through all boxes. Return their number.
 
-    ``steps`` are the distances by which points slide. ``paths`` (K, M, 2) has room for all changes.
+    ``paths``, ``counts`` and ``costs`` receive the points, the number of points and the cost of each changed path. ``steps`` are
+    the distances by which points slide. ``paths`` (K, M, 2) has room for all changes.
     """
     count, found, result = len(path), 0, np.empty_like(path)
     most = path_cost(path, count, turn) - _LESS * turn

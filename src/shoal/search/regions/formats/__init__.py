@@ -7,10 +7,9 @@
   coordinates are in metres.
 - ``.shp .zip``: Shapefile. The ``.prj`` file of a Shapefile names the coordinate system. A zip archive must contain exactly one
   Shapefile.
-- ``.csv``: a CSV file with one vertex in each line. A heading of a CSV file may name the columns (``x_m,y_m``, or
-  ``longitude,latitude``). In a CSV file, the reader ignores lines that begin with #. In a CSV file, a new ring begins after a blank
-  line, or when the value in a third column changes. A ring in a CSV file may repeat its first vertex at its end. In a CSV file, a
-  ring inside another ring is a hole, and a ring inside a hole is a part of the region.
+- ``.csv``: a CSV file with one vertex in each line. A heading may name the columns (``x_m,y_m``, or ``longitude,latitude``). The
+  reader ignores lines that begin with #. A new ring begins after a blank line, or when the value in a third column changes. A ring
+  may repeat its first vertex at its end. A ring inside another ring is a hole, and a ring inside a hole is a part of the region.
 
 A polygon is a no-go zone if it has a property such as ``no_go``, ``noFly`` or ``exclusion`` that is not false. The name or the kind
 of a polygon can mark the polygon as a no-go zone ("No-go: pond", "NFZ 3"). The name of a folder, a collection or a layer can mark

@@ -17,12 +17,12 @@ from shoal.search.regions.formats.marks import can_mark, names_no_go
 from shoal.search.regions.limits import LARGEST_DATABASE, LARGEST_FILE, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
-_STEPS = 50_000_000  # steps of SQLite's virtual machine; a table with the maximum number of polygons needs a hundredth
+_STEPS = 50_000_000  # steps of SQLite's virtual machine; a table with the maximum number of polygons needs a hundredth of them
 _AT_ONCE = 10_000
 _POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
 _DEEPEST = 10
 _UNFINISHED = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
-_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # length in bytes of the header before the geometry, by its flags
+_ENVELOPES = {0: 0, 1: 32, 2: 48, 3: 48, 4: 64}  # length in bytes of the bounding box in the header, by the header's flags
 _LAYERS = """
     SELECT c.table_name, g.column_name, s.organization, s.organization_coordsys_id, s.definition
     FROM gpkg_contents c JOIN gpkg_geometry_columns g ON g.table_name = c.table_name

@@ -148,7 +148,7 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield pairs of polygons that overlap, and whether the second covers the first, and whether the first covers the second."""
+    """Yield the indices of two overlapping polygons, whether the second covers the first, and whether the first covers it."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)
