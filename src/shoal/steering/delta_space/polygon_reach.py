@@ -123,7 +123,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The reachable set for drawing: a pair (outline, holes) for each connected part, rounded to 1e-6 of the workspace's size."""
+        """The reachable set for drawing: pairs (outline, holes), one for each connected part, rounded to 1e-6 of the size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)

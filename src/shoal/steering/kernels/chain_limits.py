@@ -2,8 +2,8 @@
 
 In cycle m = 0, ..., M-1 of a chain, the particle ``touchers[m]`` (the toucher) moves to the contact c[m] on the wall ``walls[m]``.
 The wall then holds the toucher while a move of the other particle changes the position difference from D[m] to D[m+1]. D[0] is the
-position difference at the start, and D[M] is the position difference of the goals. The unknowns are the contacts c[m], as
-coordinates on their walls, and the position differences D[1] to D[M-1]. A limit is a constraint: a value that must be positive.
+position difference at the start, and D[M] is the position difference of the goals. The unknowns are the coordinates of the contacts
+c[m] on their walls, and D[1] to D[M-1]. A limit is a value that must be positive.
 """
 
 from __future__ import annotations
@@ -29,13 +29,12 @@ least distance of the other particle (not the toucher) from walls. ``push`` is t
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
 )
-"""Working memory. ``contacts``, shape (cycles, d + 1, d), holds for each contact its position, the derivatives of the position by
-its coordinates on the wall, and on the circle the second derivative by the arc. ``delta``, shape (cycles + 1, d), holds the
-position differences. ``span``, shape (1 + unknowns, d), holds a vector, and its derivatives by the unknowns whose indices are in
-``index``. ``first`` and ``second`` hold the derivatives of a limit. ``sums`` holds sums over all walls of normal / limit, normal /
-limit^2 and normal normal^T / limit^2. ``derivatives`` holds the Hessian and, in the last row, the gradient. ``lower`` holds the
-Cholesky factor of the Hessian, and ``direction`` the Newton step. ``tried`` and ``wide`` each hold the unknowns of a chain and a
-slack."""
+"""Working memory. ``contacts``, shape (cycles, d + 1, d), holds the position of each contact, its derivatives by the coordinates on
+the wall, and on the circle its second derivative by the arc. ``delta``, shape (cycles + 1, d), holds the position differences.
+``span``, shape (1 + unknowns, d), holds a vector, and its derivatives by the unknowns whose indices are in ``index``. ``first`` and
+``second`` hold the derivatives of a limit. ``sums`` holds sums over all walls of normal / limit, normal / limit^2 and normal
+normal^T / limit^2. ``derivatives`` holds the Hessian and, in the last row, the gradient. ``lower`` holds the Cholesky factor of the
+Hessian, ``direction`` the Newton step. ``tried`` and ``wide`` each hold a chain's unknowns and a slack."""
 
 
 def new_work(cycles: int, d: int) -> Work:

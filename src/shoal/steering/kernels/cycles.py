@@ -34,11 +34,10 @@ DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygon
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range (low, high) of the toucher's contacts on a wall for which the other particle keeps ``margin`` from all
-    walls.
+    """Return the range of the toucher's contacts on a wall for which the other particle keeps ``margin`` from all walls.
 
-    The range lies inside the range that the arguments ``low`` and ``high`` give. ``low`` and ``high`` are positions along the wall,
-    measured from the wall's midpoint. In an empty range, ``low`` is greater than ``high``.
+    The result is the part of the range from ``low`` to ``high`` that satisfies this condition. Its two ends are positions along the
+    wall, measured from the wall's midpoint. If no contact satisfies the condition, the first end is greater than the second end.
     """
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
@@ -142,11 +141,11 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write to ``found``, for each wall and toucher, the position difference nearest to ``goal`` after a cycle; shape (walls, 2,
-    5).
+    """Write to ``found`` the cycle for each wall and toucher after which the position difference is nearest to ``goal``.
 
-    The five entries for a wall and a toucher are: the distance from ``goal`` (infinite if no cycle is possible), the two ends of
-    the range of contacts, and the two coordinates of the position difference.
+    The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are: the distance from ``goal``
+    (infinite if no cycle is possible), the two ends of the range of contacts, and the two coordinates of the position difference
+    after the cycle.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):

@@ -23,13 +23,12 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """Write, for each wall and particle, the greatest length of Δ at which the particle can touch the wall, and the reaction's
-    angle.
+    """Compute, for each wall and particle, at which lengths of Δ the particle can touch the wall, and the reaction's angle.
 
-    The results are for position differences Δ with the direction ``angle``. ``ends`` receives the greatest lengths, which are at
-    most ``most``, or 0 if the particle can never touch the wall. ``turns`` receives the angles of the wall reactions without
-    friction. The particle needs to be able to touch the wall only for some Δ whose direction differs from ``angle`` by at most half
-    of ``step``.
+    The results are for position differences Δ with the direction ``angle``. ``ends`` receives the greatest length of Δ at which the
+    particle can touch the wall, at most ``most``, or 0 if the particle can never touch the wall. ``turns`` receives the angles of
+    the wall reactions without friction. The particle needs to be able to touch the wall only for some Δ whose direction differs
+    from ``angle`` by at most half of ``step``.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -87,9 +86,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the wall reactions that are possible at the length ``place`` of the position
-    difference.
-    """
+    """Return the smallest and the largest angle of wall reactions that are possible if Δ has the length ``place``."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:

@@ -67,9 +67,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return the index range (first, last + 1) of a group of consecutive edges, or (0, 0) if a path is farther than ``near`` from
-    its box.
-    """
+    """Return the index range (first, last + 1) of a group of edges, or (0, 0) if a path is farther than ``near`` from the group."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0

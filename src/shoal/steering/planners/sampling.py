@@ -147,7 +147,9 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return the moves to the last node and a translation path from the last node to the goals, or None if no path exists."""
+        """Return the moves to the last node and the translations from there to the goals, or None if no translations reach the
+        goals.
+        """
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -185,7 +187,7 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield paths around obstacles from ``offset`` to the goals, as moves, one path for each possible margin from the walls.
+        """Yield the moves of paths around obstacles from ``offset`` to the goals, one path for each possible margin from the walls.
 
         In a convex workspace, the method yields no paths.
         """
@@ -211,7 +213,7 @@ class FreeOffsets:
     places : ndarray of float64, shape (n, 2)
         The point of ``inner`` nearest to the goals, followed by the reflex corners of ``inner``, at which shortest paths bend.
     reach : float
-        Maximum distance from ``inner`` at which a straight move can still connect an offset with ``inner``.
+        Maximum distance of an offset from ``inner``. If an offset is farther away, the search does not connect it with ``inner``.
     seen : dict of int to ndarray of bool, shape (n,)
         Stored results: for each place that the search has visited, whether a straight collision-free path leads to each of the n
         places.
@@ -257,7 +259,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets with a path to the goals on which all particles keep ``margin`` from the walls, or None."""
+    """Return the offsets with a path to the goals on which all particles keep ``margin`` from walls, or None without such offsets."""
     import shapely
     from shapely import affinity
 
