@@ -83,11 +83,11 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
     """Return the largest turn, in radians, of a position difference while its length shrinks from ``large`` to ``small``.
 
-    Both particles are on a disk of radius r (the argument ``radius``), and α (the argument ``cone``) is the half-angle of the
-    friction cone in radians. Wall reactions at the edge of the friction cone give the largest turn. Let 2 r cos φ be the length of
-    the position difference. While φ grows by dφ, the position difference turns by tan(φ + α) tan φ dφ. The function returns the
-    integral of this turn in closed form. The result is infinite if ``small`` is at most 2 r sin α, because a position difference of
-    the length 2 r sin α can turn without shrinking.
+    Both particles are on a disk of radius r (the argument ``radius``). The half-angle of the friction cone is ψ (the argument
+    ``cone``), in radians. Wall reactions at the edge of the friction cone give the largest turn. Let 2 r cos φ be the length of the
+    position difference. While φ grows by dφ, the position difference turns by tan(φ + ψ) tan φ dφ. The function returns the
+    integral of this turn in closed form. The result is infinite if ``small`` is at most 2 r sin ψ, because a position difference of
+    the length 2 r sin ψ can turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:

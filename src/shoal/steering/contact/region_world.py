@@ -20,7 +20,7 @@ from shoal.steering.workspaces.region import Region
 class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    An edge with the inward normal N holds each particle that touches the edge if the displacement u satisfies ``N u <= 0``. At a
+    If the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the edge. At a
     corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. At a corner with more than 180
     degrees of free space, such as most corners of obstacles, the two edges hold a particle only together, because otherwise the
     space in the direction of the displacement is free. During a straight move, a particle stops at the first edge that holds the

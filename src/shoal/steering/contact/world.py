@@ -88,10 +88,10 @@ class SteeringWorld(ABC):
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    With infinite friction, a wall with the inward normal N holds each particle that touches the wall if the displacement u
-    satisfies ``N u <= 0``, that is, also if u is parallel to the wall. In a corner, each wall alone can hold a particle. A particle
-    stops at the first wall that it meets, and stays at this wall until the end of the straight move. Particles without a radius do
-    not stop each other.
+    With infinite friction, a particle stops at the first wall that it meets, and stays at this wall until the end of the straight
+    move. If the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall,
+    even if u is parallel to the wall. In a corner, each wall alone can hold a particle. Particles without a radius do not stop each
+    other.
 
     With finite friction, a particle that the displacement u pushes into a wall slides along the wall by ``|T u| - friction |N u|``,
     where N is the normal and T the tangent of the wall. If this number is negative, the particle does not slide.

@@ -1,10 +1,10 @@
 """The set of position differences Δ that two particles on a disk can reach with k moves, and the relative area of this set.
 
 The first move of a cycle brings one particle to a contact c on the wall. The depth of a point below c is its distance from the
-tangent of the wall at c. The second move of the cycle can bring the other particle to any point of the disk that is not deeper
-below c than this particle is after the first move. The vectors from c to all these points form a convex set that contains the zero
-vector. The set of all reachable position differences is the union of these convex sets for all contacts c. Contacts of particle 1
-and contacts of particle 2 give the same union.
+tangent of the wall at c. The second move of the cycle can bring the other particle to any point of the disk whose depth below c is
+at most the depth that the other particle has after the first move. The vectors from c to all these points form a convex set that
+contains the zero vector. The set of all reachable position differences is the union of these convex sets for all contacts c.
+Contacts of particle 1 and contacts of particle 2 give the same union.
 
 The attribute ``radii`` of `DiskReach` states how far this union extends from the zero vector in each direction. Let H be the
 largest depth of the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit
@@ -139,7 +139,7 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
 
 def _ahead(count: int) -> NDArray[np.float64]:
-    """Return the angles, between 0 and π radians, of the ``count`` directions to which the radii of a `DiskReach` belong."""
+    """Return the angles of the directions to which the radii of a `DiskReach` belong, between 0 and π radians."""
     return pi * (np.arange(count) + 0.5) / count
 
 

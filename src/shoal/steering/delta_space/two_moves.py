@@ -185,8 +185,8 @@ def _angle(vector: Points) -> float:
 def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
     """Return convex polygons for drawing; their union is the set of position differences that two moves reach.
 
-    For a polygon, the function returns one piece for each side and each of the particles that can touch the side. For a disk, the
-    function returns one piece for each sampled contact.
+    Each piece is a float64 array of shape (n, 2). For a polygon, the function returns one piece for each pair of a side and a
+    particle that can touch the side. For a disk, the function returns one piece for each sampled contact.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 """The shortest chain with a given sequence of wall contacts, by an interior-point method on contacts and position differences.
 
-The module `chain_limits` defines the unknowns of a chain, and its limits: numbers that must be positive. On flat walls, the problem
-is convex. On a round wall, the problem is not convex, and the result is a local optimum near the initial guess. The method
-minimizes ``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of the weight ``sharpness``. The
-logarithms of the limits keep every result of the method strictly inside all limits.
+The module `chain_limits` defines the unknowns of a chain, and its limits: numbers that must be positive. On flat walls, the
+optimization is a convex problem. On a round wall, the problem is not convex, and the result is a local optimum near the initial
+guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of the weight
+``sharpness``. The logarithms of the limits keep every result of the method strictly inside all limits.
 """
 
 from __future__ import annotations

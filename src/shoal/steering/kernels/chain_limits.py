@@ -271,7 +271,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Return the negative logarithm of the limit that keeps the point ``work.span[0]`` in the circle, at least a margin from it."""
+    """Return the negative logarithm of the limit that keeps the point ``work.span[0]`` inside the circle, with a margin."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]

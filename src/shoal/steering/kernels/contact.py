@@ -85,7 +85,7 @@ def is_held(point, move, walls):
 
 @in_place_kernel
 def velocity_at(point, move, walls, velocity):
-    """Write the velocity of a particle per unit of input to ``velocity``.
+    """Write to ``velocity`` the velocity of a particle per unit of input.
 
     Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. A particle
     pushed into a wall slides by ``along - friction * into``, where ``along`` and ``into`` are the components of the move along and

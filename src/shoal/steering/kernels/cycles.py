@@ -141,7 +141,7 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write to ``found`` the cycle for each wall and toucher after which the position difference is nearest to ``goal``.
+    """Write to ``found``, for each wall and toucher, the cycle that ends nearest to the position difference ``goal``.
 
     The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are: the distance from ``goal``
     (infinite if no cycle is possible), the two ends of the range of contacts, and the two coordinates of the position difference
@@ -171,7 +171,7 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
 
 @in_place_kernel
 def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with a contact of particle 1 can produce.
+    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with particle 1 at a given contact can produce.
 
     ``angle`` is the angle of the contact on the circle, whose centre is the origin. Return the distance of the position difference
     from ``goal``, or infinity if no cycle is possible.

@@ -2,9 +2,9 @@
 
 If a wall holds or brakes a particle, the reaction of the wall changes the position difference Δ. For the first particle, the
 direction of the change differs by at most atan(friction) from the wall's outward normal; for the second particle, from the wall's
-inward normal. A particle can touch a wall only if the other particle is inside the workspace. For each direction of Δ, this is
-possible only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions are measured
-counter-clockwise from the direction opposite to Δ.
+inward normal. A particle can touch a wall only if the other particle is inside the workspace. For each direction of Δ, a particle
+can therefore touch a wall only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions
+are measured counter-clockwise from the direction opposite to Δ.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """Compute, for each wall and particle, at which lengths of Δ the particle can touch the wall, and the reaction's angle.
+    """Compute, for each wall and particle, up to which length of the position difference Δ the particle can touch the wall.
 
     The results are for position differences Δ with the direction ``angle``. ``ends`` receives the greatest length of Δ at which the
     particle can touch the wall, at most ``most``, or 0 if the particle can never touch the wall. ``turns`` receives the angles of
-    the wall reactions without friction. The particle needs to be able to touch the wall only for some Δ whose direction differs
-    from ``angle`` by at most half of ``step``.
+    the wall reactions without friction. It is enough if the particle can touch the wall for some Δ whose direction differs from
+    ``angle`` by at most half of ``step``.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -86,7 +86,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of wall reactions that are possible if Δ has the length ``place``."""
+    """Return the smallest and the largest angle of the wall reactions on a position difference of length ``place``."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:

@@ -98,7 +98,7 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return the fraction of a move after which a free particle meets an edge, the edge's index, and the position along the edge.
+    """Return how much of a move a free particle makes before it meets an edge, the edge's index, and the position along the edge.
 
     If the particle meets no edge, the index is -1. An edge that the particle touches at the start does not stop the particle. A
     reflex corner (more than 180 degrees of free space) on the path does not stop the particle if one of the corner's two edges lets

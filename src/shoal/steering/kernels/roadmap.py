@@ -80,9 +80,9 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return the length of the largest change along a direction that one cycle can make, or 0 if no cycle is possible.
+    """Return the largest length by which one cycle can change a position difference along a direction, or 0 without a cycle.
 
-    The change of the position difference starts at ``delta`` or, if ``back`` is true, ends at ``delta``.
+    The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with ``delta``.
     """
     inner, outer = 0.0, most
     for halving in range(HALVINGS):

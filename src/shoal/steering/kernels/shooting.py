@@ -117,9 +117,9 @@ def total_length(moves):
 
 @kernel
 def holds_nearby(start, goal, toucher, trial, nudges, walls):
-    """Return whether a plan still ends at the goals after small changes of its third-last move, with new last two moves.
+    """Return whether a plan still ends at the goals after small changes of its third-last move.
 
-    The test rejects plans that depend on rounding errors.
+    After each change, the kernel computes the last two moves anew. The test rejects plans that depend on rounding errors.
     """
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
@@ -169,7 +169,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, best_moves):
-    """Shorten a plan in place by small changes of all moves except the last two, which are computed. Return the plan's length."""
+    """Shorten a plan in place by small changes of all moves except the last two, which it computes anew. Return its length."""
     d = start.shape[1]
     trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)

@@ -135,7 +135,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree until a new state has the relative positions of the goals; return False if the search finds none."""
+        """Grow the tree until a new state has the relative positions of the goals; return whether the search finds such a state."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
@@ -147,9 +147,7 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return the moves to the last node and the translations from there to the goals, or None if no translations reach the
-        goals.
-        """
+        """Return the moves to the last node and the translations from there to the goals, or None if no translations exist."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -259,7 +257,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets with a path to the goals on which all particles keep ``margin`` from walls, or None without such offsets."""
+    """Return the offsets with a path to the goals on which all particles keep ``margin`` from the walls, or None."""
     import shapely
     from shapely import affinity
 

@@ -109,8 +109,8 @@ class SteeringTask(StartAndGoal):
 
         The result is None if a small move off a wall is necessary but impossible.
 
-        For example, if a particle touches a wall close to a corner, the effect of rounding errors may exceed the tolerance of the
-        goals. In this case, the method optimizes the chain again with a larger distance from all walls.
+        The effect of rounding errors may exceed the tolerance of the goals, for example if a particle touches a wall close to a
+        corner. In this case, the method optimizes the chain again with a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):

@@ -138,7 +138,7 @@ class ConvexWorkspace(SteeringWorkspace):
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return the largest absolute scalar product of a vector with a vector from the workspace's centre to one of its points."""
+        """Return the largest absolute scalar product of ``direction`` with a vector from the centre to a point of the workspace."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))

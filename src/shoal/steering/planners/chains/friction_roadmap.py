@@ -61,7 +61,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return position differences on a path from ``before`` to ``after`` on which they turn and become shorter; shape (nodes, 2).
+    """Return position differences that turn and become shorter on the path from ``before`` to ``after``; shape (nodes, 2).
 
     The result is empty if ``after`` is not shorter than ``before``, if friction prevents a path to ``after``, or if the position
     difference could turn without becoming shorter.

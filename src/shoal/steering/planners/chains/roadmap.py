@@ -86,7 +86,7 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
-    """Return angles along which cycles change the position difference: of the walls' normals and the edges of friction cones."""
+    """Return the angles of changes of the position difference: along walls' normals, and along the edges of friction cones."""
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)

@@ -64,7 +64,7 @@ class Robust:
 
 
 def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
-    """Return the closed loop that suits a workspace and its noise.
+    """Return the closed loop that suits the workspace and the noise.
 
     Noise counts as slight if its standard deviation is at most ``slight`` times the tolerance of the goals.
     """
