@@ -103,12 +103,12 @@ class SteeringEpisode(Episode):
 
     @cached_property
     def condition(self) -> float:
-        """Amplification of errors: the largest ratio of a final position error to the small error that causes the position error.
+        """Amplification of errors: the largest ratio of an error of the final positions to the small error that causes it.
 
-        The method considers two kinds of small errors: a displacement of a particle's start, and a change of the contact tolerance.
-        For most plans, the amplification of errors is between a few and a few hundred. A plan is sensitive if its amplification of
-        errors times the contact tolerance (1e-9 of the workspace's size) exceeds the tolerance of the goals. A sensitive plan
-        reaches its goals only if a replay rounds all numbers exactly as the planner did.
+        The small error is a displacement of a particle's start, or a change of the contact tolerance. For most plans, the ratio is
+        between a few and a few hundred. A plan is sensitive if the ratio times the contact tolerance (1e-9 of the workspace's size)
+        exceeds the tolerance of the goals. A sensitive plan reaches its goals only if a replay rounds all numbers exactly as the
+        planner did.
         """
         return condition(self.problem, self.inputs, seed=self.seed)
 

@@ -231,7 +231,7 @@ class SteeringProblem(Problem):
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
         """Return the problem that the JSON data of the file ``path`` describes.
 
-        A relative path of a workspace file starts at the folder of the problem file.
+        A relative path of a workspace file starts at the folder of the problem file if that folder contains the workspace file.
 
         Raises
         ------
@@ -261,7 +261,7 @@ class SteeringProblem(Problem):
         return json.dumps(describe(self.place), sort_keys=True).encode()
 
     def check_at_place(self) -> None:
-        """Raise an error for points outside the workspace, particles that cannot separate, or an unsuitable planner.
+        """Raise an error if the tolerance, the points or the planner do not suit the workspace, or if particles cannot separate.
 
         Raises
         ------

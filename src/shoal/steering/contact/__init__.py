@@ -1,1 +1,1 @@
-"""Contact between particles and walls: worlds, limits due to friction, noise, and release from walls."""
+"""Contact between particles and walls: simulated worlds, limits due to friction, estimates of the gain, and moves off walls."""

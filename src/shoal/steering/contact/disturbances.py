@@ -26,8 +26,8 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
     radius : float
         Radius of each particle, in the workspace's unit of length.
     gain : float
-        Total variation of the gain (displacement of a particle divided by the input) across the workspace, relative to the mean
-        gain. The gain grows along a random direction, which ``seed`` determines.
+        Largest gain minus smallest gain in the workspace, divided by the mean gain. The gain of a particle is its displacement
+        divided by the input. The gain grows along a random direction, which ``seed`` determines.
     seed : int
 
     Raises
@@ -48,6 +48,6 @@ def make_world(workspace: Any, *, friction: float = inf, radius: float = 0.0, ga
 
 
 def generators(seed: int) -> tuple[Generator, Generator, Generator, Generator]:
-    """Return four random generators: for the direction of the gain, the noise of moves, the noise of the camera, and planners."""
+    """Return four random generators: for the direction of the gain's growth, for noise of moves, for camera noise, for planners."""
     spawned = np.random.SeedSequence(seed).spawn(4)
     return tuple(np.random.default_rng(child) for child in spawned)  # type: ignore[return-value]  # four children, four generators

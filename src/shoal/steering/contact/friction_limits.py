@@ -1,14 +1,16 @@
 """Proofs that two particles cannot reach some differences Δ of their positions, because the friction of the walls is finite.
 
-The reaction of a wall on a particle lies inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is
-added to the position difference Δ, and a wall reaction on particle 1 is subtracted from Δ. A gauge is a measure of the length of
-the position difference Δ, with a convex polygon as its unit ball. If no single wall reaction can increase a gauge (length measure)
-of the position difference Δ, no plan can increase this gauge. A barrier is a closed curve in the space of the position differences
-Δ, around the zero vector and the initial Δ. No possible wall reaction moves the position difference Δ across its barrier curve.
-Each barrier curve belongs to one initial position difference Δ. The computation of a barrier curve starts at the initial position
-difference Δ and rotates in both directions, in small steps of the angle of Δ. In each step of the computation, the barrier curve
-follows the possible wall reaction that moves the position difference Δ farthest outwards. The longer the position difference Δ is,
-the fewer walls one particle can touch while the other particle stays inside the workspace.
+The position difference Δ is the position of particle 2 minus the position of particle 1. The reaction of a wall on a particle lies
+inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is added to Δ, and a wall reaction on
+particle 1 is subtracted from Δ.
+
+A gauge is a length of Δ whose unit ball is a convex polygon instead of a circle. If no single wall reaction can increase a gauge,
+no plan can increase this gauge.
+
+A barrier is a closed curve around the zero vector and the initial Δ. No possible wall reaction moves Δ across the barrier. The
+computation of the barrier starts at the initial Δ, and follows the curve in both directions in small steps of the angle of Δ. In
+each step, the curve follows the possible wall reaction that moves Δ farthest outwards. The longer Δ is, the fewer walls one
+particle can touch while the other particle stays inside the workspace.
 """
 
 from __future__ import annotations
@@ -30,16 +32,19 @@ _ANGLES = 3000  # number of corners of a barrier
 
 
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
-    """Return why friction prevents a position difference ``before`` from changing to nearly ``after``, or None without a proof.
+    """Return why friction prevents a change of the position difference from ``before`` to ``after``, or None if no proof is found.
+
+    A plan needs to bring the position difference only within the distance ``near`` of ``after``.
 
     On a disk of radius r, the distance of two particles never exceeds the larger of its initial value and 2 r sin(atan μ), where μ
     is the friction coefficient. If two particles are farther apart than 2 r sin(atan μ), each rotation of their position difference
-    shortens their distance. On a polygon, the function uses several gauges and a barrier. A gauge measures the length of the
-    position difference. A barrier is a closed curve that the position difference cannot cross. The first gauge (length measure) is
-    the largest scalar product of the position difference with a wall's normal or with its opposite vector. The second gauge (length
-    measure) has the convex hull of the walls' normals and the opposite vectors as its unit ball. For polygons with four sides and
-    friction coefficients up to 1, the function uses four gauges (length measures). The function ignores each gauge (length measure)
-    that a wall reaction can increase.
+    shortens their distance.
+
+    On a polygon, the function tries several gauges, and then a barrier (a closed curve that the position difference cannot cross).
+    A gauge is a length whose unit ball is a convex polygon. The first gauge is the largest scalar product of the position
+    difference with a normal of a wall or with the opposite of a normal. The second gauge has the convex hull of the normals and
+    their opposites as its unit ball. For polygons with four sides and friction coefficients up to 1, the function uses two more
+    gauges. The function ignores each gauge that a wall reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -53,7 +58,7 @@ def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, wide: float) -> str | None:
-    """Return why friction keeps two particles on a disk from a position difference ``after``, or None without a proof.
+    """Return why friction on a disk prevents a change of the position difference from ``before`` to ``after``, or None.
 
     ``wide`` is the allowed error of the direction of ``after``, in radians.
     """
@@ -76,13 +81,13 @@ def _limit_on_disk(workspace: ConvexWorkspace, friction: float, before: Points, 
 
 
 def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> float:
-    """Return the largest angle, in radians, by which a position difference turns while it shrinks from ``large`` to ``small``.
+    """Return the largest turn, in radians, of a position difference while its length shrinks from ``large`` to ``small``.
 
-    Both particles are on a disk of radius ``radius``, and ``cone`` is the half-angle of the friction cone in radians. Wall
-    reactions at the edge of the friction cone give the largest turn of the position difference. Let φ be the angle for which the
-    position difference has the length 2 radius cos φ. While the angle φ grows by dφ, the position difference turns by tan(φ + cone)
-    tan φ dφ. The function returns the integral of tan(φ + cone) tan φ in closed form. The result is infinite if ``small`` is at
-    most 2 radius sin(cone). A position difference of the length 2 radius sin(cone) can turn without shrinking.
+    Both particles are on a disk of radius r (the argument ``radius``). The half-angle of the friction cone is ψ (the argument
+    ``cone``), in radians. Wall reactions at the edge of the friction cone give the largest turn. Let 2 r cos φ be the length of the
+    position difference. While φ grows by dφ, the position difference turns by tan(φ + ψ) tan φ dφ. The function returns the
+    integral of this turn in closed form. The result is infinite if ``small`` is at most 2 r sin ψ, because a position difference of
+    the length 2 r sin ψ can turn without shrinking.
     """
     first, last = (float(np.arccos(min(1.0, size / (2 * radius)))) for size in (large, small))
     if last + cone >= np.pi / 2:
@@ -94,7 +99,7 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return why a gauge (length measure) from the walls' normals excludes a difference ``after``, or None without a proof."""
+    """Return why a gauge excludes a change from ``before`` to ``after``, or None without a proof; see `friction_limit`."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
@@ -113,7 +118,7 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return why a barrier curve around ``before`` excludes all differences near ``after``, or None without a proof."""
+    """Return why a barrier around ``before`` excludes all position differences near ``after``, or None without a proof."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2
@@ -148,18 +153,18 @@ def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Point
 
 
 def _sides_of_hull(points: Points) -> Points:
-    """Return vectors n for which the convex hull of ``points`` is the set of all p with n @ p <= 1 for every n."""
+    """Return vectors n such that the convex hull of ``points`` consists of all points p with n @ p <= 1 for every vector n."""
     return _duals(hull(points))
 
 
 def _duals(rows: Points) -> Points:
-    """Return, for each row and the next row, the vector whose scalar product with both rows is 1; float64, shape (n, 2)."""
+    """Return the vectors whose scalar products with a row and with the next row are 1; float64, shape (n, 2)."""
     pairs = np.stack([rows, np.roll(rows, -1, axis=0)], axis=1)
     return np.asarray(np.linalg.solve(pairs, np.ones((len(rows), 2, 1)))[..., 0])
 
 
 def _never_grows(sides: Points, normals: Points, friction: float) -> bool:
-    """Return whether no wall reaction increases the gauge max(sides @ Δ) of any position difference Δ on its unit ball."""
+    """Return whether no wall reaction can increase the gauge max(sides @ Δ) of any position difference Δ."""
     order = np.argsort(np.arctan2(sides[:, 1], sides[:, 0]))
     sides = sides[order]
     kept = np.any(np.abs(sides - np.roll(sides, 1, axis=0)) > _SLACK, axis=1)

@@ -13,7 +13,7 @@ PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """Gaussian estimate of the coefficients a and b of a gain that is a + b · p at the point p.
+    """Estimate of a gain that depends on the point p as a + b · p, with a normal distribution of the coefficients a and b.
 
     Each observed move without wall contact improves the estimate.
     """
@@ -38,7 +38,7 @@ class GainBelief:
         return self.at((here + there) / 2)
 
     def deviation(self, here: Points, there: Points) -> float:
-        """Return the standard deviation of the mean gain on the straight path between two points."""
+        """Return the standard deviation of the estimated mean gain on the straight path between two points."""
         features = self._features((here + there) / 2)
         return float(np.sqrt(features @ self.spread @ features))
 
@@ -53,9 +53,10 @@ class GainBelief:
         return np.asarray(point - self.at(middle) * move)
 
     def learn(self, here: Points, there: Points, move: Points) -> None:
-        """Update the estimate of the gain with an observed move of a particle without wall contact.
+        """Update the estimate after the input ``move`` has moved a particle without wall contact from ``here`` to ``there``.
 
-        The observed gain at the midpoint of the path is the distance travelled along the input, divided by the length of the input.
+        The observed gain is the distance travelled in the direction of the input, divided by the length of the input. It counts as
+        the gain at the midpoint of the path. The method ignores inputs that are short compared with the noise.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

@@ -20,19 +20,17 @@ from shoal.steering.workspaces.region import Region
 class RegionWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, in a region of any shape whose walls hold particles.
 
-    As long as the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the
-    edge. At a corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. Most corners of
-    obstacles have more than 180 degrees of free space. At a corner with more than 180 degrees of free space, a particle is held
-    only if both edges hold it. At a corner with more than 180 degrees of free space, a particle moves whenever the space in the
-    direction of the displacement is free. During a straight move, a particle stops at the first edge that holds the particle, and
-    stays at this edge until the end of the move. A stopped particle does not stop the other particles. Particles do not collide
-    with each other.
+    If the displacement u satisfies ``N u <= 0``, an edge with the inward normal N holds each particle that touches the edge. At a
+    corner with less than 180 degrees of free space, each of the two edges alone can hold a particle. At a corner with more than 180
+    degrees of free space, such as most corners of obstacles, the two edges hold a particle only together, because otherwise the
+    space in the direction of the displacement is free. During a straight move, a particle stops at the first edge that holds the
+    particle, and stays at this edge until the end of the move. Particles do not collide with each other.
 
     Parameters
     ----------
     workspace : Region
     touch : float
-        Contact tolerance: the largest distance at which a particle touches an edge, as a fraction of the workspace's size.
+        Contact tolerance, as a fraction of the workspace's size: a particle at most this far from an edge touches the edge.
 
     Notes
     -----

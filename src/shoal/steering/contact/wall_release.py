@@ -52,7 +52,7 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves that lead one particle off its walls while a wall holds the other particle, each with its resulting state.
+    """Return small moves that take one particle off its walls while a wall holds the other, each with the positions after the move.
 
     A planner needs a small move of one particle alone if no translation leads both particles off their walls, for example if the
     particles touch opposite walls.
@@ -73,10 +73,10 @@ def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points
 
 
 def direction_away_from(rows: Points) -> Points | None:
-    """Return the unit vector that maximizes the smallest scalar product with the unit vectors ``rows``.
+    """Return the unit vector whose smallest scalar product with the unit vectors ``rows`` is as large as possible.
 
-    The result is None if no unit vector has a scalar product above 0.01 with every row. In d dimensions, the result is a linear
-    combination of at most d rows, which all have the same scalar product with the result.
+    The result is None if no unit vector has a scalar product above 0.01 with every row. In d dimensions, the best vector is a
+    linear combination of at most d rows, so the function tries all sets of up to d rows.
     """
     d = rows.shape[1]
     if not len(rows):

@@ -88,18 +88,19 @@ class SteeringWorld(ABC):
 class ContactWorld(SteeringWorld):
     """The dynamics of particles under one shared displacement, between walls with friction.
 
-    With infinite friction, a wall with the inward normal N holds each particle that touches the wall, as long as the displacement u
-    satisfies ``N u <= 0``. If the displacement u is exactly parallel to a wall, ``N u`` is 0, and a wall with infinite friction
-    holds each particle that touches the wall. In a corner, each wall alone can hold a particle. With infinite friction, a particle
-    stops at the first wall that it meets, and stays at this wall until the end of the straight move. A stopped particle without a
-    radius does not stop the other particles.
+    With infinite friction, a particle stops at the first wall that it meets, and stays at this wall until the end of the straight
+    move. If the displacement u satisfies ``N u <= 0``, a wall with the inward normal N holds each particle that touches the wall,
+    even if u is parallel to the wall. In a corner, each wall alone can hold a particle. Particles without a radius do not stop each
+    other.
 
-    With finite friction, the displacement u moves a particle along a wall with the normal N and the tangent T by ``|T u| - friction
-    |N u|``. If ``|T u| - friction |N u|`` is negative, the particle does not slide along the wall. The gain of a particle at the
-    point p is ``g(p) = 1 + gradient (p - c)``, where c is the centre of the workspace. The displacement u moves a particle with the
-    gain g by ``g u``. A gain can describe, for example, that particles near a coil move faster. Particles with a radius above 0 are
-    spheres. The centre of a sphere stays at least one radius away from each wall. A moving sphere stops when it meets a stopped
-    sphere.
+    With finite friction, a particle that the displacement u pushes into a wall slides along the wall by ``|T u| - friction |N u|``,
+    where N is the normal and T the tangent of the wall. If this number is negative, the particle does not slide.
+
+    The displacement u moves a particle at the point p by ``g(p) u``. The gain ``g(p) = 1 + gradient (p - c)`` can describe, for
+    example, that particles near a coil move faster. The point c is the centre of the workspace.
+
+    Particles with a radius above 0 are spheres. The centre of a sphere stays at least one radius away from each wall. A moving
+    sphere stops when it meets a stopped sphere.
 
     Parameters
     ----------
@@ -111,7 +112,7 @@ class ContactWorld(SteeringWorld):
     radius : float
         Radius of each particle, in the workspace's unit of length.
     touch : float
-        Contact tolerance: the largest distance at which a particle touches a wall, as a fraction of the workspace's size.
+        Contact tolerance, as a fraction of the workspace's size: a particle at most this far from a wall touches the wall.
 
     Raises
     ------
@@ -206,7 +207,7 @@ def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], ap
     """Stop each sphere that collides with a stopped sphere, in the order of the collisions.
 
     Until a wall stops the first sphere, all spheres move alike and cannot collide. ``shares`` holds, for each sphere, the fraction
-    of the move after which a wall stopped the sphere. The function changes the end positions ``after`` in place.
+    of the move after which a wall stopped the sphere, or 1. The function changes the end positions ``after`` in place.
     """
     shares = shares.copy()
     length = float(move @ move)

@@ -1,16 +1,16 @@
 """The set of position differences Δ that two particles on a disk can reach with k moves, and the relative area of this set.
 
-A cycle has two moves. The first move of a cycle brings one particle into contact with the wall at a point c. The depth of a point
-below the contact c is its distance from the tangent of the wall at c. The second move of a cycle can bring the other particle to
-any point of the disk whose depth below c does not exceed the present depth of the particle. For one contact c, the vectors from c
-to all points that the other particle can reach form a convex set that contains the zero vector. The set of all reachable position
-differences is the union, over all contacts, of the convex sets of vectors from the contact. The attribute ``radii`` of `DiskReach`
-describes the set of reachable position differences by its extent in each direction from the zero vector. Let H be the largest depth
-of the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit vector e, a
-contact with the normal N and the largest depth H of the other particle gives the extent H / (N·e). An extent never exceeds the
-length of the chord from the contact to the opposite wall. The radius of the reachable set in a direction is the largest extent over
-all contacts. The radii after k moves determine the largest depths for moves k + 1 and k + 2. On a disk, contacts of particle 1 and
-contacts of particle 2 give the same sets of position differences.
+The first move of a cycle brings one particle to a contact c on the wall. The depth of a point below c is its distance from the
+tangent of the wall at c. The second move of the cycle can bring the other particle to any point of the disk whose depth below c is
+at most the depth that the other particle has after the first move. The vectors from c to all these points form a convex set that
+contains the zero vector. The set of all reachable position differences is the union of these convex sets for all contacts c.
+Contacts of particle 1 and contacts of particle 2 give the same union.
+
+The attribute ``radii`` of `DiskReach` states how far this union extends from the zero vector in each direction. Let H be the
+largest depth of the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit
+vector e, the convex set of c extends to the length H / (N·e), but at most to the length of the chord from c in this direction. The
+radius of the union in a direction is the largest of these lengths for all contacts. The radii after k moves determine the largest
+depths for the moves k + 1 and k + 2.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ class DiskReach:
     moves : int
         Number of moves: 2, 4, 6, ...
     radii : ndarray of float64, shape (n,)
-        Extent of the set of position differences from the zero vector in n directions. The angles of the n directions are the
-        midpoints of n equal intervals between 0 and π radians. The set is symmetrical about the x axis, so ``radii`` also gives the
-        extents at negative angles.
+        For each of n directions, how far the set of position differences extends from the zero vector. The angles of the n
+        directions are the midpoints of n equal intervals between 0 and π radians. The set is symmetrical about the x axis, so
+        ``radii`` also holds for the negative angles.
     """
 
     radius: float
@@ -67,7 +67,7 @@ class DiskReach:
 
     @property
     def outline(self) -> Points:
-        """Boundary of the set of position differences; float64, shape (2 n, 2) for n radii."""
+        """Points on the boundary of the set of position differences; float64, shape (2 n, 2) for n radii."""
         ahead = _ahead(len(self.radii))
         angles = np.concatenate([ahead, 2 * pi - ahead[::-1]])
         radii = np.concatenate([self.radii, self.radii[::-1]])
@@ -80,7 +80,7 @@ class DiskReach:
         return np.asarray(np.hypot(given[..., 0], given[..., 1]) <= np.interp(angles, _ahead(len(self.radii)), self.radii))
 
     def fraction(self) -> float:
-        """Return the area of the reachable set divided by the area of the set of all position differences."""
+        """Return the area of the reachable set divided by the area of the set of all position differences in the disk."""
         return float(np.mean(self.radii**2)) / (2 * self.radius) ** 2
 
 
@@ -94,9 +94,7 @@ def check_moves(moves: int) -> int:
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: int = DIRECTIONS) -> list[DiskReach]:
     """Return the sets of position differences that two particles on a disk can reach after 2, 4, ..., ``moves`` moves.
 
-    Particle 2 starts to the right of particle 1.
-
-    The initial direction from particle 1 to particle 2 does not matter, because a rotation of the start rotates the sets alike.
+    Particle 2 starts to the right of particle 1. For another initial direction, rotate the sets by the same angle.
 
     Parameters
     ----------
@@ -141,12 +139,15 @@ def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: 
 
 
 def _ahead(count: int) -> NDArray[np.float64]:
-    """Return the angles, between 0 and π radians, at which `DiskReach` stores the extent of its set."""
+    """Return the angles of the directions to which the radii of a `DiskReach` belong, between 0 and π radians."""
     return pi * (np.arange(count) + 0.5) / count
 
 
 def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the extent of the reachable set in each direction, for contacts with given largest depths of the other particle."""
+    """Return how far the reachable set extends in each direction of ``ahead``, in diameters of the disk.
+
+    For each contact, ``depths`` holds the largest depth of the other particle below the wall's tangent at the contact.
+    """
     slope = np.cos(ahead[:, None] - contacts)  # length of each chord, and its inward component per unit of length
     with np.errstate(divide="ignore", invalid="ignore"):
         allowed = np.where(slope > _LEVEL, depths / slope, 0.0)
@@ -161,7 +162,7 @@ def _furthest(ahead: NDArray[np.float64], contacts: NDArray[np.float64], depths:
 
 
 def _deepest(ahead: NDArray[np.float64], radii: NDArray[np.float64], contacts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return, for each contact of one particle, the largest depth of the other particle below the wall's tangent."""
+    """Return, for each contact of one particle, the largest depth of the other particle below the wall's tangent at the contact."""
     around, far = np.concatenate([-ahead[::-1], ahead]), np.concatenate([radii[::-1], radii])
     slope = np.maximum(np.cos(around - contacts[:, None]), 0.0)
     return np.asarray((np.minimum(far, slope) * slope).max(axis=1))

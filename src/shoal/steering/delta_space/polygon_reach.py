@@ -1,10 +1,10 @@
 """The set of position differences Δ that two particles in a polygon can reach with k moves, and the relative area of this set.
 
-The depth of a point below a wall is its distance from the line of the wall. After k moves, let one particle touch a wall at the
-point c. Let H_k(c) be the largest possible depth of the other particle below the wall of c. Let the sign σ be 1 if particle 1
-touches the wall, and -1 if particle 2 touches the wall. Let S(c, σ) be the set of all σ (q - c), for the points q of the polygon
-whose depth below the wall of c is at most H_k(c). The position differences that k + 2 moves reach are the union of the sets
-S(c, σ) over all contacts c and both signs σ. Linear programs over the sets after k moves give the largest depths H_k.
+The depth of a point below a wall is its distance from the line of the wall. Suppose that one particle comes to a contact c on a
+wall after k moves. Let the sign σ be 1 if this particle is particle 1, and -1 if it is particle 2. Let H_k(c, σ) be the largest
+possible depth of the other particle below the wall of c. Let S(c, σ) be the set of all σ (q - c), for the points q of the polygon
+whose depth below the wall of c is at most H_k(c, σ). The set of position differences that k + 2 moves can reach is the union of the
+sets S(c, σ) over all contacts c and both signs σ. The code computes the depths H_k from the set that k moves can reach.
 """
 
 from __future__ import annotations
@@ -46,8 +46,9 @@ class PolygonReach:
     walls : ndarray of int64, shape (contacts,)
         Index of the wall on which each sample point in ``contacts`` lies.
     depths : ndarray of float64, shape (2, contacts)
-        Largest depth of the other particle below the wall of each contact, before the last two moves. Row 0 is for contacts of
-        particle 1, and row 1 for contacts of particle 2. A depth is negative where the touching particle cannot be.
+        For each contact of one particle, the largest depth of the other particle below the wall of the contact, before the last two
+        moves. Row 0 is for contacts of particle 1, and row 1 for contacts of particle 2. The depth is negative if the particle
+        cannot come to the contact.
     """
 
     workspace: ConvexWorkspace
@@ -61,8 +62,8 @@ class PolygonReach:
         """Return for each position difference, shape (..., 2), whether the particles can reach it; bool, shape (...).
 
         For two moves, the result is exact. For more than two moves, the result can be wrongly False near the boundary of the
-        reachable set, because the method uses the lower of the largest depths at two neighbouring sample points. The method
-        `reaches` is exact for any number of moves.
+        reachable set, because the method uses, between two neighbouring sample points, the smaller of the depths at these points.
+        The method `reaches` is exact for any number of moves.
         """
         import shapely
 
@@ -80,8 +81,8 @@ class PolygonReach:
     def reaches(self, after: ArrayLike) -> bool:
         """Return whether the particles can reach the position difference ``after``; exact for any number of moves.
 
-        The method tries all sequences of pairs of a wall and a touching particle. Use the method for up to six moves only, because
-        for n walls the computing time grows as (2 n) ** (moves / 2).
+        The method tries all sequences of wall contacts, each by particle 1 or particle 2. Use the method for up to six moves only,
+        because for n walls the computing time grows as ``(2 n) ** (moves / 2)``.
 
         Raises
         ------
@@ -122,7 +123,7 @@ class PolygonReach:
 
     @cached_property
     def outline(self) -> list[tuple[Points, list[Points]]]:
-        """The reachable set for drawing, as pairs (outline, holes) of polygons, rounded to 1e-6 of the workspace's size."""
+        """The reachable set for drawing: pairs (outline, holes), one for each connected part, rounded to 1e-6 of the size."""
         import shapely
 
         whole = shapely.union_all([shapely.Polygon(piece) for piece in self.pieces], grid_size=1e-6 * self.workspace.size)
@@ -132,7 +133,7 @@ class PolygonReach:
         ]
 
     def fraction(self) -> float:
-        """Return the area of the reachable set divided by the area of the set of all position differences.
+        """Return the area of the reachable set divided by the area of the set of all position differences in the polygon.
 
         For two moves, the fraction is exact. For more than two moves, the fraction refers to the approximate set that the method
         `contains` uses.

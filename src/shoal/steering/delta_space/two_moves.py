@@ -2,7 +2,7 @@
 
 The position difference Δ is the position of particle 2 minus the position of particle 1. The first move of a cycle brings one
 particle, the toucher, into contact with a wall. The second move of a cycle displaces the other particle while the wall holds the
-touching particle. Moves without wall contact do not change the position difference Δ.
+toucher. Moves without wall contact do not change the position difference Δ.
 """
 
 from __future__ import annotations
@@ -22,21 +22,22 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 @dataclass(frozen=True)
 class Crossing:
-    """A cycle of two moves: one particle (the toucher) moves to a wall; while the wall holds it, the other particle moves.
+    """A cycle of two moves: a particle (the toucher) moves to a wall, and the other moves while the wall holds the toucher.
 
     Parameters
     ----------
     toucher : int
         The particle that touches the wall, 1 or 2.
     wall : int
-        Index of the polygon's side that holds the touching particle, or -1 for the round wall of a disk.
+        Index of the polygon's side that holds the toucher, or -1 for the round wall of a disk.
     first, last : ndarray of float64, shape (2,)
-        Ends of the section of the wall on which the touching particle may be.
+        Ends of the section of the wall that the toucher may touch.
     contact : ndarray of float64, shape (2,)
         Midpoint of the section from ``first`` to ``last``.
     slack : float
-        Margin of feasibility, as a fraction of the workspace's size. The margin of feasibility is 0 at the boundary of the set of
-        reachable position differences.
+        Margin of feasibility, which is 0 at the boundary of the set of reachable position differences. For a polygon, the margin is
+        a length, as a fraction of the workspace's size. For a disk, it is half of the angle between ``first`` and ``last``, in
+        radians.
     """
 
     toucher: int
@@ -77,10 +78,10 @@ def reached_in_two_moves(workspace: ConvexWorkspace, before: ArrayLike, after: A
     Notes
     -----
     Source: paper W, algorithms 2 and 3, corrected. Let N be the inward normal of a polygon's side. Let the sign σ be 1 if particle
-    1 touches the side, and -1 if particle 2 touches the side. A cycle at a side with the normal N needs ``0 <= σN·after <=
-    σN·before`` and ``σN·before > 0``, with the sign σ of the touching particle. A cycle with the sign σ needs a point c of the side
-    for which both ``c + σ before`` and ``c + σ after`` lie in the workspace. On a disk around the origin, a contact c of particle 1
-    needs ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and ``c·(after - before) >= 0``.
+    1 touches the side, and -1 if particle 2 touches the side. A cycle at this side needs ``0 <= σN·after <= σN·before`` and
+    ``σN·before > 0``. It also needs a point c of the side for which both ``c + σ before`` and ``c + σ after`` lie in the workspace.
+    On a disk around the origin, a contact c of particle 1 needs ``c·before <= -|before|²/2``, ``c·after <= -|after|²/2`` and
+    ``c·(after - before) >= 0``.
 
     Examples
     --------
@@ -125,10 +126,10 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the part of each side from which every vector of ``shifts`` leads to a point of the polygon.
+    """Return the part of each side from whose points every vector of ``shifts`` leads to a point of the polygon.
 
-    For each side, the result holds the start and the end of the part, as fractions of the side's length. For a side without a
-    suitable point, the returned end is smaller than the returned start.
+    The two arrays of the result hold the starts and the ends of the parts, as fractions of the sides' lengths. For a side without
+    such a point, the end is smaller than the start.
     """
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners
@@ -157,11 +158,11 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return start, end and half-width in radians of the arc where particle 1 can touch a disk's wall, or None without an arc.
+    """Return start, end and half-width, in radians, of the arc of a disk's wall on which particle 1 can make a contact, or None.
 
-    A contact of particle 2 has the same effect as a contact of particle 1 on the opposite side. From each contact on the arc, the
-    vectors ``before`` and ``after`` both lead to points inside the disk. At each contact on the arc, the wall holds particle 1
-    while the position difference changes from ``before`` to ``after``.
+    From each contact on the arc, the vectors ``before`` and ``after`` both lead to points inside the disk, and the wall holds
+    particle 1 while the position difference changes from ``before`` to ``after``. A contact of particle 2 has the same effect as a
+    contact of particle 1 on the opposite side.
     """
     arcs = [(_angle(-delta), np.arccos(np.clip(np.hypot(*delta) / (2 * radius), -1, 1))) for delta in (before, after)]
     if not np.any(before):
@@ -182,10 +183,10 @@ def _angle(vector: Points) -> float:
 
 
 def two_move_pieces(workspace: ConvexWorkspace, before: ArrayLike) -> list[Points]:
-    """Return convex polygons for drawing, whose union is the set of differences that two moves reach; each float64, shape (n, 2).
+    """Return convex polygons for drawing; their union is the set of position differences that two moves reach.
 
-    For a polygon, the function returns one piece for each usable pair of a side and a touching particle. For a disk, the function
-    returns one piece for each sampled contact.
+    Each piece is a float64 array of shape (n, 2). For a polygon, the function returns one piece for each pair of a side and a
+    particle that can touch the side. For a disk, the function returns one piece for each sampled contact.
 
     Raises
     ------

@@ -1,9 +1,9 @@
-"""The shortest chain of wall contacts of a given kind, by an interior-point method on contacts and position differences.
+"""The shortest chain with a given sequence of wall contacts, by an interior-point method on contacts and position differences.
 
-The module `chain_limits` defines chains. On flat walls, the length of a chain and its constraints are convex functions of the
-unknowns. On the circle, a contact is an angle, and the result is a local optimum near the initial guess. The method minimizes
-``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of the weight ``sharpness``. The logarithms of
-the limits keep every result of the method strictly inside all limits.
+The module `chain_limits` defines the unknowns of a chain, and its limits: numbers that must be positive. On flat walls, the
+optimization is a convex problem. On a round wall, the problem is not convex, and the result is a local optimum near the initial
+guess. The method minimizes ``sharpness * length - sum(log(limits))`` by Newton's method, for increasing values of the weight
+``sharpness``. The logarithms of the limits keep every result of the method strictly inside all limits.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ BLUR = 0.03  # divided by the sharpness: smallest value of a smoothed length
 
 @in_place_kernel
 def add_limits(kind, work, slack, order):
-    """Return the sum of the negative logarithms of all limits (constraint values) of a chain, infinite if a limit is violated.
+    """Return the sum of the negative logarithms of all limits (constraint values) of a chain, or infinity if a limit is violated.
 
     With ``order`` 1, add the derivatives of the sum to ``work.derivatives``.
     """
@@ -74,9 +74,8 @@ def add_lengths(kind, work, sharpness, blur, order):
 def assess(x, slack, sharpness, blur, kind, work, order):
     """Return the objective: the smoothed length of the chain times ``sharpness``, plus the logarithmic barrier of the limits.
 
-    The slack is a number that the method adds to each limit that depends on an unknown. If ``slack`` is not NaN, the objective
-    contains ``slack`` instead of the length of the chain. With ``order`` 1, write the derivatives of the objective to
-    ``work.derivatives``.
+    If ``slack`` is not NaN, the kernel adds ``slack`` to each limit that depends on an unknown, and the objective contains
+    ``slack`` instead of the length of the chain. With ``order`` 1, write the derivatives of the objective to ``work.derivatives``.
     """
     derivatives = work.derivatives
     if order > 0:
@@ -145,9 +144,9 @@ def newton_direction(derivatives, lower, direction, n):
 def descend(phase, sharpness, blur, kind, work, enough):
     """Improve the chain in ``work.wide`` in place by Newton's method. At the start, the chain must satisfy all limits.
 
-    With ``phase``, the last entry of ``work.wide`` is the slack: a number that the method adds to each limit. With ``phase``, the
-    method ends when the slack is below ``-enough``. Without ``phase``, the method ends when a step would shorten the chain by less
-    than about ``NEAR / sharpness``.
+    If ``phase`` is true, the last entry of ``work.wide`` is the slack, a number that is added to each limit. The method then
+    reduces the slack, and ends when the slack is below ``-enough``. If ``phase`` is false, the method reduces the length of the
+    chain, and ends when a step would shorten the chain by less than about ``NEAR / sharpness``.
     """
     x, tried, direction = work.wide, work.tried, work.direction
     last = x.shape[0] - 1
@@ -175,9 +174,9 @@ def descend(phase, sharpness, blur, kind, work, enough):
 
 @in_place_kernel
 def worst_limit(x, kind, work):
-    """Return a number (slack) that makes all limits of the chain x positive when it is added to each limit.
+    """Return a slack: a number that makes all limits of a chain with the unknowns x positive when it is added to each limit.
 
-    The slack is 0 if x satisfies all limits, and -inf if x violates a constant limit.
+    The slack is 0 if the chain satisfies all limits, and -inf if it violates a limit that depends on no unknown.
     """
     for tenth in range(-8, 5):
         slack = 0.0 if tenth == -8 else 10.0**tenth
@@ -203,11 +202,12 @@ def count_limits(kind):
 
 @in_place_kernel
 def settle(x, enough, sharpnesses, bound, kind, work):
-    """Move the chain x in place until x satisfies all limits, and then shorten x. Return the length of x.
+    """Change the unknowns x of a chain in place until they satisfy all limits, then shorten the chain. Return its length.
 
-    If possible, x satisfies all limits by at least ``enough`` before the kernel shortens x. The length is infinite if no chain
-    satisfies all limits. On flat walls, the length is infinite if no chain is shorter than ``bound``. Each entry of ``sharpnesses``
-    starts a round of Newton's method. The last entry of ``sharpnesses`` determines how close to its limits the chain may come.
+    Before the kernel shortens the chain, all limits are at least ``enough``, if possible. The length is infinite if no chain
+    satisfies all limits, and on flat walls also if no chain is shorter than ``bound``. Each entry of ``sharpnesses`` is the
+    sharpness for one round of Newton's method. The last entry of ``sharpnesses`` determines how close to its limits the chain may
+    come.
     """
     n, wide = x.shape[0], work.wide
     limits = count_limits(kind)

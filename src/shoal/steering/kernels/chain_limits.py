@@ -1,9 +1,9 @@
-"""The elements of a chain of wall contacts, and its limits and lengths with their derivatives.
+"""The unknowns of a chain of wall contacts, and its limits (constraints) and its length with their derivatives.
 
-In cycle m = 0, ..., M-1 of a chain, particle ``touchers[m]`` moves to the contact c[m] on wall ``walls[m]``. The wall then holds
-particle ``touchers[m]`` (the toucher) while a move of the other particle changes the position difference D[m] to D[m+1]. The
-position difference is D[0] at the start and D[M] at the goal. The unknowns are the contacts c[m], as coordinates on their walls,
-and the position differences D[1] to D[M-1]. A limit is a constraint: a value that must be positive.
+In cycle m = 0, ..., M-1 of a chain, the particle ``touchers[m]`` (the toucher) moves to the contact c[m] on the wall ``walls[m]``.
+The wall then holds the toucher while a move of the other particle changes the position difference from D[m] to D[m+1]. D[0] is the
+position difference at the start, and D[M] is the position difference of the goals. The unknowns are the coordinates of the contacts
+c[m] on their walls, and D[1] to D[M-1]. A limit is a value that must be positive.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ Shape = namedtuple("Shape", "frames normals offsets circle near")
 """The walls, as in `shoal.steering.workspaces.normalized_walls.NormalizedWalls`."""
 
 Kind = namedtuple("Kind", "touchers walls start goal shape friction margin push")
-"""The kind of a chain: touchers and walls of its cycles, start, goal, shape, and friction. ``margin`` is the smallest distance that
-the particle without contact keeps from walls. ``push`` is the smallest component of an adjustment into the wall."""
+"""The constants of a chain: touchers and walls of its cycles, start, goal, all walls (``shape``), and friction. ``margin`` is the
+least distance of the other particle (not the toucher) from walls. ``push`` is the least component of an adjustment into a wall."""
 
 Work = namedtuple(
     "Work", "contacts delta span index first second cone_first cone_second sums derivatives lower direction tried wide"
 )
-"""Working memory. ``contacts``, shape (cycles, d + 1, d), holds the position of each contact and its derivatives by the coordinates
-on the wall; on the circle, it also holds the second derivative by the arc. ``delta``, shape (cycles + 1, d), holds the position
-differences. ``span``, shape (1 + unknowns, d), holds a vector and its derivatives by the unknowns with the numbers ``index``.
-``first`` and ``second`` hold the derivatives of a limit. ``sums`` holds sums over all walls of normal / limit, normal / limit^2 and
-normal normal^T / limit^2. ``derivatives`` holds the Hessian and, in the last row, the gradient. ``lower`` holds the Cholesky factor
-of the Hessian, and ``direction`` the Newton step. ``tried`` and ``wide`` hold two chains, each with its slack."""
+"""Working memory. ``contacts``, shape (cycles, d + 1, d), holds the position of each contact, its derivatives by the coordinates on
+the wall, and on the circle its second derivative by the arc. ``delta``, shape (cycles + 1, d), holds the position differences.
+``span``, shape (1 + unknowns, d), holds a vector, and its derivatives by the unknowns whose indices are in ``index``. ``first`` and
+``second`` hold the derivatives of a limit. ``sums`` holds sums over all walls of normal / limit, normal / limit^2 and normal
+normal^T / limit^2. ``derivatives`` holds the Hessian and, in the last row, the gradient. ``lower`` holds the Cholesky factor of the
+Hessian, ``direction`` the Newton step. ``tried`` and ``wide`` each hold a chain's unknowns and a slack."""
 
 
 def new_work(cycles: int, d: int) -> Work:
@@ -87,9 +87,9 @@ def begin(work, points, row, factor):
 
 @in_place_kernel
 def combine(work, one, a, other, b, left, p, right, q):
-    """Add ``a c[one] + b c[other] + p D[left] + q D[right]`` of contacts c and position differences D to ``work.span[0]``.
+    """Add ``a c[one] + b c[other] + p D[left] + q D[right]``, for contacts c and position differences D, to ``work.span[0]``.
 
-    Write the derivatives. Return the number of unknowns on which ``work.span[0]`` depends. A negative index omits its term.
+    Write the derivatives to ``work.span``. Return the number of unknowns on which the sum depends. A negative index omits its term.
     """
     contacts, delta, span, index = work.contacts, work.delta, work.span, work.index
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -130,7 +130,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Add the derivatives of ``weight`` times the smoothed length of the vector ``work.span[0]``. Return the weighted length."""
+    """Return ``weight`` times the smoothed length of the vector ``work.span[0]``. With ``order`` 1, add the derivatives."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -154,10 +154,10 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 
 @in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
-    """Return ``-log(value + slack)``, or infinity if the logarithm is undefined, and add its derivatives.
+    """Return ``-log(value + slack)``, or infinity if this logarithm is undefined. With ``order`` 1, add the derivatives.
 
     If ``slack`` is not NaN, it is the last unknown. The function uses the second derivatives ``second`` only if ``curved`` is true.
-    A constant value may be as low as ``-forgiven``.
+    For a value that depends on no unknown, the result is 0 if the value is at least about ``-forgiven``, and otherwise infinity.
     """
     steep = 0.0
     for u in range(used):
@@ -190,9 +190,9 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Return the sum of -log(distance - margin) over the flat walls, where distance is the distance of a point from a wall.
+    """Return the sum of -log(distance - margin) over the flat walls, for the distance of the point ``work.span[0]`` from each wall.
 
-    The point is the vector ``work.span[0]``. If ``skipped`` is a wall, only the walls near wall number ``skipped`` count.
+    If ``skipped`` is not negative, the sum contains only the walls near the wall with the index ``skipped``.
     """
     normals, offsets, near, margin = kind.shape.normals, kind.shape.offsets, kind.shape.near, kind.margin
     span, sums = work.span, work.sums
@@ -271,7 +271,7 @@ def add_through(work, used, ones, squares, phase):
 
 @in_place_kernel
 def add_round(kind, work, used, one, forgiven, slack, order):
-    """Return the negative logarithm of the limit that keeps the point ``work.span[0]`` inside the circle by the margin."""
+    """Return the negative logarithm of the limit that keeps the point ``work.span[0]`` inside the circle, with a margin."""
     contacts, circle, margin, span = work.contacts, kind.shape.circle, kind.margin, work.span
     index, first, second, d = work.index, work.first, work.second, work.span.shape[1]
     x, y = span[0, 0] - circle[0], span[0, 1] - circle[1]
@@ -287,7 +287,7 @@ def add_round(kind, work, used, one, forgiven, slack, order):
 
 @in_place_kernel
 def add_hold(kind, work, m, sign, slack, order):
-    """Return the negative logarithms of two limits of cycle m: the push into the wall, and the friction cone of the push."""
+    """Return the summed negative logarithms of two limits of cycle m: the least push into the wall, and the friction cone."""
     contacts, circle, span, first, second, index = work.contacts, kind.shape.circle, work.span, work.first, work.second, work.index
     d, push, on_circle = span.shape[1], kind.push, kind.walls[m] == kind.shape.normals.shape[0]
     begin(work, work.delta, m, 0.0)
@@ -330,7 +330,7 @@ def outward(kind, work, m, row):
 def add_cone(friction, work, into, used, slack, order):
     """Return the negative logarithm of the friction limit |a|^2 <= (1 + friction^2) p^2 for the vector a = ``work.span[0]``.
 
-    ``into`` is p, the component of the vector a into the wall. The code divides the limit by p to get a length.
+    ``into`` is p, the component of the vector a into the wall. The code divides both sides by p, so that they are lengths.
     """
     span, first, second, cone_first, cone_second = work.span, work.first, work.second, work.cone_first, work.cone_second
     whole = 1 + friction * friction

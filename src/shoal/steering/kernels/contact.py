@@ -1,8 +1,9 @@
 """Motion of one particle between walls for one straight move of the shared input.
 
-The tuple `Walls` describes flat walls and a circle. A point p is inside flat wall w if ``normals[w] @ p >= offsets[w]``. The circle
-(x, y, radius) bounds the first two coordinates of a particle. The radius of the circle is 0 if the workspace has no round wall. If
-``gain`` is (g, gx, gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times the input.
+The tuple `Walls` describes flat walls and a circle. A point p is on the inner side of the flat wall w if ``normals[w] @ p >=
+offsets[w]``. The circle (x, y, radius) bounds the first two coordinates of a particle. The radius of the circle is 0 if the
+workspace has no round wall. If ``gain`` is (g, gx, gy, ...), a particle at the position p moves by ``g + (gx, gy, ...) @ p`` times
+the input.
 """
 
 from __future__ import annotations
@@ -84,11 +85,11 @@ def is_held(point, move, walls):
 
 @in_place_kernel
 def velocity_at(point, move, walls, velocity):
-    """Write the velocity of a particle per unit of input to ``velocity``.
+    """Write to ``velocity`` the velocity of a particle per unit of input.
 
     Return the wall along which the particle slides, -1 if the particle is free, and -2 if walls hold the particle. A particle
     pushed into a wall slides by ``along - friction * into``, where ``along`` and ``into`` are the components of the move along and
-    into the wall. The particle does not slide if ``along - friction * into`` is negative, or if another wall blocks the slide.
+    into the wall. The particle does not slide if this number is negative, or if another wall blocks the slide.
     """
     for i in range(move.shape[0]):
         velocity[i] = move[i]
@@ -152,8 +153,7 @@ def first_contact(point, velocity, walls, sliding):
 def input_for(share, speed, rate):
     """Return the fraction of the input that moves a particle by ``share`` times its velocity vector.
 
-    ``speed`` is the gain at the start of the path. The gain changes along the path by ``rate`` for each multiple of the velocity
-    vector.
+    ``speed`` is the gain at the start of the path. On a path of the length of the velocity vector, the gain changes by ``rate``.
     """
     grown = share * rate / speed
     if abs(grown) < SLOW:
@@ -163,7 +163,7 @@ def input_for(share, speed, rate):
 
 @in_place_kernel
 def way_of(share, speed, rate):
-    """Return the path of a particle for a fraction of the input, in multiples of its velocity. Inverse of `input_for`."""
+    """Return how far the fraction ``share`` of the input moves a particle, in multiples of its velocity. Inverse of `input_for`."""
     return speed * share if abs(rate * share) < SLOW else speed / rate * expm1(rate * share)
 
 

@@ -1,13 +1,13 @@
-"""Of all position differences that one cycle can make, the one nearest to the difference of the goals.
+"""The position difference nearest to that of the goals, among all position differences that one cycle can produce.
 
 Source: algorithms 2 and 3 (corrected) of paper W.
 
 A cycle changes the position difference of two particles: a wall holds one particle (the toucher) while the other particle moves. In
-the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. In a possible cycle, the
-particle that is not held must be inside the workspace before and after its move. In a possible cycle, the push of the toucher into
-the wall must lie in the friction cone of the wall. On a polygon, all possible vectors from the toucher to the other particle form
-one convex polygon. To construct the polygon of all possible vectors, shift the workspace by the negative of each possible contact,
-form the union, and cut the union by the friction cone.
+the code, ``sign`` is 1 if the wall holds the first particle, and -1 if the wall holds the second particle. A cycle is possible if
+the other particle is inside the workspace before and after its move, and if the push of the toucher into the wall lies in the
+friction cone of the wall. On a polygon, the vectors from the toucher to the other particle after all possible cycles on one wall
+form a convex polygon. To construct this polygon, shift the workspace by the negative of each possible contact, form the union of
+the shifted workspaces, and cut the union by the friction cone.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from shoal.jit import in_place_kernel
 from shoal.steering.kernels.contact import dot
 
 CycleModel = namedtuple("CycleModel", "frames reaches normals offsets circle friction margin push")
-"""The walls and constants of cycles.
+"""The walls, and the constants that define which cycles are possible.
 
-The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin`` is the smallest distance that the
-particle without contact keeps from walls. ``push`` is the smallest component of an adjustment into the wall that holds the toucher.
+The walls have the form of `NormalizedWalls`. ``friction`` is the friction coefficient. ``margin`` is the least distance of the
+other particle (not the toucher) from walls. ``push`` is the least component of an adjustment into the wall that holds the toucher.
 """
 
 ANGLES = 96
@@ -34,10 +34,10 @@ DEPTH_SLACK = 1e-12  # in normalized units: tolerance when `deeper` cuts polygon
 
 @in_place_kernel
 def contact_range(delta, sign, wall, model, low, high, margin):
-    """Return the range (low, high) of contacts on a wall for which the particle without contact keeps ``margin`` from all walls.
+    """Return the range of the toucher's contacts on a wall for which the other particle keeps ``margin`` from all walls.
 
-    ``low`` and ``high`` are positions along the wall, measured from the wall's midpoint. In an empty range, ``low`` is greater than
-    ``high``.
+    The result is the part of the range from ``low`` to ``high`` that satisfies this condition. Its two ends are positions along the
+    wall, measured from the wall's midpoint. If no contact satisfies the condition, the first end is greater than the second end.
     """
     frames, normals, offsets = model.frames, model.normals, model.offsets
     for other in range(normals.shape[0]):
@@ -141,10 +141,11 @@ def cycle_outline(delta, sign, wall, model, corners, spare):
 
 @in_place_kernel
 def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
-    """Write to ``found`` the position difference nearest to ``goal`` for each wall and toucher; shape (walls, 2, 5).
+    """Write to ``found``, for each wall and toucher, the cycle that ends nearest to the position difference ``goal``.
 
-    The five entries for a wall and a toucher are: the distance from ``goal`` (infinite without a cycle), the two ends of the range
-    of contacts, and the two coordinates of the position difference.
+    The array ``found`` has the shape (walls, 2, 5). The five entries for a wall and a toucher are: the distance from ``goal``
+    (infinite if no cycle is possible), the two ends of the range of contacts, and the two coordinates of the position difference
+    after the cycle.
     """
     reaches, margin = model.reaches, model.margin
     for wall in range(model.normals.shape[0]):
@@ -170,10 +171,10 @@ def nearest_on_polygon(delta, goal, model, corners, spare, target, found):
 
 @in_place_kernel
 def nearest_from(angle, delta, goal, model, candidates, found):
-    """Write to ``found`` the position difference nearest to ``goal`` that a cycle makes with particle 1 at ``angle``.
+    """Write to ``found`` the position difference nearest to ``goal`` that a cycle with particle 1 at a given contact can produce.
 
-    ``angle`` is the angle of a contact on the circle around the origin. Return the distance of the position difference from
-    ``goal``, infinite without a cycle.
+    ``angle`` is the angle of the contact on the circle, whose centre is the origin. Return the distance of the position difference
+    from ``goal``, or infinity if no cycle is possible.
     """
     radius, friction, margin, push = model.circle[2], model.friction, model.margin, model.push
     ex, ey = cos(angle), sin(angle)
@@ -229,9 +230,9 @@ def nearest_from(angle, delta, goal, model, candidates, found):
 
 @in_place_kernel
 def nearest_on_circle(delta, goal, model, candidates, found, nearest):
-    """Write to ``nearest`` the position difference nearest to ``goal`` that a cycle makes with particle 1 on the circle.
+    """Write to ``nearest`` the position difference nearest to ``goal`` that any cycle with a contact of particle 1 can produce.
 
-    Return the distance of the position difference from ``goal``, infinite without a cycle, and the angle of the contact.
+    Return the distance of this position difference from ``goal`` (infinite if no cycle is possible), and the angle of the contact.
     """
     radius, margin = model.circle[2], model.margin
     best, at = np.inf, 0.0
@@ -266,13 +267,14 @@ def nearest_on_circle(delta, goal, model, candidates, found, nearest):
 
 @in_place_kernel
 def deeper(corners, normals, offsets, contacts, walls, depths, best, one, other, spare):
-    """Write to ``best``, shape (2, contacts), the largest depths after one cycle from ``depths``; -1 for an impossible contact.
+    """Write to ``best``, shape (2, contacts), the largest depth for each toucher and contact after one more cycle.
 
-    A depth is the distance of the particle without contact from the wall of the contact. The kernel combines a cycle at one contact
-    with a following contact, for all pairs of contacts and touchers. During the cycle, the particle without contact may be at each
-    point of the polygon that is at most ``depths[toucher, contact]`` below the wall of the contact. At the following contact, the
-    particle without contact must be inside the polygon. The possible points of the particle without contact form a convex polygon,
-    so the largest depth occurs at a corner.
+    While the toucher is at a contact, the depth is the distance of the other particle from the line of the contact's wall.
+    ``depths`` holds the largest depths before the cycle. A depth is -1 if the contact is impossible. The kernel combines each
+    cycle, at a contact c, with each following contact d. The cycle can bring the other particle to each point of the polygon whose
+    depth below the wall of c is at most ``depths[toucher, c]``. At the contact d, the particle that does not touch the wall must be
+    inside the polygon. The points that satisfy both conditions form a convex polygon, so the largest depth occurs at one of its
+    corners.
     """
     n, sides = contacts.shape[0], normals.shape[0]
     for t in range(2):

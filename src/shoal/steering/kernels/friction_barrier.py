@@ -1,12 +1,10 @@
 """The barrier curve across which wall reactions with friction cannot move the position difference Δ of two particles.
 
-If a wall holds or brakes the first particle, the wall's reaction changes the position difference Δ by a vector near the wall's
-outward normal. If a wall holds or brakes the second particle, the wall's reaction changes the position difference Δ by a vector
-near the wall's inward normal. The angle between the change of the position difference and the normal is at most atan(friction). A
-particle can touch a wall only if the other particle is inside the workspace, which depends on the position difference Δ. For each
-direction of the position difference, a particle can touch a wall only up to some length of the position difference. The code
-computes the barrier in polar coordinates. Angles of wall reactions are measured from the direction opposite to the position
-difference Δ, counter-clockwise.
+If a wall holds or brakes a particle, the reaction of the wall changes the position difference Δ. For the first particle, the
+direction of the change differs by at most atan(friction) from the wall's outward normal; for the second particle, from the wall's
+inward normal. A particle can touch a wall only if the other particle is inside the workspace. For each direction of Δ, a particle
+can therefore touch a wall only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions
+are measured counter-clockwise from the direction opposite to Δ.
 """
 
 from __future__ import annotations
@@ -25,12 +23,12 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 
 @kernel
 def touchable(angle, step, most, model, ends, turns):
-    """Write the greatest length of the position difference Δ for each wall and particle, and the angles of the wall reactions.
+    """Compute, for each wall and particle, up to which length of the position difference Δ the particle can touch the wall.
 
-    The results are for one direction of the position difference. If the position difference is longer than the greatest length, the
-    particle cannot touch the wall. The array ``ends`` contains the greatest lengths, with 0 for a wall that the particle can never
-    touch. The array ``turns`` contains the angles of the wall reactions. A wall counts if a particle can touch the wall for some
-    position difference within half of the angle ``step`` of the given direction.
+    The results are for position differences Δ with the direction ``angle``. ``ends`` receives the greatest length of Δ at which the
+    particle can touch the wall, at most ``most``, or 0 if the particle can never touch the wall. ``turns`` receives the angles of
+    the wall reactions without friction. It is enough if the particle can touch the wall for some Δ whose direction differs from
+    ``angle`` by at most half of ``step``.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -62,10 +60,10 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return (after, before): the largest lengths of the position difference after and before a turn of one step by wall reactions.
+    """Return the largest length of the position difference after wall reactions have turned it by one step, and before this turn.
 
-    Before the wall reactions, the length of the position difference is at most ``radius``. Where all wall reactions point into one
-    half-plane, the wall reactions cannot lengthen the position difference without turning it.
+    The length is at most ``radius`` at first. Wall reactions may increase it even before the turn, but not if all possible wall
+    reactions point into one half-plane.
     """
     rows = ends.shape[0]
     before = radius
@@ -88,10 +86,7 @@ def carried(radius, side, step, most, ends, turns, cone):
 
 @kernel
 def spread_at(place, ends, turns, cone):
-    """Return the smallest and the largest angle of the wall reactions that are possible for a given position difference.
-
-    ``place`` is the length of the position difference.
-    """
+    """Return the smallest and the largest angle of the wall reactions on a position difference of length ``place``."""
     low, high = np.inf, -np.inf
     for row in range(ends.shape[0]):
         if ends[row] >= place:
@@ -101,12 +96,12 @@ def spread_at(place, ends, turns, cone):
 
 @kernel
 def kept_out(start, radius, angles, farthest, model, first, last, goal):
-    """Return whether wall reactions can never bring the position difference to the length ``goal`` at given angles.
+    """Return whether wall reactions can never bring the position difference to the length ``goal`` at any of the given angles.
 
-    The given angles have the indices from ``first`` to ``last``. At the start, the position difference has the angle with index
-    ``start`` and the length ``radius``. The array ``angles`` ascends over the full circle. Between two neighbouring angles in
-    ``angles``, the position difference is never parallel to a wall. The array ``farthest`` contains the largest possible length of
-    the position difference at each angle. The result is False if the computation does not converge.
+    The array ``angles`` ascends over the full circle. The given angles have the indices from ``first`` to ``last`` in this array.
+    At the start, the position difference has the angle with the index ``start`` and the length ``radius``. Between two neighbouring
+    angles in ``angles``, the position difference is never parallel to a wall. The array ``farthest`` contains the largest possible
+    length of the position difference at each angle. The result is also False if the computation does not converge.
     """
     count, rows, cone = angles.shape[0], 2 * model.normals.shape[0], np.arctan(model.friction)
     ends, turns, steps = np.empty((count, rows)), np.empty((count, rows)), np.empty(count)

@@ -13,8 +13,10 @@ Edges = namedtuple("Edges", "ends normals lengths links reflex size boxes")
 
 ``ends``: x and y of both ends of each edge, with the free side on the left of the edge. ``normals``: inward unit normals of the
 edges. ``lengths``: lengths of the edges. ``links``: indices of the previous and the next edge. ``reflex``: whether the corner at
-the beginning of an edge is wider than 180 degrees. ``size``: size of the region. ``boxes``: bounding boxes of groups of consecutive
-edges, as smallest x, largest x, smallest y and largest y. A test of a box saves the tests of all edges in the box."""
+the beginning of an edge has more than 180 degrees of free space. ``size``: size of the region. ``boxes``: bounding boxes of groups
+of consecutive edges, as smallest x, largest x, smallest y and largest y. If a path is far from a box, the edges in the box need no
+test.
+"""
 
 GAP = 1e-12  # fraction of the region's size: extension of edges, so that no particle passes between two edges
 
@@ -50,11 +52,11 @@ def pushes(move, edge, normals, length):
 
 @in_place_kernel
 def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normals, lengths, touch):
-    """Return whether the edge ``other`` at a reflex corner releases a particle that the edge ``edge`` would hold.
+    """Return whether the other edge of a reflex corner releases a particle that the edge ``edge`` would hold.
 
-    At a reflex corner, the edge ``other`` releases a particle if the move leads away from the edge ``other``. Near a reflex corner,
-    the wall between the two edges of the corner may be thinner than ``touch``. At a wall thinner than ``touch``, only the edge on
-    the particle's side counts.
+    A reflex corner has more than 180 degrees of free space. At the corner, the edge ``other`` releases the particle if the move
+    leads away from the edge ``other``. Near the corner, the wall between the two edges may be thinner than ``touch``, and only the
+    edge on the particle's side can hold the particle.
     """
     if (x - corner_x) ** 2 + (y - corner_y) ** 2 <= touch * touch:
         return not pushes(move, other, normals, length)
@@ -65,7 +67,7 @@ def is_excused(x, y, move, length, edge, other, corner_x, corner_y, ends, normal
 
 @in_place_kernel
 def run_near(run, x, y, x_after, y_after, near, boxes, count):
-    """Return the index range (first, last + 1) of a group of consecutive edges, or (0, 0) if the group is far from a path."""
+    """Return the index range (first, last + 1) of a group of edges, or (0, 0) if a path is farther than ``near`` from the group."""
     size = -(-count // boxes.shape[0])
     if min(x, x_after) - near > boxes[run, 1] or max(x, x_after) + near < boxes[run, 0]:
         return 0, 0
@@ -96,11 +98,11 @@ def is_held(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
-    """Return the fraction of a move after which a free particle meets an edge, the edge, and the position along the edge.
+    """Return how much of a move a free particle makes before it meets an edge, the edge's index, and the position along the edge.
 
-    If the particle meets no edge, the index of the edge is -1. An edge that the particle touches at the start does not stop the
-    particle. A reflex corner on the path does not stop the particle if one of the two edges of the corner lets the particle
-    continue.
+    If the particle meets no edge, the index is -1. An edge that the particle touches at the start does not stop the particle. A
+    reflex corner (more than 180 degrees of free space) on the path does not stop the particle if one of the corner's two edges lets
+    the particle continue.
     """
     x, y, touch = point[0], point[1], TOUCH * size
     length = sqrt(move[0] ** 2 + move[1] ** 2)

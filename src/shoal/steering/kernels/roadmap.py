@@ -1,8 +1,8 @@
-"""Links between position differences of two particles, and the path over links with the fewest cycles.
+"""Links between position differences of two particles, and the search for the path with the fewest links.
 
 A position difference is the position of the second particle minus the position of the first. In a cycle, one particle moves to a
-wall, and then the wall holds this particle while the other particle moves. A link means that one cycle changes one position
-difference into another.
+wall, and then the wall holds this particle while the other particle moves. A link from one position difference to another means
+that one cycle can change the first into the second.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ SHARES = 4  # number of adjustments tried in each direction: the longest adjustm
 def linked(before, after, model, step):
     """Return whether one cycle (contact and adjustment) can change the position difference ``before`` into ``after``.
 
-    If a cycle exists, write the toucher, the wall and the contact to ``step``. The toucher is the particle that the wall holds. The
-    contact is given as a position along the wall. Both position differences are vectors from the first particle to the second.
+    If such a cycle exists, write to ``step`` the index of the toucher (the particle that the wall holds), the index of the wall,
+    and the position of the contact along the wall.
     """
     if model.circle[2] > 0:
         return linked_on_circle(before, after, model, step)
@@ -51,7 +51,9 @@ def linked(before, after, model, step):
 def linked_on_circle(before, after, model, step):
     """Return whether one cycle on a disk can change the position difference ``before`` into ``after``. See `linked`.
 
-    Particle 1 is the toucher, which the wall holds. A cycle exists if three arcs of contacts on the circle intersect.
+    The toucher (the particle that the wall holds) is always the first particle. A cycle exists if three arcs of the circle
+    intersect: the contacts at which the other particle is inside the disk before its move, the contacts at which it is inside the
+    disk after its move, and the contacts at which the wall holds the toucher.
     """
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
@@ -78,10 +80,9 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return the greatest length by which one cycle can change ``delta`` along a direction, or 0 if no cycle is possible.
+    """Return the largest length by which one cycle can change a position difference along a direction, or 0 without a cycle.
 
-    ``delta`` is a position difference of two particles. Without ``back``, the cycle starts at ``delta``; with ``back``, the cycle
-    ends at ``delta``.
+    The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with ``delta``.
     """
     inner, outer = 0.0, most
     for halving in range(HALVINGS):
@@ -100,12 +101,11 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Add to ``nodes`` extreme position differences that cycles can reach from the position difference ``delta``.
+    """Add to ``nodes`` extreme position differences that cycles can reach from ``delta``. Return the new number of nodes.
 
-    With ``back``, add extreme position differences from which cycles can reach ``delta``. Without ``back``, a position difference
-    is extreme if it is longer than all earlier nodes in about the same direction. With ``back``, a position difference is extreme
-    if it is shorter than all earlier nodes in about the same direction. The array ``records`` holds the most extreme length in each
-    range of directions. Return the new number of nodes.
+    A position difference is extreme if it is longer than all earlier nodes in about the same direction. If ``back`` is true, the
+    added position differences are those from which cycles can reach ``delta``, and extreme means shorter instead of longer.
+    ``records`` holds the most extreme length in each range of directions.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))
@@ -139,7 +139,7 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
 
 @kernel
 def fewest_cycles(nodes, model, parents, order):
-    """Search breadth-first from node 0 for the path with the fewest cycles to node 1. Return whether node 0 has a path to node 1.
+    """Search breadth-first for the path with the fewest cycles from node 0 to node 1. Return whether a path exists.
 
     Write the parent of each node to ``parents``, and -1 for each node that the search has not reached. The array ``order`` is
     working memory.

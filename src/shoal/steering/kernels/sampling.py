@@ -2,9 +2,8 @@
 
 An offset is the position of a particle minus the position of its goal. A translation changes the offsets of all particles by the
 same vector. If all particles have equal offsets from their goals, one translation can complete the task. Most manoeuvres bring one
-particle to a wall, and then make the offset of another particle equal to the offset of the particle at the wall. Some manoeuvres
-make only one component of two particles' offsets equal. Some manoeuvres are random moves, which may find solutions that no plan
-anticipates.
+particle to a wall, and then make the offset of another particle equal to the offset of the particle at the wall. Other manoeuvres
+make only one component of the two offsets equal, or are random moves.
 """
 
 from __future__ import annotations
@@ -20,7 +19,8 @@ from shoal.steering.kernels.contact import copy
 World = namedtuple("World", "flat edges walls")
 """The walls for a simulation: the flag ``flat``, ``edges`` (`region_contact.Edges`) and ``walls`` (`contact.Walls`).
 
-The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is false, ``edges`` is empty.
+The flag ``flat`` is true if all walls are straight and hold particles without slip. If ``flat`` is true, simulations use ``edges``.
+Otherwise, simulations use ``walls``.
 """
 
 Tree = namedtuple("Tree", "states parents made counts depths keys tries")
@@ -40,7 +40,7 @@ ROUNDS = 6  # number of random nodes, of which the search extends the most promi
 
 @kernel
 def step(state, move, world):
-    """Move all particles in place. Return the fraction of the move during which no wall stopped any particle."""
+    """Move all particles in place. Return the fraction of the move after which a wall first stopped or braked a particle, or 1."""
     if world.flat:
         return region_contact.advance_all(state, move, world.edges)
     return contact.advance_all(state, move, world.walls, np.empty(2))
@@ -67,7 +67,7 @@ def add_normals(point, world, total):
 
 @kernel
 def send(state, x, y, world, moves, count):
-    """Make the move (x, y) if it is not zero and the array ``moves`` has space. Return the new number of moves in the array."""
+    """Make the move (x, y) and add it to ``moves``, unless it is zero or the array is full. Return the new number of moves."""
     if count < moves.shape[0] and (x != 0 or y != 0):
         moves[count, 0], moves[count, 1] = x, y
         step(state, moves[count], world)
@@ -77,7 +77,7 @@ def send(state, x, y, world, moves, count):
 
 @kernel
 def free_share(state, x, y, world):
-    """Return the fraction of the move (x, y) during which no wall would stop any particle."""
+    """Return the fraction of the move (x, y) after which a wall would first stop or brake a particle, or 1."""
     trial, move = np.empty(state.shape), np.empty(2)
     move[0], move[1] = x, y
     copy(state, trial)
@@ -137,8 +137,8 @@ def differing(state, goal, size):
 def wall_point(point, world, rng, place, normal):
     """Draw a random point of a wall. Write the point to ``place``, and the wall's inward normal at the point to ``normal``.
 
-    In a quarter of the draws on straight edges, the result is the point of the edge that is nearest to the particle position
-    ``point``.
+    On straight edges, a quarter of the draws give the point of a random edge that is nearest to ``point``, the position of a
+    particle.
     """
     choice, where = rng.random(), rng.random()
     if world.flat:
@@ -178,8 +178,8 @@ def draw_move(rng, size):
 def adjustment(state, goal, held, normal, rng, size):
     """Return a move that brings the offset of a random particle closer to the offset of the particle ``held``, or a random move.
 
-    An offset is the position of a particle minus the position of its goal. Some moves make the offsets of two particles equal. Some
-    moves make only one component of the offsets equal.
+    An offset is the position of a particle minus the position of its goal. Some moves make the offsets of the two particles equal,
+    and others make only one component of the offsets equal.
     """
     n = state.shape[0]
     other = (held + 1 + min(int(rng.random() * (n - 1)), n - 2)) % n
@@ -258,7 +258,7 @@ def pick(total, tree, rng):
 def grow(tree, total, rounds, goal, tolerance, most, world, size, rng):
     """Grow a search tree in place by at most ``rounds`` manoeuvres.
 
-    Return the number of nodes, the number of rounds left, and whether one translation from the last node completes the task.
+    Return the number of nodes, the number of manoeuvres left, and whether one translation from the last node completes the task.
     """
     states, depths, keys = tree.states, tree.depths, tree.keys
     moves, state = np.zeros((STEPS, 2)), np.zeros(goal.shape)

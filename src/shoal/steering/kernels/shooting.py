@@ -1,13 +1,13 @@
-"""Plans of few straight moves found by simulation: the search tries all moves except the last two, and computes the last two moves.
+"""Plans of few straight moves: trials in simulations give all moves except the last two, and formulas give the last two moves.
 
-The second-last move of a plan changes the position difference of the particles to the difference of the goals. During the
-second-last move, a wall holds one particle (the toucher) while the other particle moves. The displacement of the other particle is
-the missing change of the position difference, with the opposite sign if the toucher is the second particle. The displacement of the
-other particle determines the direction of the second-last move. The length of the second-last move is the distance from the toucher
-to its wall, plus the length of the other particle's displacement. The last move of a plan brings both particles to their goals.
+The second-last move of a plan changes the position difference of the particles to that of the goals. It brings one particle (the
+toucher) to a wall, and moves the other particle while the wall holds the toucher. Meanwhile, the displacement of the other particle
+is the missing change of the position difference, with the opposite sign if the toucher is the second particle. This displacement
+determines the direction of the move. The length of the move is the distance from the toucher to its wall in this direction, plus
+the length of the displacement. The last move of a plan brings both particles to their goals.
 
-The last two moves are feasible if the free particle (not the toucher) meets no wall during the second-last move. The *shortage* of
-a plan is the part of the second-last move for which the free particle (not the toucher) has no space. If no random plan is
+The last two moves are feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the
+length of the second-last move, minus the distance that the other particle can move before it meets a wall. If no random plan is
 feasible, the search repairs the plans with the smallest shortage by small changes of their moves.
 """
 
@@ -28,11 +28,11 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write trial lengths of moves in a direction.
+    """Write to ``lengths`` trial lengths of a move in a direction. Return the number of trial lengths.
 
-    The trial lengths lie between the lengths up to the first wall contacts of the two particles. For a particle that a wall already
-    holds, the length up to the first wall contact is 0. A move that ends before the first wall contact does not change the position
-    difference. Return the number of trial lengths.
+    The shortest trial length brings one particle to a wall, and the longest trial length brings both particles to walls. A shorter
+    move would not change the position difference. A particle that a wall already holds counts as brought to a wall by a move of
+    length 0.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -53,12 +53,11 @@ def lengths_along(points, direction, shares, walls, lengths):
 
 @kernel
 def shortage(points, goal, toucher, walls, direction):
-    """Return the shortage of the second-last move with the given toucher, and the length of the second-last move.
+    """Return the shortage of the second-last move with the given toucher, and the length of this move.
 
-    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. The shortage is
-    negative if the free particle meets no wall, and infinite if the toucher meets no wall. ``direction`` receives the direction of
-    the second-last move. Shortage and length are 0 if the position difference of the particles already equals the difference of the
-    goals.
+    The shortage is the length of the move, minus the distance that the other particle (not the toucher) can move before it meets a
+    wall. The shortage is infinite if the toucher meets no wall. ``direction`` receives the direction of the move. Shortage and
+    length are 0 if the position difference of the particles already equals that of the goals.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -83,7 +82,7 @@ def shortage(points, goal, toucher, walls, direction):
 
 @kernel
 def finish(points, goal, toucher, walls, moves):
-    """Write the last two moves of a plan with the given toucher (the particle that a wall holds).
+    """Write to ``moves`` the last two moves of a plan with the given toucher (the particle that a wall holds).
 
     Return the largest remaining distance of a particle from its goal, or infinity if no feasible moves exist.
     """
@@ -118,9 +117,9 @@ def total_length(moves):
 
 @kernel
 def holds_nearby(start, goal, toucher, trial, nudges, walls):
-    """Return whether a plan also ends at the goals after small changes of its last trial move.
+    """Return whether a plan still ends at the goals after small changes of its third-last move.
 
-    The test rejects plans that depend on rounding errors.
+    After each change, the kernel computes the last two moves anew. The test rejects plans that depend on rounding errors.
     """
     tried = trial.shape[0] - 2
     moves = np.empty((2, start.shape[1]))
@@ -138,10 +137,10 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
 
 @kernel
 def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
-    """Search for plans of three moves: try first moves from the start, and compute the last two moves for each first move.
+    """Search for plans of three moves: try many first moves, and compute the last two moves for each first move.
 
-    Write the shortest plan to ``best_moves``. Return how many times the search has found a plan shorter than all earlier plans. The
-    search ends when it has found ``enough`` plans, each shorter than all earlier plans.
+    Write the shortest plan to ``best_moves``. Return the number of records: plans that were shorter than all plans found before.
+    The search ends when the number of records is ``enough``.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -170,7 +169,7 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, best_moves):
-    """Shorten a plan in place by small changes of all moves except the last two moves. Return the length of the plan."""
+    """Shorten a plan in place by small changes of all moves except the last two, which it computes anew. Return its length."""
     d = start.shape[1]
     trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)
@@ -199,10 +198,10 @@ def improve(start, goal, tried, step, nudges, walls, best_moves):
 
 @kernel
 def least_shortage(start, goal, trial, walls, state, direction):
-    """Return the smaller shortage of the two possible touchers after all moves of a plan except the last two moves.
+    """Simulate all moves of a plan except the last two. Return the smaller of the shortages for the two possible touchers.
 
-    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. Write the positions
-    of the particles before the second-last move to ``state``.
+    The shortage is the length of the second-last move, minus the distance that the other particle (not the toucher) can move before
+    it meets a wall. Write the positions of the particles before the second-last move to ``state``.
     """
     copy(start, state)
     for m in range(trial.shape[0] - 2):
@@ -216,8 +215,8 @@ def least_shortage(start, goal, trial, walls, state, direction):
 def repair(start, goal, walls, trial):
     """Change all moves of a plan except the last two, in place, to reduce the shortage. Return the remaining shortage.
 
-    The shortage is the part of the second-last move for which the free particle (not the toucher) has no space. If the shortage of
-    a plan is negative, the last two moves of the plan are feasible.
+    The shortage is the length of the second-last move, minus the distance that the other particle (not the toucher) can move before
+    it meets a wall. If the shortage is negative, the last two moves of the plan are feasible.
     """
     d = start.shape[1]
     state, direction = np.empty((2, d)), np.empty(d)
@@ -244,9 +243,9 @@ def repair(start, goal, walls, trial):
 
 @kernel
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
-    """Write a trial move for each row of ``picks``, which contains random numbers for a direction and a length.
+    """Write to ``trial`` a random move for each row of ``picks``: two random numbers that choose the direction and the length.
 
-    Return whether a trial move exists for every row of ``picks``.
+    Return whether a move exists for every row of ``picks``.
     """
     copy(start, state)
     for m in range(picks.shape[0]):
@@ -264,9 +263,9 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
     """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to ``plan``.
 
-    Return how many times the search has found a plan shorter than all earlier plans. The array ``picks``, int64, has the shape
-    (tries, wide, moves - 2, 2). Each try draws ``wide`` random plans, and repairs the plan with the smallest shortage. The search
-    ends when it has found ``enough`` plans, each shorter than all earlier plans.
+    Return the number of records: plans that were shorter than all plans found before. The array ``picks`` holds random integers,
+    int64, shape (tries, wide, moves - 2, 2). In each try, the search draws ``wide`` random plans, and repairs the plan with the
+    smallest shortage (see `shortage`). The search ends when the number of records is ``enough``.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)

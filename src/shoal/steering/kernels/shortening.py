@@ -1,10 +1,10 @@
 """Improvement of plans for two particles: simulated annealing makes random changes of the plan's steps.
 
-Each step has a target, and computes a move to the target from any positions of the particles. The target of a contact is the place
-on a wall to which one particle moves. The target of an adjustment is a position difference of the particles, and a wall holds one
-particle during the adjustment. The target of a translation is a midpoint of the two particles. Without noise, the last adjustment
-has the difference of the goals as its target, and the cost of a plan is its length. With noise, the cost of a plan is the mean
-number of moves.
+Each step has a target, and makes the move that leads from the present positions of the particles to this target. The target of a
+contact is the point on a wall to which one particle moves. The target of an adjustment is a position difference, which the
+particles reach while a wall holds one of them. The target of a translation is the midpoint between the two particles. Without
+noise, the last adjustment has the position difference of the goals as its target, and the cost of a plan is its length. With noise,
+the cost of a plan is the mean number of moves.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from shoal.steering.kernels.sampling import step, wall_point
 Steps = namedtuple("Steps", "kinds particles targets along moves")
 """The steps of a plan. Each field of ``Steps`` has one entry for each step.
 
-``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: the particle that moves to a wall, or the particle that a wall holds.
-``targets``: the target of each step. ``along``: for a contact, the direction of the wall. ``moves``: the move of each step in the
-last simulation."""
+``kinds``: CONTACT, ADJUSTMENT or TRANSLATION. ``particles``: for a contact, the particle that moves to a wall; for an adjustment,
+the particle that a wall holds. ``targets``: a point or a position difference. ``along``: for a contact, the direction of the wall.
+``moves``: the move of each step in the last simulation."""
 
 Noise = namedtuple("Noise", "starts errors deviation cycle")
 """Scenarios of noise, with which simulations judge a plan.
 
 ``starts``: possible start positions, float64, shape (scenarios, 2, 2). ``errors``: errors of moves, shape (scenarios, moves, 2).
-``deviation``: standard deviation of the errors. ``cycle``: number of moves that correct a wrong position difference and then reach
-the goals."""
+``deviation``: standard deviation of the errors. ``cycle``: estimated number of moves that correct a wrong position difference and
+then reach the goals."""
 
 CONTACT, ADJUSTMENT, TRANSLATION = 0, 1, 2
 WIDEST, FINEST = 0.3, 1e-6  # fractions of the workspace size: largest and smallest typical change of a target
@@ -62,9 +62,9 @@ def is_near(state, goal, tolerance):
 
 @kernel
 def play(steps, count, start, goal, tolerance, bound, world, state):
-    """Simulate a plan without noise. Return the plan's length, infinite if the plan misses the goals or exceeds ``bound``.
+    """Simulate a plan without noise. Return its length, or infinity if it misses the goals or is longer than ``bound``.
 
-    If a step misses its target, the next step still moves the particles from their actual positions to its own target.
+    If a step misses its target, the next step moves the particles from their actual positions to the next target.
     """
     last = count - 2
     while last >= 0 and steps.kinds[last] != ADJUSTMENT:
@@ -111,8 +111,8 @@ def moves_left(state, goal, tolerance, noise, world, move):
 def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
     """Return the mean number of moves over all noise scenarios.
 
-    The number of moves in a scenario is the number of simulated moves of the plan plus the estimated number of moves after the
-    plan.
+    In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the moves that are necessary after
+    the plan.
     """
     total, scenarios = 0.0, noise.starts.shape[0]
     for s in range(scenarios):
@@ -139,7 +139,7 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Move the steps with index ``first`` and above by ``by`` places in the plan. Return the new number of steps."""
+    """Add ``by`` to the indices of the steps from index ``first`` on. Return the new number of steps."""
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
@@ -152,8 +152,8 @@ def shift(steps, first, count, by):
 def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
     """Replace step ``k`` by a contact of a particle with a random point of the walls.
 
-    The target of the contact lies behind the wall by a random distance that is proportional to ``over``, the standard deviation of
-    the noise.
+    The target of the contact lies at a random distance behind the wall. The mean distance is proportional to ``over``, the standard
+    deviation of the noise.
     """
     wall_point(near[particle], world, rng, place, normal)
     steps.kinds[k], steps.particles[k] = CONTACT, particle
@@ -165,9 +165,9 @@ def draw_contact(steps, k, particle, near, world, rng, over, place, normal):
 
 @kernel
 def vary(steps, k, width, world, rng, over):
-    """Change the target of step ``k`` at random by about ``width``.
+    """Change the target of step ``k`` by a random vector, whose length is about ``width``.
 
-    The target of a contact changes along its wall by about ``width``, and across its wall by at most about ``over``.
+    The target of a contact changes by about ``width`` along its wall, but by at most about ``over`` across its wall.
     """
     x, y = width * rng.normal(), width * rng.normal()
     if steps.kinds[k] == CONTACT:
@@ -206,9 +206,9 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
     """Change a plan at random, in place. Return the new number of steps.
 
     The array ``odds`` contains the cumulative probabilities of six kinds of change. Change 1 alters one or two targets. Change 2
-    removes a step. Change 3 replaces a contact, perhaps with a change of the toucher. Change 4 inserts a contact, which changes the
-    toucher of the adjustment after the contact. Change 5 inserts a contact and an adjustment. Change 6 inserts a translation. A
-    toucher is the particle that a wall holds.
+    removes a step. Change 3 replaces a contact, in half of the cases by a contact of the other particle. Change 4 inserts a contact
+    before an adjustment, so that the wall holds the other particle during the adjustment. Change 5 inserts a contact and an
+    adjustment. Change 6 inserts a translation.
     """
     choice, size = rng.random(), world.walls.size
     k = min(int(rng.random() * (count - 1)), count - 2)
@@ -263,7 +263,7 @@ def change(steps, count, start, goal, world, rng, odds, over, state, move, norma
 
 @kernel
 def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move):
-    """Return the length of a plan, or infinity if the length exceeds ``bound``.
+    """Return the length of a plan, or infinity if the plan misses the goals or is longer than ``bound``.
 
     With noise, return the mean number of moves of the plan instead of its length.
     """
@@ -276,8 +276,8 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
     """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``.
 
-    Return the number of steps and the cost of the best plan. The cost is infinite if the initial plan does not end at the goals. No
-    plan has more than ``most`` steps.
+    Return the number of steps and the cost of the best plan. The cost is infinite if the initial plan does not end at the goals. A
+    changed plan has at most ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)

@@ -28,10 +28,10 @@ class FewestMoves:
 
     Among plans with the same number of moves, the planner prefers the shortest plan.
 
-    A chain of m wall contacts takes 2 m + 1 moves. Fewer than 2 m + 1 moves are often enough for m wall contacts, because a single
-    move can bring one particle to a wall and then adjust the position of the other particle. The planner tries plans of three moves
-    in many directions and with many lengths. The planner draws random plans of four to six moves, and repairs the plans that almost
-    succeed. The planner compares the plans from its trials with the plans of chains, and with plans that begin like a chain.
+    A chain of m wall contacts takes 2 m + 1 moves. Fewer moves are often enough, because a single move can bring one particle to a
+    wall and then adjust the position of the other particle. The planner tries plans of three moves with many directions and lengths
+    of the first move. It then draws random plans of four to six moves, and repairs the plans that almost succeed. It compares all
+    these plans with the plans of chains, and with plans that begin like a chain and have other last moves.
     """
 
     name = "fewest-moves"
@@ -56,7 +56,7 @@ class FewestMoves:
         return _fewer(best, chains)
 
     def _chains(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the chain of wall contacts with the fewest cycles."""
+        """Return the plan of a chain of wall contacts that has as few cycles as possible."""
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)

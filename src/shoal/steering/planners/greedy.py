@@ -59,8 +59,8 @@ def misses(task: SteeringTask, moves: Points) -> bool:
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return the chain of algorithm 1 of paper W, or the chain of another search if the progress is too slow, or None.
 
-    The chain of algorithm 1 ends when its position difference is within ``tolerance`` of the goals' difference, or after ``cycles``
-    cycles. The result is None if algorithm 1 makes no progress and a search for another chain finds none.
+    The chain of algorithm 1 ends when its position difference is within ``tolerance`` of the goals' difference, or when it has as
+    many cycles as ``cycles`` allows. The result is None if algorithm 1 makes no progress and a search for another chain finds none.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)

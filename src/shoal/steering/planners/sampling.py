@@ -135,7 +135,7 @@ class Tree:
         return None
 
     def grow(self) -> bool:
-        """Grow the tree until a new state has the relative positions of the goals; return False if the search finds none."""
+        """Grow the tree until a new state has the relative positions of the goals; return whether the search finds such a state."""
         task, size = self.task, float(self.task.world.room.size)
         limits = np.ascontiguousarray(task.goal), _ROOM * task.tolerance, task.max_moves - 1
         grow: Any = kernels.grow
@@ -147,7 +147,7 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return the moves to the last node and a translation path from the last node to the goals, or None if no path exists."""
+        """Return the moves to the last node and the translations from there to the goals, or None if no translations exist."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -185,7 +185,7 @@ class Translations:
         self._offsets: dict[float, FreeOffsets | None] = {}
 
     def around(self, offset: Points) -> Iterator[Points]:
-        """Yield paths around obstacles from ``offset`` to the goals, as moves, one path for each possible margin from the walls.
+        """Yield the moves of paths around obstacles from ``offset`` to the goals, one path for each possible margin from the walls.
 
         In a convex workspace, the method yields no paths.
         """
@@ -211,7 +211,7 @@ class FreeOffsets:
     places : ndarray of float64, shape (n, 2)
         The point of ``inner`` nearest to the goals, followed by the reflex corners of ``inner``, at which shortest paths bend.
     reach : float
-        Maximum distance from ``inner`` at which a straight move can still connect an offset with ``inner``.
+        Maximum distance of an offset from ``inner``. If an offset is farther away, the search does not connect it with ``inner``.
     seen : dict of int to ndarray of bool, shape (n,)
         Stored results: for each place that the search has visited, whether a straight collision-free path leads to each of the n
         places.

@@ -1,4 +1,4 @@
-"""Random changes that shorten plans for two particles around obstacles: first of many plans, then of the shortest plans."""
+"""Random changes that shorten plans for two particles around obstacles: first changes of many plans, then of the shortest plans."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Shortening:
 
 
 def copy_of(plan: Plan, first: int = 0) -> Plan:
-    """Return a copy of a plan without the steps before step number ``first``."""
+    """Return a copy of a plan without the steps before the index ``first``."""
     steps, count = new_steps(), plan.count - first
     for new, old in zip(steps, plan.steps, strict=True):
         new[:count] = old[first : plan.count]

@@ -109,8 +109,8 @@ class SteeringTask(StartAndGoal):
 
         The result is None if a small move off a wall is necessary but impossible.
 
-        If a particle touches a wall close to a corner, rounding errors may exceed the tolerance of the goals. If rounding errors
-        could exceed the tolerance, the method optimizes the chain again with a larger distance from all walls.
+        The effect of rounding errors may exceed the tolerance of the goals, for example if a particle touches a wall close to a
+        corner. In this case, the method optimizes the chain again with a larger distance from all walls.
         """
         start, moves = query.walls.restored(query.start), self._played(chain, query)
         if moves is None or not self.reaches_goal(moves, start) or self.is_sure(moves, start):
@@ -181,10 +181,10 @@ class SteeringTask(StartAndGoal):
         return state
 
     def tidied(self, moves: Points, *, start: Points) -> Points:
-        """Return a plan without each tiny move that a slightly longer previous move can replace.
+        """Return a plan without the tiny moves that slightly longer previous moves can replace.
 
-        In a chain, the particle that touches no wall keeps a small margin from the walls. If the particle at the margin touches the
-        nearby wall in the next cycle, its move to the wall is tiny.
+        In a chain, the particle that touches no wall keeps a small margin from the walls. If this particle touches the nearby wall
+        in the next cycle, its move to the wall is tiny.
         """
         size = self.world.room.size
         k = 1
@@ -201,7 +201,11 @@ class SteeringTask(StartAndGoal):
         return moves
 
     def departures(self) -> list[tuple[list[Points], ChainQuery]]:
-        """Return pairs (initial moves, query for the rest), with no initial move or one particle's small move off its walls."""
+        """Return pairs (initial moves, chain query for the rest of the plan).
+
+        There are no initial moves if a translation can lead both particles off their walls. Otherwise, the initial move of each
+        pair is a small move of one particle off its walls.
+        """
         room = self.world.room
         if released_translation(room, self.start, np.zeros(room.dimensions)) is not None:
             return [([], self.chain_query())]

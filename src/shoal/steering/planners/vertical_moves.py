@@ -71,7 +71,11 @@ def with_vertical_moves(task: SteeringTask, flat: Points) -> Points | None:
 def _least_vertical_moves(
     shares: NDArray[np.float64], start: NDArray[np.float64], goal: NDArray[np.float64], height: float
 ) -> NDArray[np.float64] | None:
-    """Return the smallest vertical moves from the heights ``start`` to ``goal``, between floor and ceiling, or None."""
+    """Return the vertical moves of the smallest total length that lead from the heights ``start`` to ``goal``, or None.
+
+    ``shares`` holds the fraction of each move that each particle makes. Between the moves, all particles stay between floor and
+    ceiling.
+    """
     from scipy.optimize import linprog
 
     count = len(shares)

@@ -71,10 +71,9 @@ def replay(problem: SteeringProblem, inputs: Points, *, seed: int) -> Points:
 def condition(problem: SteeringProblem, inputs: Points, *, seed: int) -> float:
     """Return the amplification of errors: the largest ratio of a final position error to the small error that causes it.
 
-    The function displaces one particle's start along one axis by 1e-12 of the workspace's size, in either direction, and simulates
-    the moves for each displacement. In the simulation of a changed contact tolerance, the contact tolerance is 1e-12 of the
-    workspace's size instead of 1e-9. The amplification of errors is large if a small change of the start causes a wall to release a
-    particle.
+    The function displaces the start of each particle along each axis by 1e-12 of the workspace's size, in both directions, and
+    simulates the moves after each displacement. It also simulates the moves with a contact tolerance of 1e-12 of the workspace's
+    size instead of 1e-9. The amplification of errors is large if a small change of the start causes a wall to release a particle.
     """
     world, moves = problem.world(seed=seed), executed_moves(problem, inputs, seed=seed)
     start, _ = problem.endpoints(seed)

@@ -43,7 +43,7 @@ class SteeringWorkspace(ABC):
 
     @cached_property
     def size(self) -> float:
-        """The size of the workspace: its largest extent in the plane, to which relative tolerances refer."""
+        """The larger of the workspace's extents along x and y. Relative tolerances are fractions of this size."""
         return float(np.ptp(self.rings[0], axis=0).max())
 
     @property

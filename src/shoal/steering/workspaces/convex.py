@@ -58,12 +58,12 @@ class ConvexWorkspace(SteeringWorkspace):
 
     @cached_property
     def size(self) -> float:
-        """The size of the workspace: its largest extent in the plane, to which relative tolerances refer."""
+        """The larger of the workspace's extents along x and y. Relative tolerances are fractions of this size."""
         return 2 * self.radius if self.round else super().size
 
     @property
     def rings(self) -> tuple[Points, ...]:
-        """A list with one array: the corners of the polygon or of the prism's base; float64, shape (n, 2)."""
+        """A tuple with one array: the corners of the polygon or of the prism's base; float64, shape (n, 2)."""
         return (self.vertices,)
 
     @property
@@ -138,7 +138,7 @@ class ConvexWorkspace(SteeringWorkspace):
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return the extent of the workspace from its centre in the direction of a vector, times the length of the vector."""
+        """Return the largest absolute scalar product of ``direction`` with a vector from the centre to a point of the workspace."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))

@@ -24,11 +24,11 @@ class NormalizedWalls:
     frames : ndarray of float64, shape (walls, d, d)
         For each flat wall, its midpoint and d - 1 unit vectors along the wall.
     reaches : ndarray of float64, shape (walls,)
-        For each flat wall, half of its largest extent along its unit vectors in ``frames``.
+        For each side wall, half of its largest extent along its unit vectors in ``frames``; for the end caps, 1.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
-        Which flat walls (columns) may interfere with a contact on each flat wall (rows), or with a contact on the round wall (last
-        row).
+        Whether the flat wall of each column may interfere with a contact on the wall of each row. The last row is for the round
+        wall.
     circle : ndarray of float64, shape (3,)
         Centre (x, y) and radius of the round wall; the radius is 0 if the workspace has no round wall.
     height : float

@@ -21,7 +21,7 @@ _FRAME = ("width", "height", "viewBox", "preserveAspectRatio", "x", "y")  # attr
 
 
 def rings_of_path(text: str, *, where: str) -> list[Points]:
-    """Return the closed lines of an SVG path's ``d`` attribute, with curves as many short sides; each float64, shape (n, 2).
+    """Return the closed lines of an SVG path's ``d`` attribute, with 48 short sides for each curve; each float64, shape (n, 2).
 
     Raises
     ------
@@ -40,9 +40,9 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
     """Return the content of an SVG drawing: a disk for a single circle, or else the closed lines, largest first.
 
-    The function reads paths (with lines, curves and arcs), polygons, polylines, rectangles, circles and ellipses. The function
-    reads groups, transforms and repeated elements (``use``). The function skips elements that are not displayed. The returned lines
-    have the units of the drawing and a y axis that points upwards.
+    The function reads paths (with lines, curves and arcs), polygons, polylines, rectangles, circles and ellipses. It also reads
+    groups, transforms and repeated elements (``use``), and skips elements that are not displayed. The returned lines have the units
+    of the drawing and a y axis that points upwards.
 
     Raises
     ------

@@ -27,7 +27,7 @@ _DEEPEST = 12  # cycles of a chain that is refined without search
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A sequence of cycles (a wall contact, then an adjustment by the other particle), in the units of `NormalizedWalls`.
+    """A sequence of cycles: wall contacts, each followed by an adjustment by the other particle; in the units of `NormalizedWalls`.
 
     Parameters
     ----------
@@ -110,8 +110,8 @@ class ChainQuery(StartAndGoal):
     push : float
         Minimum component of each adjustment into the wall that holds the touching particle, in the units of `NormalizedWalls`.
     rounds : ndarray of float64
-        Sharpness of the barrier function in each round of the optimization. The barrier function keeps a chain inside its limits. A
-        few rounds with low sharpness give a chain far from all limits.
+        Sharpness of the barrier function, which keeps a chain inside its limits, in each round of the optimization. A few rounds
+        with low sharpness give a chain far from all limits.
     deadline : float
         Time at which the search stops, in seconds on the clock `time.monotonic`.
     """
@@ -126,7 +126,7 @@ class ChainQuery(StartAndGoal):
     deadline: float = inf
 
     def model(self, inside: float = 1.0) -> CycleModel:
-        """Return the parameters of the compiled functions for cycles, with ``margin`` and ``push`` multiplied by ``inside``."""
+        """Return the walls and constants for kernels that compute cycles, with ``margin`` and ``push`` multiplied by ``inside``."""
         walls = self.walls
         return CycleModel(
             walls.frames, walls.reaches, walls.normals, walls.offsets, walls.circle, self.friction, self.margin * inside,
@@ -148,9 +148,10 @@ class ChainQuery(StartAndGoal):
         rounds: NDArray[np.float64] | None = None,
         bound: float = inf,
     ) -> float:
-        """Change the unknowns of a chain in ``guess`` in place, so that the chain becomes feasible and short.
+        """Change the unknowns ``guess`` of a chain in place, so that the chain becomes feasible and short.
 
-        The method returns the length of the resulting chain, or infinity if the optimization finds no feasible chain.
+        ``touchers`` and ``on`` hold the touching particle and the wall of each cycle. The method returns the length of the
+        resulting chain, or infinity if the optimization finds no feasible chain.
         """
         kind = Kind(touchers, on, self.start, self.goal, self.walls.shape, self.friction, self.margin, self.push)
         work = new_work(len(on), self.walls.dimensions)

@@ -1,7 +1,8 @@
 """Nodes of a roadmap of position differences, for a disk with friction.
 
-The nodes are position differences of two kinds: those from which a few cycles reach distant goals, and those on a path of turns
-with decreasing length.
+There are two kinds of nodes. Nodes of the first kind are the shortest position differences from which one, two, three and more
+cycles lead to the goals. Nodes of the second kind are position differences on a path to the goals on which the position difference
+turns and becomes shorter.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ def backward_nodes(after: Points, *, radius: float, friction: float, margin: flo
 
 
 def _smallest_before(size: float, radius: float, cone: float, margin: float) -> tuple[float, float]:
-    """Return length and angle of the shortest position difference that one cycle changes to the length ``size`` and the angle 0."""
+    """Return length and angle of the shortest position difference that one cycle can change to length ``size`` and angle 0."""
     inner = radius - margin
     half = np.arccos(min(1.0, (radius**2 + size**2 - inner**2) / (2 * radius * size)))
     contact = np.pi + half * (1 - SAME) * np.linspace(-1, 1, CONTACTS)[:, None]
@@ -60,9 +61,10 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return position differences on a path of turns with decreasing length from ``before`` to ``after``.
+    """Return position differences that turn and become shorter on the path from ``before`` to ``after``; shape (nodes, 2).
 
-    The result is empty if friction prevents a path to ``after``, or if the position difference could turn without becoming shorter.
+    The result is empty if ``after`` is not shorter than ``before``, if friction prevents a path to ``after``, or if the position
+    difference could turn without becoming shorter.
     """
     large, small = float(np.hypot(*before)), float(np.hypot(*after))
     most = float(np.arctan(friction))

@@ -68,8 +68,8 @@ class ChainPool:
     def add(self, chain: Chain) -> bool:
         """Add a chain to the pool, and return whether the pool accepted the chain.
 
-        The pool refuses a chain that is longer than `bound`. The pool refuses a new chain that is about as long as a chain of the
-        pool and has at least as many cycles.
+        The pool refuses a chain that is longer than `bound`, and a chain that is about as long as a chain of the pool but does not
+        have fewer cycles.
         """
         alike = [other for other in self.chains if abs(chain.length - other.length) < _SAME * other.length]
         if not chain.length < self.bound or any(other.cycles <= chain.cycles for other in alike):
@@ -125,8 +125,8 @@ class _Candidate(NamedTuple):
     Attributes
     ----------
     way : float
-        Length of the shortest path of a particle to the wall of its new contact. The search tries candidates with short paths
-        first.
+        Distance from a particle to the wall of its new contact, or at most 0 if the candidate has no new contact. The search tries
+        candidates in ascending order of this distance.
     touchers, walls : list of int
     along : list of ndarray of float64, shape (d - 1,)
         Initial positions of the contacts along their walls.
@@ -195,7 +195,7 @@ def _cut(items: list[_Item], place: int) -> list[_Item]:
 
 
 def _nearest_touchers(query: ChainQuery, chain: Chain, deltas: Points) -> list[int]:
-    """Return, for each cycle at a round wall, the touching particle with which the path is shorter."""
+    """Return, for each cycle of a chain on a round wall, the touching particle that makes the whole path shortest."""
     signs = np.array([1.0, -1.0])
     contacts = chain.contacts(query.walls) * np.where(chain.touchers == 0, 1.0, -1.0)[:, None]
     contacts[:, 2:] *= np.where(chain.touchers == 0, 1.0, -1.0)[:, None]  # heights are not mirrored
@@ -228,7 +228,8 @@ def _new_contacts(
 ) -> Iterator[tuple[int, Points, float, float]]:
     """Yield the wall, contact, fraction and path length of each possible new cycle of a particle at ``point``.
 
-    The fraction states how much of the chain's next change of the position difference the new cycle makes.
+    The fraction is the part of the chain's next change of the position difference that the new cycle takes over. The path length is
+    the distance from ``point`` to the wall.
     """
     walls = query.walls
     flat = len(walls.normals)

@@ -1,10 +1,10 @@
 """Kinds of chains (sequences of touching particles and walls), and lower bounds on the lengths of chains of each kind.
 
 The path of a particle via some walls is at least as long as the distance from its start to the mirror image of its goal in these
-walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the distance
-from the position difference at the start to the position difference at the goals. If only one particle touches walls, the chain is
-at least as long as the path of this particle plus c, the change of the position difference. If both particles touch walls, the
-chain is at least half as long as the sum of both paths and c, the change of the position difference.
+walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the length of
+the total change of the position difference, from the start to the goals. If only one particle touches walls, the chain is at least
+as long as the path of this particle plus c. If both particles touch walls, the length of the chain is at least half of the sum of
+the two paths and c.
 """
 
 from __future__ import annotations
@@ -25,9 +25,10 @@ def way_over_circle(one: Points, other: Points, radius: float) -> float:
 
     Notes
     -----
-    Let S and G be the two points as complex numbers, and let r be the radius of the circle. The contact z with |z| = 1 is a root of
-    A z^4 - B z^3 + conj(B) z - conj(A) with A = conj(S G) and B = r conj(S + G) (Alhazen's problem). For points near the circle,
-    several roots lie close together, so the function adds the points of the circle nearest to S and G to the possible contacts.
+    Let S and G be the two points as complex numbers, and let r be the radius of the circle. The contact is r z, where z with |z| =
+    1 is a root of A z^4 - B z^3 + conj(B) z - conj(A) with A = conj(S G) and B = r conj(S + G) (Alhazen's problem). For points near
+    the circle, several roots lie close together, so the function also tries the points of the circle nearest to S and G, and 48
+    evenly spaced points.
     """
     s, g = complex(*one[:2]) / radius, complex(*other[:2]) / radius
     a, b = np.conj(s * g), np.conj(s + g)
@@ -91,8 +92,8 @@ def kinds_of(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the kinds of chains with ``cycles`` contacts on flat walls that may be shorter than ``bound``, the best kind first.
 
-    A kind of chain is a sequence of touching particles and walls. The function sorts the kinds of chains by their lower bounds on
-    the length.
+    A kind of chain is a sequence of touching particles and walls. The best kind is the kind with the smallest lower bound on the
+    length.
 
     Returns
     -------
@@ -114,10 +115,9 @@ def kinds_of(
 def _fitting(delta: Points, walls: NormalizedWalls, least: float) -> NDArray[np.int64]:
     """Return the pairs of a wall and a touching particle that may be feasible, each as the number 2 · wall + particle.
 
-    The fast test of a pair never excludes a feasible pair.
-
-    The distance of the other particle from each wall is a linear function of the contact's position. A pair passes the test if, for
-    each wall, the largest distance over the bounding box of possible contacts is not negative.
+    The test is fast, and never excludes a feasible pair. For each wall, the test computes the largest distance of the other
+    particle from this wall over the bounding box of all possible contacts. A pair passes the test only if none of these distances
+    is negative.
     """
     heights = walls.normals @ delta
     middle = walls.frames[:, 0] @ walls.normals.T - walls.offsets  # wall, other wall

@@ -16,8 +16,9 @@ from shoal.steering.planners.chains.sides import between_few_sides, on_all_sides
 from shoal.steering.workspaces.convex_geometry import Points
 
 MAPS = ((300, 60, 1.02, 200), (1500, 120, 1.01, 400))
-"""Settings of the roadmaps, which `roadmap_chain` tries in turn: the number of extreme position differences, the number of
-directions, the minimum relative growth of a difference, and the number of random position differences.
+"""Settings of the roadmaps that `roadmap_chain` tries one after another. Each setting holds the maximum number of extreme position
+differences, the number of ranges of directions, the factor by which a position difference must be more extreme than earlier ones in
+the same range, and the number of random position differences.
 """
 
 _INSIDE = 1 + 1e-2  # factor for margin and push, so that a chain of links satisfies the limits of `chains`
@@ -30,10 +31,11 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     Notes
     -----
     The method is a probabilistic roadmap in the space of the position differences, and an addition by Shoal. A link of the roadmap
-    from one position difference to another means that two moves change the first into the second. The nodes of the roadmap are
-    extreme position differences in all directions: the longest that cycles can reach from the start, and the shortest from which
-    cycles can reach the goals. With friction, every path from the start to the goals may have to follow extreme position
-    differences. In a polygon with many corners, the roadmap uses only a few sides of the polygon.
+    from one position difference to another means that two moves can change the first into the second. Besides random position
+    differences, the nodes of the roadmap are, in each direction, the longest position difference that cycles can reach from the
+    start, and the shortest position difference from which cycles can reach the goals. With friction, every path from the start to
+    the goals may have to follow these extreme position differences. In a polygon with many corners, the roadmap uses only a few
+    sides of the polygon.
     """
     few = between_few_sides(query)
     if few is not query:
@@ -60,7 +62,11 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 
 
 def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
-    """Return the longest position differences that the start can reach, and the shortest ones from which cycles reach the goals."""
+    """Return extreme position differences as nodes of the roadmap; float64, shape (nodes, 2).
+
+    In about each direction, these are the longest position difference that cycles can reach from the start, and the shortest
+    position difference from which cycles can reach the goals.
+    """
     walls = query.walls
     if walls.round and query.friction < inf:
         radius, friction = float(walls.circle[2]), model.friction
@@ -80,7 +86,7 @@ def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: 
 
 
 def _ray_angles(query: ChainQuery) -> NDArray[np.float64]:
-    """Return the directions in which cycles change the position difference: the walls' normals, and the edges of friction cones."""
+    """Return the angles of changes of the position difference: along walls' normals, and along the edges of friction cones."""
     normals = query.walls.normals
     if not len(normals):
         return np.asarray(2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS)
@@ -99,7 +105,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
 
 
 def _over(nodes: Points, model: CycleModel) -> Chain | None:
-    """Return the chain with the fewest cycles from node 0 (the start) to node 1 (the goals), or None without a chain."""
+    """Return the chain with the fewest cycles from node 0 (the start) to node 1 (the goals), or None if no chain exists."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
     if not fewest_cycles(nodes, model, parents, order):
         return None

@@ -43,7 +43,7 @@ def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), fi
 
 
 def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains with ``cycles`` cycles, all shorter than ``bound``."""
+    """Yield increasingly short chains with the given number of cycles, all shorter than ``bound``."""
     if not query.walls.round:
         few = between_few_sides(query)
         yield from _flat(query, cycles, bound) if few is query else _many_sided(query, few, cycles, bound)
@@ -56,7 +56,7 @@ def chains_of(query: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
 
 
 def _many_sided(query: ChainQuery, few: ChainQuery, cycles: int, bound: float) -> Iterator[Chain]:
-    """Yield increasingly short chains on the flat walls of a polygon, found near chains on a few of its walls."""
+    """Yield increasingly short chains on the flat walls of a polygon, made from chains on a few of these walls."""
     for rough in _flat(few, cycles, 1.1 * bound):
         guess = on_all_sides(query, few, rough)
         length = query.settle(guess.unknowns, guess.touchers, guess.walls, rounds=REFINING[:3])

@@ -71,7 +71,7 @@ def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
 
 
 def slid(query: ChainQuery, chain: Chain) -> Chain:
-    """Return a chain whose contacts have moved to neighbouring sides of the polygon as long as the chain became shorter."""
+    """Return the chain that results if contacts move to neighbouring sides of the polygon as long as this shortens the chain."""
     step = query.walls.sides // FEW if query.walls.sides > MANY else 0
     while step > 0 and not query.late:
         shorter = None

@@ -45,9 +45,9 @@ class Robust:
     def control(self, task: SteeringTask, apparatus: Any) -> tuple[Points, Points]:
         """Run the closed loop, and return the moves that were sent and the resulting positions of the particles.
 
-        In a world without noise, the method sends a short plan. If the short plan fails, the method puts the particles back at
-        their starts and runs the closed loop with a small assumed noise. In a world without noise, the method stores in
-        ``apparatus`` a remark about the noise that the closed loop would tolerate.
+        In a world without noise, the method first sends a short plan. If this plan fails, the method puts the particles back at
+        their starts and runs the closed loop with a small assumed noise. In both cases, it stores in ``apparatus.remark`` how much
+        noise the closed loop would tolerate.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()
@@ -64,7 +64,7 @@ class Robust:
 
 
 def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
-    """Return the closed loop that suits a workspace and its noise.
+    """Return the closed loop that suits the workspace and the noise.
 
     Noise counts as slight if its standard deviation is at most ``slight`` times the tolerance of the goals.
     """

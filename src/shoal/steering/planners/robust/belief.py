@@ -30,12 +30,12 @@ class PositionBelief:
         self._settle(self._anew(seen))
 
     def update(self, move: Points, seen: Points) -> None:
-        """Update the particle filter with the move ``move`` and the positions ``seen`` that the camera observed after the move."""
+        """Update the particle filter after the move ``move``, with the positions ``seen`` that the camera then observed."""
         states = self._followed(move, seen) if self.noise.measurement else None
         self._settle(self._anew(seen) if states is None else states)
 
     def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
-        """Return states after a move, drawn at random by their agreement with the observed positions ``seen``.
+        """Return possible states after a move, drawn more often if they agree better with the observed positions ``seen``.
 
         The result is None if hardly any state agrees with the observation.
         """
@@ -50,7 +50,8 @@ class PositionBelief:
     def arrived(self, goal: Points, tolerance: float, *, share: float) -> bool:
         """Return whether enough possible states are within the tolerance of the goals.
 
-        The required fraction of states decreases as ``share``, the used fraction of the maximum number of moves, grows.
+        ``share`` is the fraction of the maximum number of moves that the loop has used. The larger this fraction is, the fewer
+        states need to be within the tolerance.
         """
         near = np.mean(np.linalg.norm(self.states - goal, axis=2).max(axis=1) <= tolerance)
         return bool(near >= SURE - (SURE - SATISFIED) * share)

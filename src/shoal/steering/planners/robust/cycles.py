@@ -102,8 +102,8 @@ class Cycles:
     def _touch(self, toucher: int, contact: Points, spread: float) -> bool:
         """Move a particle against a wall with an overshoot; return whether the camera then observes the particle at the wall.
 
-        If the gain is uncertain, the first move ends before it reaches the wall. With an uncertain gain, a move from far away would
-        need a large overshoot, which might bring the other particle to the wall.
+        If the gain is uncertain, the first move ends before the wall. A move from far away would need a large overshoot, which
+        might bring the other particle to the wall.
         """
         for attempt in range(4):
             if self.sent >= self.task.max_moves:
@@ -230,7 +230,7 @@ class Cycles:
         return np.stack([self._foot(point) if self._distance(point) < 0 else point for point in points])
 
     def _foot(self, point: Points) -> Points:
-        """Return the point of the nearest wall that is nearest to ``point``, corrected near corners to lie inside the workspace."""
+        """Return the wall point nearest to ``point``, corrected near corners so that it lies inside the workspace."""
         room = self.room
         for _round in range(4):
             walls = room.wall_distances(point)

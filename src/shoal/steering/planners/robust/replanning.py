@@ -93,7 +93,7 @@ class Replanning:
         return min(useful or found, key=lambda plan: plan.cost)
 
     def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
-        """Return whether the first move of a plan moves a particle farther than the noise in at least one scenario.
+        """Return whether, in at least one noise scenario, the first move of a plan moves a particle farther than the noise does.
 
         A plan whose first move changes nothing is never carried out: the loop would be in the same state after the move, and would
         often choose the same move again.
