@@ -208,8 +208,8 @@ class SwarmEpisode(WithTrace, Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        In an episode without noise, the belief contains the information of the last scan, and of each later command with a
-        certain outcome. In an episode with noise, the state holds the most likely positions of the particles.
+        Without noise, the belief contains what the last scan showed. If the outcome of a command after the last scan is certain,
+        the belief also contains this outcome. With noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 

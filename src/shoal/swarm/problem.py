@@ -34,7 +34,7 @@ DRIVEN = (
     "policy", "budget", "time_per_move", "max_moves", "scan_every", "scan_cost", "move_cost", "slip", "misplace", "miss",
     "confidence",
 )  # fmt: skip
-"""Names of the problem fields for a run on a rig. The rig itself determines all other settings of a run."""
+"""Names of the problem fields that a run on a rig uses. The rig itself determines all other settings of the run."""
 
 TASK_NAMES = ("mapping", "coverage", "subset-coverage")
 PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return two functions for a field with a task, placement or policy: one checks the value, and one converts it to JSON data."""
+    """Return the functions that check and convert to JSON data the value of a field with a task, a placement or a policy."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":
@@ -307,7 +307,7 @@ class SwarmProblem(Problem):
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
-        """Return the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""
+        """Return a text with the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""
         if isinstance(self.map, GridWorkspace):
             return None
         read = ("map", "largest_component", "cell_size", *READING)

@@ -26,11 +26,11 @@ THICKEST = {True: 0.0185, False: 0.035}
 CLEARLY_BRIGHTER = 3.0  # if bright lines are this much stronger than dark lines, dark lines are not tried
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
-NOISE, CLEAR = 1.04, 1.44  # strength of lines relative to noise of the same spectrum
+NOISE, CLEAR = 1.04, 1.44  # strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
 EDGE = 0.2  # minimum step at a vessel's edge, as a fraction of the vessel's depth
 FAINT = 3.0  # contrast of a network to its background, in standard deviations of the background, that noise does not reach
-EDGES, LINES = 0.5, 0.9  # fraction of the network that differs from both of its sides
-SPECKS, TREES = 0.2, 0.65  # mean extent of a connected part relative to the larger side of the network
+EDGES, LINES = 0.5, 0.9  # fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
+SPECKS, TREES = 0.2, 0.65  # mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
 WOVEN = 0.2  # alignment of all lines with one direction, from 0 to 1; above this limit the confidence is reduced
 STRAIGHT = 60  # length in pixels over which a line keeps its direction: short networks are aligned by chance
 
@@ -282,9 +282,10 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
 
 
 def _mean_extent(network: Mask, middle: Mask) -> float:
-    """Return the mean diagonal of a network's connected parts, as a fraction of the larger side of the picture.
+    """Return the mean extent of a network's connected parts, as a fraction of the larger side of the picture.
 
-    The weight of a connected part in the mean is the part's number of centre line pixels.
+    The extent of a connected part is the diagonal of its bounding box. In the mean, the weight of a connected part is its number of
+    centre line pixels.
     """
     from scipy import ndimage
 
@@ -296,8 +297,9 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
 def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, float]:
     """Return two measures of the centre lines of a network, each between 0 and 1.
 
-    The first measure is the fraction of centre line pixels whose contrast on one side is more than half the contrast on the other
-    side. The second measure is the alignment of all centre lines with one direction or with the perpendicular direction.
+    The first measure is the fraction of centre line pixels with similar contrasts to both sides of the vessel: the lower contrast
+    is more than half the higher contrast. The second measure is the alignment of all centre lines with one direction or with the
+    perpendicular direction.
     """
     from scipy import ndimage
 

@@ -92,7 +92,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     OptimalSchedule
         The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
         digits. If more than `MAX_SCANS` positions or more than nine digits are necessary, the function returns the better one
-        of two schedules: the best schedule with `MAX_SCANS` positions (to 19 digits), and the best schedule with equal steps.
+        of two schedules: the best schedule with equal steps, and the best schedule with at most `MAX_SCANS` positions, whose ratio
+        is optimal to 19 digits.
 
     Raises
     ------
@@ -124,9 +125,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
     """Return the schedule of equal steps with the smallest competitive ratio.
 
-    The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. For a wall at the start, the
-    ratio of prices grows with the length of the steps. For a wall near the maximum distance, the ratio of prices falls with the
-    length of the steps.
+    The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. The ratio for a wall at the
+    start grows with the length of the steps. The ratio for a wall near the maximum distance falls with the length of the steps.
     """
 
     def too_short(step: int) -> bool:
