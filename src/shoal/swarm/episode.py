@@ -42,7 +42,7 @@ class SwarmEpisode(WithTrace, Episode):
     Parameters
     ----------
     problem : SwarmProblem
-        The problem as the user declared it. The place of the problem is the workspace of the episode.
+        The problem as the user declared it. The attribute ``place`` of the problem is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start of the episode.
     trace : Trace

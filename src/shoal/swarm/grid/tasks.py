@@ -112,7 +112,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class SubsetCoverage(Coverage):
-    """The task of visiting every cell of a random subset of the free cells, called "foraging" in paper D.
+    """The task of visiting every cell of a random subset of the free cells. Paper D calls this task "foraging".
 
     Parameters
     ----------

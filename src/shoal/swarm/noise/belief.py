@@ -155,7 +155,7 @@ class NoisyBelief:
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Replay the commands that the trace contains, and fill the other columns of the trace."""
+        """Replay the commands and the scans that the trace contains, and fill the other columns of the trace."""
         noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:

@@ -19,7 +19,7 @@ from shoal.swarm.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class Compiled:
-    """Base class of the built-in policies. Kernels can run the built-in policies without Python code."""
+    """Base class of the built-in policies that kernels can run without Python code."""
 
     kind: ClassVar[str]
     code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes.policy_episode

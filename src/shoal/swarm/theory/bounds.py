@@ -23,8 +23,8 @@ class LowerBound:
     count : int
         Counting bound: a lower bound that follows from the fact that each move classifies at most one cell per particle.
     distance : int
-        Distance bound: if N cells are more than d moves away from all particles, a plan needs at least d moves plus the counting
-        bound of these N cells. The distance bound is the largest of these numbers over all d.
+        Distance bound: if N of the cells to classify are more than d moves away from all particles, a plan needs at least d moves
+        plus the counting bound of these N cells. The distance bound is the largest of these sums over all d.
     axes : int
         Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number of commands along
         an axis follows from cells that need many commands along the axis, and from walls that particles can probe along this

@@ -1,8 +1,7 @@
 """One command: particles try to enter their next cells, and the command classifies the unknown cells among these next cells.
 
-A particle stays if its next cell is an obstacle or holds a particle that stays.
-
-In a move across rows (up, down, in or out), the particles of one row enter another row. The kernel processes the entered row first.
+A particle stays if its next cell is an obstacle or holds a particle that stays. In a move across rows (up, down, in or out), the
+particles of one row enter another row. The kernel processes the entered row first.
 
 In a move along rows (left or right), the staying particles form runs of set bits that end at a wall. For a move to the left, which
 is a move towards lower bits, one addition per word clears exactly these runs, because the carry passes through each run. For a move
@@ -47,12 +46,10 @@ class Field(NamedTuple):
 
 @in_place_kernel
 def segments(field, command):
-    """Return the lines of a board for a command across rows: the parts of the board whose particles can have a next cell.
+    """Return (lines, words between their starts, first word, words per line, words to the next row) for a command across rows.
 
-    The result is a tuple of five numbers: the number of lines, the distance between the starts of two lines, the index of the first
-    word of the first line, the length of a line, and the distance to the next row (negative for the commands u and i). Lengths and
-    distances are in words. For the commands u and i, kernels process a line from its first word to its last word. For the commands
-    d and o, kernels process a line from its last word to its first word.
+    A line consists of consecutive words that have a next row. For the commands u and i, the next row has a negative distance, and
+    kernels process a line from its first word. For the commands d and o, kernels process a line from its last word.
     """
     layer = field.rows * field.width
     if command == UP:
@@ -340,10 +337,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let all particles try to enter their next cells, once.
-
-    Return the numbers of cells travelled, cells classified and cells added to the frontier.
-    """
+    """Let all particles try to enter their next cells, once. The result is as in `move_along`."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -166,9 +166,9 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return the nodes that have the highest rank among all nodes within the distance ``room``, in cells.
+    """Return each node that has a higher rank than all other nodes within the distance ``room`` (in cells) around it.
 
-    Choosing the nodes of highest rank prevents dense rows of parallel vessels.
+    The choice prevents dense rows of parallel vessels.
     """
     from scipy.spatial import cKDTree
 

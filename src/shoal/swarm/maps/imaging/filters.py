@@ -123,8 +123,8 @@ def _line(length: int, angle: float) -> Grey:
 def _ridge_strength(grey: Grey) -> Grey:
     """Return, for each pixel, the maximum response of ridge filters of all widths and angles.
 
-    Each ridge filter is a Gaussian that is stretched along a vessel, in its second derivative across the vessel. Each ridge filter
-    is scaled to energy 1, so that all ridge filters respond equally to noise.
+    Each ridge filter is the second derivative of a Gaussian. The Gaussian is stretched along a vessel, and the derivative is taken
+    across the vessel. Each ridge filter is scaled to energy 1, so that all ridge filters respond equally to noise.
     """
     reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")

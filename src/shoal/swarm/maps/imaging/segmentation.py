@@ -90,11 +90,11 @@ def find_vessels(
 
     Notes
     -----
-    The filter response of a pixel is the sum of two standardized filters. The first of the two filters is the multi-scale line
-    detector by Nguyen and others (Pattern Recognition 46, 2013). The second of the two filters has half the weight of the first
-    filter, and consists of elongated second derivatives of Gaussians. The elongated derivatives are similar to the Gabor filters by
-    Soares and others (IEEE Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs`
-    measures the accuracy of the vessel finder on synthetic photographs of eyes.
+    The filter response of a pixel is the sum of two standardized responses. The first response comes from the multi-scale line
+    detector by Nguyen and others (Pattern Recognition 46, 2013). The second response has half the weight of the first response, and
+    comes from elongated second derivatives of Gaussians, which are similar to the Gabor filters by Soares and others (IEEE
+    Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs` measures the accuracy of
+    the vessel finder on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
@@ -102,8 +102,7 @@ def find_vessels(
 class VesselFinder:
     """A photograph with its filter responses, in which vessels can be found for any thresholds.
 
-    The filters run once for each photograph. With the stored responses, the vessel finder quickly finds vessels for many pairs of
-    thresholds.
+    The filters run only once, because the vessel finder stores their responses. Finding vessels for further thresholds is fast.
 
     Parameters
     ----------

@@ -69,7 +69,8 @@ class VesselStatistics:
     def summary(self) -> dict[str, float]:
         """Return one number for each measure.
 
-        If a network has no bifurcations or no segments, the measures of bifurcations or segments are NaN.
+        The measures of bifurcations are NaN for a network without bifurcations. The measures of segments are NaN for a network
+        without segments.
 
         The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations, because vessels that cross or
         touch give outliers. The ratio of length to diameter is the mean over all vessel segments. The tortuosity is the total
