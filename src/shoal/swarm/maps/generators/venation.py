@@ -166,9 +166,9 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return each node that has a higher rank than all other nodes within the distance ``room`` (in cells) around it.
+    """Of any two nodes within the distance ``room`` (in cells), drop the node of lower rank. Return the other nodes.
 
-    The choice prevents dense rows of parallel vessels.
+    Dropping nodes prevents dense rows of parallel vessels.
     """
     from scipy.spatial import cKDTree
 

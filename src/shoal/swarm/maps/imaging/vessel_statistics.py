@@ -15,7 +15,7 @@ Values = NDArray[np.float64]
 
 CLEAR = 1.5  # a segment is measured from this many radii of the junction's disc on, because nearer segments overlap
 REACH = 4.0  # length of the measured part, in radii of the junction's disc
-LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: the minimum, and the minimum on a long segment
+LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
 ALIKE = 0.9  # a segment of at least this fraction of the largest width may be the parent
 RIM = 0.02  # an end nearer to the border of the view than this fraction of the view's side is cut off, not a dead end
 LARGEST_EXPONENT = 50.0

@@ -14,7 +14,7 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
-MAX_CELLS = 2**53  # up to which floats are exact
+MAX_CELLS = 2**53  # floats represent all whole numbers up to this number exactly
 
 _COUNTED = 1000  # above this number of particles and of empty cells, the term with C(m, n) is smaller than rounding errors
 
