@@ -42,7 +42,7 @@ class SwarmEpisode(WithTrace, Episode):
     Parameters
     ----------
     problem : SwarmProblem
-        The problem as the user declared it. The place of the problem is the workspace of the episode.
+        The problem as the user declared it. The attribute ``place`` of the problem is the workspace of the episode.
     start : ndarray of int64, shape (n, ndim)
         Cells of the particles at the start of the episode.
     trace : Trace
@@ -208,8 +208,8 @@ class SwarmEpisode(WithTrace, Episode):
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        In an episode without noise, the belief contains the information of the last scan, and of each later command with a
-        certain outcome. In an episode with noise, the state holds the most likely positions of the particles.
+        Without noise, the belief contains what the last scan showed. If the outcome of a command after the last scan is certain,
+        the belief also contains this outcome. With noise, the state holds the most likely positions of the particles.
         """
         return self.replay.frames()
 

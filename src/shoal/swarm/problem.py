@@ -34,7 +34,7 @@ DRIVEN = (
     "policy", "budget", "time_per_move", "max_moves", "scan_every", "scan_cost", "move_cost", "slip", "misplace", "miss",
     "confidence",
 )  # fmt: skip
-"""Names of the problem fields for a run on a rig. The rig itself determines all other settings of a run."""
+"""Names of the problem fields that a run on a rig uses. The rig itself determines all other settings of the run."""
 
 TASK_NAMES = ("mapping", "coverage", "subset-coverage")
 PLACEMENT_NAMES = ("uniform", "flood-fill", "region-fill", "left-wall")
@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return two functions for a field with a task, placement or policy: one checks the value, and one converts it to JSON data."""
+    """Return the functions ``check`` and ``dump`` for the values of a field with a task, a placement or a policy."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":
@@ -156,8 +156,8 @@ class SwarmProblem(Problem):
     policy: Any = option(
         "auto", help="Policy: auto, best, beam-rollout, rollout, greedy-classify, closest-frontier, elect-particle, random-moves, "
         "depth-first, sweep, offline (coverage only), manual:COMMANDS or MODULE:ATTRIBUTE. Options of a policy follow a colon, as "
-        "in closest-frontier:ties=row-major. auto means the policy best for mapping without noise, with a scan "
-        "after each move and rule block or merge, and closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
+        "in closest-frontier:ties=row-major. auto stands for best if the task is mapping without noise, with a scan after each "
+        "move and rule block or merge, and for closest-frontier in all other cases.", names=POLICY_NAMES, **_named("policy"),
     )  # fmt: skip
     budget: float | None = option(
         None, help="For the planners best, rollout and offline: mean number of simulated moves for each move sent, with 1000 "
@@ -170,9 +170,9 @@ class SwarmProblem(Problem):
     )  # fmt: skip
     max_moves: int = option(1_000_000, help="Maximum number of moves; an episode that reaches it has the status limit.", least=0)
     scan_every: int | str = option(
-        1, help="Number of times that the same command is sent before each scan: a number, doubling (1, 2, 4, ...), hyper (1, 4, "
-        "27, ...) or adaptive (most classified cells for the price). Under noise, a given number is the maximum number of commands "
-        "before each scan.", metavar="RULE", check=_check_scan_every,
+        1, help="Scan after this number of equal commands: a number, doubling (after 1, 2, 4, ... commands in one direction), "
+        "hyper (after 1, 4, 27, ...) or adaptive (the number that classifies most cells for the price). Under noise, a given "
+        "number is the maximum number of commands before each scan.", metavar="RULE", check=_check_scan_every,
     )  # fmt: skip
     scan_cost: float = option(SCAN_COST, help="Price of a scan, in any unit.", least=0, most=DEAREST)
     move_cost: float = option(MOVE_COST, help="Price of a move, in the same unit as the price of a scan.", least=0, most=DEAREST)
@@ -307,7 +307,7 @@ class SwarmProblem(Problem):
         return workspace.largest_component() if self.largest_component else workspace
 
     def place_key(self) -> str | None:
-        """Return the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""
+        """Return a text with the map's name and the options for reading the map, or None if the map is an open `GridWorkspace`."""
         if isinstance(self.map, GridWorkspace):
             return None
         read = ("map", "largest_component", "cell_size", *READING)

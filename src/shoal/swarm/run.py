@@ -43,7 +43,7 @@ def run(
     problem : SwarmProblem
     seed, trial : int
         Seed and trial number, at least 0. The seed and the trial number together determine all random numbers of the episode. Two
-        runs with equal seeds and equal trial numbers give equal episodes.
+        runs of a problem with equal seeds and equal trial numbers give equal episodes.
     stepwise : bool
         Whether to run a built-in policy command by command in Python, like a third-party policy. The option ``stepwise`` does not
         change the episode.

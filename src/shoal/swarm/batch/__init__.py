@@ -1,4 +1,4 @@
-"""Simulation of thousands of worlds at once in compiled code, for the learning of policies."""
+"""Simulation of thousands of worlds at once in compiled code, so that programs can learn policies."""
 
 from shoal.swarm.batch.inspection import PLANES, Boards
 from shoal.swarm.batch.worlds import WorldBatch

@@ -59,13 +59,13 @@ class Measures(NamedTuple):
     In the sums, a cell with more than 255 particles counts as a cell with 255 particles.
     """
 
-    probing: NDArray[np.int64]  # (worlds, commands): particles that would enter a frontier cell
-    moving: NDArray[np.int64]  # (worlds, commands): particles whose next cell is not a known obstacle and holds no particle
-    places: NDArray[np.int64]  # (worlds, ndim): indices into the planes
-    squares: NDArray[np.int64]  # (worlds, ndim): squares of the indices
-    particles: NDArray[np.int64]  # (worlds,)
-    frontier: NDArray[np.int64]  # (worlds,): cells
-    known: NDArray[np.int64]  # (worlds,): cells that are known or frontier cells
+    probing: NDArray[np.int64]  # (worlds, commands): number of particles that would enter a frontier cell
+    moving: NDArray[np.int64]  # (worlds, commands): number of particles whose next cell may be free and holds no particle
+    places: NDArray[np.int64]  # (worlds, ndim): sums of the particles' indices into the planes
+    squares: NDArray[np.int64]  # (worlds, ndim): sums of the squares of these indices
+    particles: NDArray[np.int64]  # (worlds,): number of particles
+    frontier: NDArray[np.int64]  # (worlds,): number of frontier cells
+    known: NDArray[np.int64]  # (worlds,): number of cells that are known or frontier cells
 
     def __repr__(self) -> str:
         return one_line(self)

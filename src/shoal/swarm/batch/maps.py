@@ -61,7 +61,10 @@ class PaddedMaps:
         return Board(layout, self._cut(flat, layout).reshape(layout.words).copy())
 
     def lines(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the row and column of a map's cells on boards of the common shape (int64, shape (n, 2))."""
+        """Return the row (counted over all layers) and the column of a map's cells on boards of the common shape.
+
+        The result has the type int64 and the shape (n, 2).
+        """
         moved = cells + 1
         if moved.shape[1] == 3:
             return np.stack([moved[:, 0] * self.layout.rows + moved[:, 1], moved[:, 2]], axis=1)

@@ -33,8 +33,6 @@ SEEDS = 2**31
 class WorldBatch(Inspection):
     """Many simulated worlds that advance together in compiled code.
 
-    All worlds share one problem, or the worlds have several problems on different maps.
-
     World i starts like ``shoal.run(problem, seed=seed + i)``. The behaviour of a world depends on the world's own seed, but not on
     the number of worlds or threads.
 
@@ -150,8 +148,8 @@ class WorldBatch(Inspection):
             Mask of the worlds to reset. By default, the method resets all worlds.
         seed : int, or sequence of int or None, one per world, optional
             Seed of the new episodes: world i gets the seed ``seed + i``, or the i-th entry of a sequence of seeds. A world without
-            a seed draws a seed from its own random generator. The seed of an episode also determines the random generator, and
-            therefore the seeds of the world's later episodes.
+            a seed draws a seed from its own random generator. The seed of an episode also determines the world's random
+            generator, and therefore the seeds of the world's later episodes.
         maps : array_like of int, optional
             Index of the problem for each world, or one index for all worlds. By default, each world draws a problem at random.
 

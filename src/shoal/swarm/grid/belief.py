@@ -17,7 +17,8 @@ class Belief:
     Parameters
     ----------
     open : Board
-        Cells that are known to be free because a particle has been in them.
+        Cells that are known to be free. In a mapping, these are the cells in which a particle has been. In a coverage, these are
+        all free cells.
     known : Board
         All classified cells: cells that are known to be free, and cells that are known to be obstacles.
     frontier : Board
@@ -60,11 +61,10 @@ class Belief:
         return raster_of(codes)
 
     def observed(self, command: str, before: Board, after: Board) -> Belief:
-        """Return the belief after one push that moved the particles from ``before`` to ``after``.
+        """Return the belief of a mapping after one push, in which all particles try to move by one cell.
 
-        A push classifies the unknown cells that particles try to enter. A cell that a particle tried to enter is free if the cell
-        holds a particle after the push. A cell that a particle tried to enter is an obstacle if the cell holds no particle after
-        the push.
+        ``before`` and ``after`` are the cells that hold particles before and after the push. The push classifies each unknown cell
+        that a particle tries to enter. The cell is free if it holds a particle after the push, and otherwise an obstacle.
         """
         tried = before.shifted(command) - self.known
         if not tried:
@@ -74,5 +74,5 @@ class Belief:
         return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
-        """Return a belief in which the cells of ``after`` are no longer frontier cells."""
+        """Return the belief of a coverage after one push. Cells of ``after``, which hold particles now, leave the frontier."""
         return Belief(self.open, self.known, self.frontier - after)

@@ -45,7 +45,7 @@ def encode(commands: str, *, ndim: int = 2) -> NDArray[np.int8]:
     commands : str
         Command letters from ``lurd`` (2-D) or ``lurdio`` (3-D).
     ndim : int
-        2 or 3.
+        Number of dimensions of the workspace: 2 or 3.
 
     Returns
     -------

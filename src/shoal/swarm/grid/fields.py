@@ -14,7 +14,7 @@ RULE_CODES = {"block": moves.BLOCK, "merge": moves.MERGE, "tilt": moves.TILT}
 
 
 def pushed(layout: GridLayout, free: Words, state: SwarmState, code: int, rule: str) -> SwarmState:
-    """Return the state of the swarm after one push in the direction of a command, given by its number ``code``."""
+    """Return the state of the swarm after one push in the direction of the command with the number ``code``."""
     everything = np.full(free.size, np.uint64(2**64 - 1))
     field = new_field(layout, free=free.ravel(), occupied=state.occupied.words.flatten(), known=everything, counts=_counts(state))
     moves.push(field, code, RULE_CODES[rule])

@@ -23,9 +23,9 @@ from shoal.swarm.maps.workspace import GridWorkspace
 class Task(Protocol):
     """The interface of tasks. `shoal.testing.check_task` tests whether a task follows the interface.
 
-    The method ``begin`` returns the belief at the start of the episode. The method ``update`` returns the belief after one push of
-    all particles. A task is complete when the frontier of its belief is empty. The methods ``begin`` and ``update`` must not change
-    their arguments.
+    The method ``begin`` returns the belief at the start of the episode. The method ``update`` returns the belief after one push, in
+    which all particles try to move by one cell. A task is complete when the frontier of its belief is empty. The methods ``begin``
+    and ``update`` must not change their arguments.
     """
 
     @property
@@ -112,7 +112,7 @@ class Coverage:
 
 @dataclass(frozen=True)
 class SubsetCoverage(Coverage):
-    """The task of visiting every cell of a random subset of the free cells, called "foraging" in paper D.
+    """The task of visiting every cell of a random subset of the free cells. Paper D calls this task "foraging".
 
     Parameters
     ----------

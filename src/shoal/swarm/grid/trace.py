@@ -112,7 +112,7 @@ class Recorder:
     moves : int
         Number of commands recorded so far.
     idle : int
-        Number of consecutive runs, up to the last run, that moved no particle and classified no cell.
+        Number of runs since the last run that moved a particle or classified a cell.
     last : tuple of int
         Two numbers about the last run of commands: the distance that all particles together travelled, in cells, and the number
         of classified cells.
@@ -139,7 +139,7 @@ class Recorder:
         return _recorded("".join(self._letters), self._rows, self._scanned)
 
     def newest(self, moves: int) -> Trace:
-        """Return a trace of the last ``moves`` recorded commands."""
+        """Return a trace of the last run, which had ``moves`` commands."""
         return _recorded(self._letters[-1], self._rows[-moves:], self._scanned[-moves:])
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 PICTURES = {".png": "PNG", ".tif": "TIFF", ".tiff": "TIFF", ".bmp": "BMP", ".jpg": "JPEG", ".jpeg": "JPEG"}  # names in Pillow
 LARGEST_FILE = 2**31  # bytes
-MIDDLE = 0.8  # maximum fraction of pixels that are neither black nor white
+MIDDLE = 0.8  # width of the range of brightness, around 0.5, that counts as neither black nor white
 
 
 def read_picture(path: Path, options: MapOptions) -> NDArray[np.bool_]:

@@ -19,7 +19,7 @@ PALETTE: dict[str, str] = {
     "particle": "#d55e00",
 }
 _COLOURS = np.array([tuple(bytes.fromhex(colour[1:])) for colour in PALETTE.values()], dtype=np.uint8)
-MOST_LINES = 200  # largest side of a map that is printed
+MOST_LINES = 200  # a map with more rows, counted over all layers, is not printed as rows of text
 _WIDEST = 12  # maps with a larger ratio of width to height are drawn in several strips
 
 
@@ -76,7 +76,10 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
-    """Return a PNG file of a picture, without some rows and columns if the picture has more than ``side`` pixels on a side."""
+    """Return a picture as the bytes of a PNG file with sides of at most ``side`` pixels.
+
+    A larger picture loses rows and columns at regular intervals. A smaller picture is enlarged by a whole number.
+    """
     from PIL import Image
 
     sheet = in_strips(raster)

@@ -108,6 +108,6 @@ def _kind(path: Path, nibabel: Any) -> Any:
 
 
 def _unit(header: Any) -> float:
-    """Return the length unit of a NIfTI header, in millimetres. A header without a unit gives lengths in millimetres."""
+    """Return the length unit of a NIfTI header, in millimetres. In a header without a unit, lengths count as millimetres."""
     units = {"meter": 1000.0, "micron": 0.001}
     return units.get(header.get_xyzt_units()[0], 1.0) if hasattr(header, "get_xyzt_units") else 1.0

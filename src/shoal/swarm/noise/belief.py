@@ -84,7 +84,7 @@ class NoisyBelief:
     At each move, the belief spreads the probability of every particle over the cells that the particle may have entered. At each
     scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come. The
     belief treats cells as independent, except neighbouring cells between which a particle may have moved. A move without a scan
-    spreads the probabilities of the particles, but changes no log-odds. The page docs/concepts/noise.md explains the estimation.
+    changes no log-odds. The page docs/concepts/noise.md explains the estimation.
 
     Examples
     --------
@@ -127,7 +127,10 @@ class NoisyBelief:
         return self.learn(encode(command, ndim=self.layout.ndim)[0])
 
     def learn(self, code: np.int8) -> int:
-        """Update the belief with the scan in ``state.seen``. Return the number of cells classified for the first time."""
+        """Update the belief after one command and one scan, as `update` does. ``code`` is the number of the command.
+
+        ``state.seen`` contains the scan. Return the number of cells classified for the first time.
+        """
         kernels.learn_noisy(self.state, code)
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
 
@@ -144,12 +147,15 @@ class NoisyBelief:
         noisy_episode.refresh(self.state, self._field, self.guard)
 
     def play(self, search: Search, rng: Generator, trace: Trace, *, every: int, limit: int) -> tuple[int, int]:
-        """Run the policy closest-frontier until the trace is full. Return the number of moves and the status code."""
+        """Run the policy closest-frontier until the trace is full or the episode ends.
+
+        Return the number of moves and the status code.
+        """
         played, status = noisy_episode.play_noisy(self.state, self._field, search, self.guard, rng, trace, every, limit)
         return int(played), int(status)
 
     def follow(self, rng: Generator, trace: Trace) -> None:
-        """Replay the commands that the trace contains, and fill the other columns of the trace."""
+        """Replay the commands and the scans that the trace contains, and fill the other columns of the trace."""
         noisy_episode.follow_noisy(self.state, self._field, self.guard, rng, trace)
 
     def _show(self, seen: Board) -> None:

@@ -49,7 +49,7 @@ def make_policy(policy: str | Policy) -> Policy:
 
 
 def with_budget(policy: Policy, **wanted: float) -> Policy:
-    """Return a copy of the policy with a new limit: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
+    """Return a copy of the policy with new planning limits: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
 
     Raises
     ------

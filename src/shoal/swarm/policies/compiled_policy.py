@@ -1,6 +1,6 @@
 """Base classes of the built-in policies.
 
-The base classes define the code by which kernels identify each policy, and the order of equally near cells.
+The base classes define the number by which kernels identify each policy, and the order of equally near cells in a search.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from shoal.swarm.policies.protocol import Policy
 
 @dataclass(frozen=True)
 class Compiled:
-    """Base class of the built-in policies. Kernels can run the built-in policies without Python code."""
+    """Base class of the built-in policies that kernels can run without Python code."""
 
     kind: ClassVar[str]
     code: ClassVar[int]  # the policy's constant in shoal.swarm.kernels.episodes.policy_episode
@@ -52,7 +52,7 @@ class Searching(Compiled):
     ties : str
         The order in which the search expands cells of equal distance: "column-major" or "row-major".
     neighbours : str
-        The order in which the search expands the neighbours of a cell, as command letters.
+        The order in which the search visits the neighbours of a cell, as command letters.
     """
 
     ties: str = "column-major"

@@ -27,9 +27,9 @@ class _Elected:
 class ElectParticle(Searching):
     """Elect a random particle and move it along the shortest path to a frontier cell.
 
-    The policy plans a new path when the frontier cell at the end of the path is classified. If a particle blocks the elected
-    particle, the blocking particle becomes the elected particle. The algorithm of paper M never changes the elected particle, and
-    can therefore repeat a sequence of moves forever. Sources: paper M, algorithm 2, and docs/concepts/policies.md.
+    The policy plans a new path when the frontier cell at the end of the path is classified. If another particle blocks the elected
+    particle, the other particle becomes the elected particle. The algorithm of paper M never changes the elected particle, and can
+    therefore repeat a sequence of moves forever. Sources: paper M, algorithm 2, and docs/concepts/policies.md.
     """
 
     kind: ClassVar[str] = "elect-particle"
@@ -63,7 +63,7 @@ class ElectParticle(Searching):
     def _plan(self, view: View, cell: tuple[int, ...]) -> tuple[str, tuple[int, ...]]:
         """Return a path to a frontier cell, and the start cell of the path.
 
-        If the elected particle can reach no frontier cell, return the path of the particle nearest to the frontier.
+        If the particle at ``cell`` can reach no frontier cell, return the path of the particle that is nearest to the frontier.
         """
         plan, start = "", cell
         for sources in (Board.of_cells(view.occupied.layout, [cell]), view.occupied):

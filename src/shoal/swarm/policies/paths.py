@@ -13,7 +13,8 @@ from shoal.swarm.grid.fields import new_field
 from shoal.swarm.kernels.search import frontier_search, tilt_search
 
 ORDERS = {"column-major": frontier_search.COLUMN_MAJOR, "row-major": frontier_search.ROW_MAJOR}
-# Order of expansion of the cells from which a command comes. Column-major: left, up, in, out, down, right.
+# The order in which a search looks for the previous cell of a path, as the commands from the previous cell. For column-major order,
+# the search looks left, up, in, out, down and right of a cell.
 _PARENTS = {"column-major": "rdoiul", "row-major": "droilu"}
 
 
@@ -59,9 +60,7 @@ def path_to_frontier(
 ) -> str:
     """Return the shortest sequence of commands that moves a particle from ``sources`` to the frontier, or "" if none exists.
 
-    The breadth-first search passes through cells that are known to be free and ends at the first frontier cell found. ``ties`` is
-    the order in which the search expands cells of equal distance. ``neighbours`` is the order in which the search visits the
-    neighbours of a cell.
+    The breadth-first search passes through cells that are known to be free and ends at the first frontier cell found.
 
     Parameters
     ----------
@@ -74,7 +73,8 @@ def path_to_frontier(
         True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free. Only
         the rule "tilt" uses ``mapping``.
     ties : str
-        The order of cells of equal distance: "column-major" (leftmost column first, each column from top to bottom) or "row-major".
+        The order in which the search expands cells of equal distance: "column-major" (leftmost column first, each column from top
+        to bottom) or "row-major".
     neighbours : str
         The order in which the search visits the neighbours of a cell, as command letters.
 

@@ -33,9 +33,9 @@ class View:
     moves : int
         Number of commands sent since the start of the episode.
     travelled : int
-        Distance that all particles together travelled during the last command, in cells.
+        Distance that all particles together travelled during the last command or the last run of equal commands, in cells.
     classified : int
-        Number of frontier cells that the last command classified.
+        Number of frontier cells that the last command or the last run of equal commands classified.
     """
 
     belief: Belief
@@ -55,10 +55,9 @@ class Policy(Protocol):
     the task is complete earlier. If the policy can make no progress, ``commands`` is an empty text. ``memory`` is None at the first
     decision of an episode. A policy object never changes, so that one policy object can serve many episodes.
 
-    A policy may state its move rules and numbers of dimensions in two attributes, such as ``rules = ("block",)`` and
-    ``dimensions = (2,)``. If the attributes ``rules`` and ``dimensions`` of the policy do not contain the move rule and the
-    number of dimensions of a problem, Shoal refuses the problem. A policy without the attributes ``rules`` and ``dimensions``
-    supports all move rules, and two and three dimensions.
+    A policy may have the attributes ``rules`` and ``dimensions``, such as ``rules = ("block",)`` and ``dimensions = (2,)``, which
+    state the move rules and the numbers of dimensions that the policy supports. Shoal refuses a problem with another move rule or
+    another number of dimensions. A policy without these attributes supports all move rules, and two and three dimensions.
     """
 
     @property

@@ -23,12 +23,12 @@ class WallSweep(Compiled):
     """Sweep a column of particles across a rectangle, to the right and back to the left.
 
     The policy first pushes all particles to the left, against the wall. On the way to the right, the policy alternates the
-    commands up and right until no particle moves right. On the way back, the policy alternates the commands down and left. The
-    policy repeats the cycle of both ways as long as each cycle classifies cells.
+    commands up and right until no particle moves right. On the way back, the policy alternates the commands down and left. The way
+    to the right and the way back form one cycle. The policy repeats the cycle until a whole cycle classifies no cell. The episode
+    then ends as stalled.
 
     On a rectangle of m free cells that is k cells tall, the policy needs 4m/k moves if k particles start along the left wall
-    (placement left-wall). The policy sweep is suitable for rectangles only. If a whole cycle classifies no cell, the policy stops,
-    and the episode ends as stalled. Source: paper D, section III.B.2.
+    (placement left-wall). The policy sweep is suitable for rectangles only. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"

@@ -216,7 +216,7 @@ class RecordedRig:
         self._at += 1
 
     def observe(self) -> NDArray[np.int64]:
-        """Return the cells that the recorded rig observed after the commands that have been replayed."""
+        """Return the cells that the recorded rig observed after the last replayed command."""
         if self._at not in self.scans:
             raise RigError(f"the log: expected a scan after move {self._at}, got none")
         return np.array(self.scans[self._at], dtype=np.int64).reshape(-1, len(self.shape))

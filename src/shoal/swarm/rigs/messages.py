@@ -89,7 +89,7 @@ class Stopped(_Message):
 
 
 class Again(_Message):
-    """Message that the last line arrived damaged, and that the sender must repeat the line."""
+    """Message that the last line arrived damaged. The receiver of this message must repeat the damaged line."""
 
     type: Literal["again"] = "again"
 

@@ -34,7 +34,7 @@ from shoal.swarm.policies.planners.state import Pace, new_prior, planner_of, see
 RUNNING = policy_episode.RUNNING
 STATUSES = {policy_episode.RUNNING: Status.LIMIT, policy_episode.COMPLETE: Status.COMPLETE, policy_episode.STALLED: Status.STALLED}
 KINDS = {"equal": scan_runs.EQUAL, "doubling": scan_runs.DOUBLING, "hyper": scan_runs.HYPER, "adaptive": scan_runs.ADAPTIVE}
-LONGEST_RUN = 500  # number of runs that an adaptive policy compares
+LONGEST_RUN = 500  # maximum number of commands in the runs that the adaptive scan rule compares
 SHOWN_FIRST, SHOWN_EVERY = 16, 0.1  # moves of the first piece and seconds of later pieces, if a progress function is given
 TIMED_PIECE = 8  # number of moves after which the computing time is checked
 NOISY_PIECE = 256  # moves with noise between two points at which progress is shown and Ctrl-C takes effect
@@ -60,14 +60,17 @@ class Game(Protocol):
     def cut(self, trace: Trace) -> Status:
         """Return the status of an episode after its maximum number of moves.
 
-        If the end of the episode interrupts a run of commands, add a last scan.
+        If the maximum number of moves interrupts a run of commands, record a scan after the last command.
         """
 
 
 def compiled_loop(
     game: Game, max_moves: int, on_moves: Any = None, on_trace: Any = None, *, scanned: NDArray[np.bool_] | None = None
 ) -> tuple[Trace, Status]:
-    """Run an episode in compiled code, in pieces that each take a fraction of a second. ``scanned`` holds the scans of a replay."""
+    """Run an episode in compiled code, in pieces that each take a fraction of a second.
+
+    For a replay, ``scanned`` tells for each command whether a scan follows the command.
+    """
     room, moves, ended = min(2048 if on_trace is None else SHOWN_FIRST, game.largest), 0, RUNNING
     pieces: list[Trace] = []
     while moves < max_moves and ended == RUNNING:
@@ -159,7 +162,7 @@ class SearchGame:
     def cut(self, trace: Trace) -> Status:
         """Return the status of an episode after its maximum number of moves.
 
-        Add a last scan after a run with an uncertain outcome.
+        If the maximum number of moves interrupts a run with an uncertain outcome, record a scan after the last command.
         """
         known = self.policy_state.scanning.kind == scan_runs.ADAPTIVE and self.policy_state.memory.learnt == 0
         if self.policy_state.memory.run_left == 0 or known:

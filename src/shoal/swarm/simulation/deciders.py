@@ -25,7 +25,10 @@ from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 PATIENCE = policy_episode.PATIENCE
 """Number of consecutive runs, without any motion or classified cell, after which the episode ends as stalled."""
 NOISY_TIMES = 20
-"""Maximum number of moves without progress in episodes with noise, in multiples of closest-frontier's longest known path."""
+"""Maximum number of moves without a newly classified cell in episodes with noise, as a multiple of a budget of moves.
+
+The budget is the budget that the policy closest-frontier would give to a path through all known free cells.
+"""
 
 
 class Decider(Protocol):
@@ -63,8 +66,8 @@ def make_decider(problem: SwarmProblem, belief: Belief, rng: Generator) -> Decid
 class PlannedRuns:
     """Divides the plans of a policy into runs of equal commands.
 
-    A run never extends over a change of direction in a plan. The last commands of a plan, all in one direction, lead to a frontier
-    cell. The last run of a plan may continue beyond the frontier cell to which the plan leads, except with the policy manual.
+    A run never extends over a change of direction in a plan. The last run of a plan may continue beyond the frontier cell to which
+    the plan leads, except with the policy manual.
     """
 
     due = True
@@ -138,12 +141,11 @@ class AdaptiveRuns:
 
 
 class ReplannedRuns:
-    """Chooses runs in episodes with noise. Each run is one command. The policy plans anew after each scan.
+    """Chooses runs in episodes with noise. Each run is one command.
 
-    The swarm scans once for every group of ``every`` commands, and at the end of each plan. After a scan, a policy without
-    memory discards the rest of its plan. A policy that classifies no new cell for too many moves is stopped, so that every
-    episode ends. The limit on moves without a new cell is about `NOISY_TIMES` times the longest path of the policy
-    closest-frontier through the known free cells.
+    The swarm scans at the end of each plan, and at the latest ``every`` commands after the last scan. After a scan, a policy
+    without memory discards the rest of its plan and makes a new plan. A policy that classifies no new cell for too many moves is
+    stopped, so that every episode ends. `NOISY_TIMES` determines the limit on moves without a new cell.
     """
 
     def __init__(self, policy: Policy, rng: Generator, *, every: int, max_moves: int) -> None:

@@ -59,7 +59,7 @@ class ExactSwarm:
     def _pushes(self, command: str, steps: int) -> Iterator[Iterator[SwarmState]]:
         """Yield, for each command of a run, the states of the swarm after the command's pushes.
 
-        If a run has several commands, the method infers the states from the state after the last command.
+        If a run has several commands, the method infers the states from the states before and after the run.
         """
         if steps == 1:
             yield self.world.pushes(self.state, command)

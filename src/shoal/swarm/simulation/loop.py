@@ -25,9 +25,8 @@ OnTrace = Callable[[Trace], None]
 class Controlled(Protocol):
     """The swarm that the closed loop controls.
 
-    The controlled swarm carries out commands, and provides the belief and the cells of the particles.
-
-    Policies read ``belief`` and ``state``. With noise, the map and the cells of the particles are estimates.
+    The swarm carries out commands, and provides the belief and the cells of the particles, which policies read. With noise, the
+    belief and the cells of the particles are estimates.
     """
 
     @property
@@ -47,7 +46,7 @@ class Controlled(Protocol):
         """Whether no cells are left that particles can still classify or cover."""
 
     def carry_out(self, command: str, steps: int, *, scan: bool) -> tuple[list[Row], bool]:
-        """Send the command ``steps`` times, scan, and update the belief and the state.
+        """Send the command ``steps`` times, scan if necessary, and update the belief and the state.
 
         Parameters
         ----------

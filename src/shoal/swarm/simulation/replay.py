@@ -83,7 +83,8 @@ class ExactReplay:
     def frames(self) -> Iterator[tuple[SwarmState, Belief]]:
         """Yield the state of the swarm and the belief, at the start and after each command.
 
-        The belief contains the information of the last scan, and of each later command with a certain outcome.
+        The belief contains what the last scan showed. If the outcome of a command after the last scan is certain, the belief also
+        contains this outcome.
         """
         state, shown = self._begin()
         swarm = ExactSwarm(self.world, self.task, state, shown)
@@ -264,7 +265,7 @@ class ObservedReplay(_BeliefReplay):
         return self.truth
 
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief and the cells of the last scan, at the start and after each command."""
+        """Yield the belief and the cells in which the last scan showed particles, at the start and after each command."""
         layout = GridLayout(self.shape)
         boards = (Board.of_cells(layout, cells) for cells in self.observations)
         seen = next(boards)

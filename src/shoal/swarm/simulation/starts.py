@@ -16,9 +16,9 @@ from shoal.swarm.simulation.noisy import NoisySwarm
 
 
 def draw_start(problem: SwarmProblem, rng: Generator) -> tuple[NDArray[np.int64], NDArray[np.bool_] | None]:
-    """Return the start cells (int64, shape (n, ndim)), and the mask of random target cells, if the task has targets.
+    """Return the start cells (int64, shape (n, ndim)), and the mask of the target cells, or None for a task without target cells.
 
-    If the problem contains start cells, return the cells of the problem without drawing any.
+    If the problem contains start cells, the function does not draw start cells.
     """
     workspace = problem.place
     if problem.start is None:

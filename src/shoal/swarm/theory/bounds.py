@@ -23,8 +23,8 @@ class LowerBound:
     count : int
         Counting bound: a lower bound that follows from the fact that each move classifies at most one cell per particle.
     distance : int
-        Distance bound: at least the distance from the particles to the farthest cell. If N cells are farther from the particles
-        than d moves, a plan needs at least d moves plus the counting bound of the N cells.
+        Distance bound: if N of the cells to classify are more than d moves away from all particles, a plan needs at least d moves
+        plus the counting bound of these N cells. The distance bound is the largest of these sums over all d.
     axes : int
         Axis bound: the minimum number of commands along each axis, summed over all axes. The minimum number of commands along
         an axis follows from cells that need many commands along the axis, and from walls that particles can probe along this
@@ -131,7 +131,7 @@ def lower_bound(
 
 
 def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return the number of walls with a single free neighbour, which particles can probe by ``command`` only."""
+    """Return the number of wanted walls that particles can probe by ``command`` only, because they have a single free neighbour."""
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]

@@ -1,13 +1,14 @@
 """One command: particles try to enter their next cells, and the command classifies the unknown cells among these next cells.
 
-A particle stays if its next cell is an obstacle or holds a particle that stays. For moves across rows, the kernel processes each
-row after the row that its particles enter. For moves along a row, the staying particles form runs of set bits that end at a wall.
-For moves towards lower bits, one addition per word clears exactly the runs of staying particles, because the carry passes through
-each run. For moves towards higher bits, the kernel first reverses the bits of each word. For moves along a row, the kernel finally
-corrects the rare runs of particles that continue in the next word.
+A particle stays if its next cell is an obstacle or holds a particle that stays. In a move across rows (up, down, in or out), the
+particles of one row enter another row. The kernel processes the entered row first.
 
-The kernel processes boards in blocks of rows that fit into the processor's cache. With blocks, the kernel reads a large board from
-memory only once.
+In a move along rows (left or right), the staying particles form runs of set bits that end at a wall. For a move to the left, which
+is a move towards lower bits, one addition per word clears exactly these runs, because the carry passes through each run. For a move
+to the right, the kernel reverses the bits of each word before the addition. In the end, the kernel corrects the rare runs that
+continue in the next word.
+
+The kernel processes boards in blocks of rows that fit into the processor's cache, and so reads a large board from memory only once.
 """
 
 from __future__ import annotations
@@ -22,22 +23,22 @@ from shoal.swarm.kernels.dynamics.bits import ALL, ONE, TOP, ZERO, has, popcount
 
 BLOCK, MERGE, TILT = 0, 1, 2
 LEFT, UP, RIGHT, DOWN, IN, OUT = 0, 1, 2, 3, 4, 5
-BLOCK_WORDS = 1024  # number of words in a block of each board (or one row, if longer), kernels use several boards at once
+BLOCK_WORDS = 1024  # number of words in a block of a board, or one row if a row is longer; kernels use several boards at once
 SHORT_ROW = 16  # smallest number of words in a row for which vector instructions save time in a loop over the row
-GROUP = 16  # number of words that one test checks for tried cells, because most words contain no tried cell
+GROUP = 16  # number of words that one test for tried cells covers; most words contain no tried cell
 
 
 class Field(NamedTuple):
-    """The boards of one running episode, or one block of each board, changed in place; uint64, shape (layers x rows x width,)."""
+    """The boards of one running episode, as arrays of shape (layers x rows x width,). Kernels change the boards in place."""
 
     free: NDArray[np.uint64]  # the true free cells, which only moves may read
     occupied: NDArray[np.uint64]  # cells with particles
     open: NDArray[np.uint64]  # known free cells
     known: NDArray[np.uint64]  # cells known to be free or obstacles
-    frontier: NDArray[np.uint64]  # unknown cells beside known free cells; in coverage, the cells that no particle has visited yet
+    frontier: NDArray[np.uint64]  # unknown cells beside known free cells; in coverage, the targets that no particle has visited
     tried: NDArray[np.uint64]  # unknown cells of one block that particles try to enter
     moving: NDArray[np.uint64]  # cells of one block with particles that move
-    counts: NDArray[np.int32]  # number of particles in each cell, (layers x rows, 64 x width); shape (0, 0) except for merge
+    counts: NDArray[np.int32]  # particles in each cell, (layers x rows, 64 x width); shape (0, 0) unless the rule is merge
     layers: int
     rows: int  # number of rows in a layer
     width: int  # number of words in a row
@@ -45,10 +46,10 @@ class Field(NamedTuple):
 
 @in_place_kernel
 def segments(field, command):
-    """Return (lines, words between lines, first word, words per line, words to the next row) for a command across rows.
+    """Return (lines, words between their starts, first word, words per line, words to the next row) for a command across rows.
 
-    A line consists of the words that have a next row. For the commands u and i, kernels process the words of a line forwards from
-    the first word. For the commands d and o, kernels process the words of a line backwards from the last word.
+    A line consists of consecutive words that have a next row. For the commands u and i, the next row has a negative distance, and
+    kernels process a line from its first word. For the commands d and o, kernels process a line from its last word.
     """
     layer = field.rows * field.width
     if command == UP:
@@ -85,9 +86,9 @@ def move_across(field, command, rule):
 def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
-    ``tried`` receives the cells on ``board`` that particles try to enter. If ``flip`` is ALL, ``tried`` receives the cells outside
-    ``board`` that particles try to enter. Return the union of all words of ``tried`` as one word, and the number of moved
-    particles. If ``counted`` is None, the kernel saves the time for counting, and the number of moved particles is 0.
+    Of the cells that particles try to enter, write to ``tried`` the cells that ``board`` contains if ``flip`` is 0, and the cells
+    that ``board`` does not contain if ``flip`` is ALL. Return the union of all words of ``tried`` as one word, and the number of
+    moved particles. If ``counted`` is None, the kernel saves the time for counting, and returns 0 as the number of moved particles.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):
@@ -107,7 +108,7 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
 
 @in_place_kernel
 def shift_row(here, there, free, rule, counted):
-    """Move the particles of one row to the next row, which holds only particles that stay. Return the number of moved particles."""
+    """Move particles from the row ``here`` to the row ``there``, which holds only staying particles. Return how many have moved."""
     travelled = 0
     for i in range(here.shape[0]):
         going = here[i] & free[i]
@@ -178,7 +179,7 @@ def learn_word(field, i, cells):
 
 @in_place_kernel
 def add_neighbours(field, i, found):
-    """Add to the frontier the unknown neighbours of the cells ``found`` in one word. Return the number of new frontier cells."""
+    """Add to the frontier the unknown neighbours of ``found``, which are cells of word ``i``. Return how many cells are new."""
     width = field.width
     added = add_frontier(field, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -247,7 +248,10 @@ def start_right(free, here, moving, rule):
 
 @in_place_kernel
 def held_above(here, free):
-    """Return the runs of set bits in ``here`` whose highest bit is also set in ``free``."""
+    """Return the particles of the word ``here`` that can move to the right, towards higher bits.
+
+    ``free`` contains the cells whose next cell is free. A run of adjacent particles can move if ``free`` contains its highest cell.
+    """
     turned = reverse(here)
     return reverse(turned & (turned + reverse(here & ~free)))
 
@@ -309,7 +313,7 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule, count
 
 @in_place_kernel
 def carry_counts(field, command):
-    """Move the particle counts under the rule merge. Return the number of cells travelled."""
+    """Move the numbers of particles per cell, for the rule merge. Return the distance that all particles travelled, in cells."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
     if command == LEFT or command == RIGHT:
@@ -333,7 +337,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let particles try the next cells. Return the numbers of cells travelled, cells classified and cells added to the frontier."""
+    """Let all particles try to enter their next cells, once. The result is as in `move_along`."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

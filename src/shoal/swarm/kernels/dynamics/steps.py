@@ -24,7 +24,10 @@ def cover(field):
 
 @in_place_kernel
 def step(field, command, rule, mapping):
-    """Carry out one command under any move rule. Return (cells travelled, cells classified, change in frontier cells)."""
+    """Carry out one command under any move rule.
+
+    Return the number of cells travelled, the number of cells classified, and the change in the number of frontier cells.
+    """
     travelled, done, change = 0, 0, 0
     while True:
         moved, classified, added = push(field, command, rule)

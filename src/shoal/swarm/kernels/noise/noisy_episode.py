@@ -86,8 +86,8 @@ def refresh(noisy, field, guard):
 def wake(field, search, guard):
     """Plan one command if no cell is classified as free yet. Return the number of planned commands, 0 or 1.
 
-    Successive calls of `wake` use all directions in turn. With frequent errors, several scans may pass before the first cell is
-    classified as free.
+    With frequent errors, several scans may pass before the first cell is classified as free. Successive calls of `wake` use all
+    directions in turn, and plan at most PATIENCE commands in an episode.
     """
     memory = guard.memory
     if anybody(field.open) or memory.wakes >= PATIENCE:
@@ -110,7 +110,7 @@ def anybody(board):
 def choose(field, search, guard, most):
     """Plan the path to the nearest frontier cell. Give up frontier cells whose budget of moves is used up.
 
-    Return the number of commands to send before the next scan, at most ``most``, or 0 without a path.
+    Return the number of commands to send before the next scan, at most ``most``, or 0 if no path exists.
     """
     memory = guard.memory
     if memory.remaining == 0:
@@ -160,7 +160,7 @@ def play_noisy(noisy, field, search, guard, rng, trace, every, limit):
 
 @in_place_kernel
 def step_noisy(noisy, field, guard, rng, trace, move):
-    """Send the trace's command of one move, scan if ``trace.scanned`` is true for the move, and write the results to the trace."""
+    """Send command number ``move`` of the trace, scan if ``trace.scanned`` says so, and write the results to the trace."""
     command = trace.commands[move]
     trace.travelled[move] = move_noisy(noisy, command, rng)
     if trace.scanned[move]:

@@ -6,7 +6,7 @@ need no bounds test for neighbours. For each command, kernels process the cell a
 
 For each cell, the belief contains the log-odds that the cell is free, and the probability that the cell holds a particle. A move
 with its scan updates the log-odds and the probabilities in two passes. The first pass of the update predicts where particles may
-have moved. The second pass of the update applies Bayes' rule to each pair of a cell and the cell behind it, from which a particle
+have moved. The second pass of the update applies Bayes' rule to each cell together with the cell behind it, from which a particle
 may have tried to enter. Bayes' rule uses the detections in both cells, because a particle that could not enter the cell is still in
 the cell behind.
 """
@@ -141,7 +141,7 @@ def foresee(noisy, command):
 
 @in_place_kernel
 def spread_noisy(noisy, command):
-    """Process a command without a scan: the belief takes the predicted probabilities of particles, and keeps the log-odds."""
+    """Update the belief after a command without a scan: predict the probabilities of particles, and keep the log-odds."""
     foresee(noisy, command)
     for at in range(noisy.inside.shape[0]):
         noisy.inside[at] = noisy.moved[at] if noisy.moved[at] > FAINT else 0.0
@@ -149,9 +149,10 @@ def spread_noisy(noisy, command):
 
 @in_place_kernel
 def stray(noisy, at, but):
-    """Return the probability that a scan misplaces a particle of a neighbouring cell into the cell ``at``.
+    """Return the probability that a scan shows in the cell ``at`` a particle that is not there.
 
-    The function leaves out the neighbouring cell ``but``.
+    The detection may come from a particle in a neighbouring cell, or from no particle. The function leaves out the neighbouring
+    cell ``but``.
     """
     share = (1.0 - noisy.rates.miss) * noisy.rates.misplace / noisy.offsets.shape[0]
     none = 1.0 - CLUTTER
@@ -165,8 +166,9 @@ def stray(noisy, at, but):
 def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, hit, share):
     """Return the probability of the detections in a cell and in the cell behind it, given the particles in the two cells.
 
-    ``behind`` and ``here`` tell whether the two cells hold particles after the move. A scan shows a particle in its own cell with
-    the probability ``hit``, and in each neighbouring cell with the probability ``share``.
+    ``seen_behind`` and ``seen_here`` tell whether the scan shows particles in the two cells. ``behind`` and ``here`` tell whether
+    the two cells hold particles after the move. The probabilities ``stray_behind`` and ``stray_here`` come from `stray`. A scan
+    shows a particle in its own cell with the probability ``hit``, and in each neighbouring cell with the probability ``share``.
     """
     neither = (1.0 - stray_behind) * (1.0 - stray_here)
     not_behind, not_here = 1.0 - stray_behind, 1.0 - stray_here
@@ -185,9 +187,9 @@ def likelihood(seen_behind, seen_here, behind, here, stray_behind, stray_here, h
 
 @in_place_kernel
 def weigh(noisy, at, offset):
-    """Apply Bayes' rule to a cell and the cell behind it, from which a particle may have tried to enter.
+    """Apply Bayes' rule to the cell ``at`` together with the cell behind it, from which a particle may have tried to enter.
 
-    Return (change of the cell's log-odds, probability of a particle in the cell).
+    Return the change of the log-odds that the cell ``at`` is free, and the probability that the cell ``at`` holds a particle.
     """
     inside, seen, slip = noisy.inside, noisy.seen, noisy.rates.slip
     miss, misplace = noisy.rates.miss, noisy.rates.misplace
@@ -247,8 +249,9 @@ def learn_noisy(noisy, command):
 def classify(noisy, open_words, known_words, occupied_words, width):
     """Write three boards of the belief: free cells, classified cells, and cells that probably hold a particle.
 
-    A classified cell is known to be free or known to be an obstacle, with log-odds beyond ``noisy.rates.bound``. A cell that
-    probably holds a particle has a probability above 0.5.
+    A cell is classified as free if the log-odds that it is free are at least ``noisy.rates.bound``. A cell is classified as an
+    obstacle if the log-odds are at most the negative of this bound. A cell probably holds a particle if the probability exceeds
+    0.5.
     """
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
     pad = 0 if noisy.layers == 1 else 2

@@ -30,8 +30,8 @@ class Search(NamedTuple):
     planes: NDArray[np.uint64]  # (7, words of a board)
     plan: NDArray[np.int8]  # the commands of the path, from first to last
     neighbours: NDArray[np.int8]  # the commands in the order in which the search visits neighbours
-    parents: NDArray[np.int8]  # the commands in the order in which the search expands their source cells
-    columns: NDArray[np.uint64]  # working memory, (words of a row,)
+    parents: NDArray[np.int8]  # the commands in the order in which `trace_back` looks for the previous cell of a path
+    columns: NDArray[np.uint64]  # columns in which two boards have common cells, (words of a row,)
     origin: NDArray[np.int64]  # row and column of the cell from which the plan starts
     order: int  # COLUMN_MAJOR or ROW_MAJOR
 
@@ -142,7 +142,7 @@ def common_columns(one, other, columns):
 
 @in_place_kernel
 def first_cell(field, search, one, other):
-    """Return (row, column) of the first common cell of two boards, in the order of expansion.
+    """Return (row, column) of the first common cell of two boards, in the order ``search.order``.
 
     The two boards must have a common cell. ``search.columns`` must contain the columns of all common cells.
     """
@@ -202,9 +202,9 @@ def opposite(command):
 
 @in_place_kernel
 def trace_back(field, search, row, column, level):
-    """Write the plan from a source through a goal cell at the path length ``level`` to a frontier cell.
+    """Write the plan that leads from a source to a goal cell, and on to a frontier cell beside the goal cell.
 
-    Return the length of the plan.
+    The goal cell (``row``, ``column``) has the path length ``level``. Return the length of the plan.
     """
     plan, width = search.plan, field.width
     for command in search.neighbours:
@@ -245,10 +245,10 @@ def find_goals(field, search, sources, first, last):
 
 @in_place_kernel
 def nearest(field, search, sources):
-    """Return the length of the shortest path from the board ``sources`` to a frontier cell, or 0 without a path.
+    """Return the length of the shortest path from the board ``sources`` to a frontier cell, or 0 if no path exists.
 
     Write the commands of the path to ``search.plan``. The search expands cells of equal path length in the order ``search.order``,
-    and visits their neighbours in the order ``search.neighbours``.
+    and visits the neighbours of each cell in the order ``search.neighbours``.
     """
     planes, width = search.planes, field.width
     goals, wave = planes[GOALS], planes[WAVE]

@@ -25,7 +25,7 @@ class Slides(NamedTuple):
 
 @in_place_kernel
 def key_of(row, column, field, columns, order):
-    """Return the rank of a cell in the order of expansion."""
+    """Return the rank of a cell, which determines the order in which the search expands cells that need equally many tilts."""
     layer, r = row // field.rows, row % field.rows
     if order == COLUMN_MAJOR:
         return (column * field.rows + r) * field.layers + layer
@@ -34,7 +34,7 @@ def key_of(row, column, field, columns, order):
 
 @in_place_kernel
 def cell_of(key, field, columns, order):
-    """Return the cell (row, column) with a given rank in the order of expansion. This function is the inverse of `key_of`."""
+    """Return the cell (row, column) with a given rank. This function is the inverse of `key_of`."""
     layer, rest = key % field.layers, key // field.layers
     if order == COLUMN_MAJOR:
         return layer * field.rows + rest % field.rows, rest // field.rows
@@ -105,7 +105,7 @@ def sort(keys, first, last):
 
 @in_place_kernel
 def nearest_by_tilts(field, search, slides, sources, mapping):
-    """Return the smallest number of tilts from the board ``sources`` to a frontier cell, or 0 without a path.
+    """Return the smallest number of tilts from the board ``sources`` to a frontier cell, or 0 if no path exists.
 
     Write the commands of the tilts to ``search.plan``.
     """

@@ -1,8 +1,7 @@
-"""Minimum numbers of commands in one direction that particles need to reach cells.
+"""Minimum numbers of commands in one direction that particles need to reach cells, for lower bounds on numbers of moves.
 
-Lower bounds for episodes use the minimum numbers of commands. The grids are flat arrays with a rim: the index of the next cell is
-the index of a cell plus an offset. A particle may try to enter a wall, which classifies the wall, but no path continues from a
-wall.
+The grids are flat arrays with a rim: the index of the next cell is the index of a cell plus an offset. A particle may try to enter
+a wall, which classifies the wall, but no path continues from a wall.
 """
 
 from __future__ import annotations
@@ -42,10 +41,11 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Reduce ``costs`` to the smallest number of commands ``paid`` on any path to each cell without the command ``barred``.
+    """Reduce ``costs`` to the smallest cost of any path to each cell, among the paths without the command ``barred``.
 
-    At the start, ``costs``, int64, contains the initial cost of each cell, or FAR if a path cannot begin at the cell. Commands
-    other than ``paid`` cost nothing. If ``paid`` is -1, all commands cost 1. If ``barred`` is -1, a path may use all commands.
+    The cost of a path is the initial cost of its first cell plus the number of commands ``paid`` on the path. If ``paid`` is -1,
+    all commands count. If ``barred`` is -1, a path may use all commands. At the start, ``costs``, int64, contains the initial cost
+    of each cell, or FAR if a path cannot begin at the cell.
     """
     level = 0
     while True:

@@ -69,7 +69,7 @@ def measure(words, cells, row):
 
 @in_place_kernel
 def trials(draws, cells, words, complement, table):
-    """Place the particles and measure the placement once for each row of ``draws``. Write each result to a row of ``table``."""
+    """For each row of ``draws``, place the particles and measure the placement. Write each result to a row of ``table``."""
     for trial in range(draws.shape[0]):
         place(draws[trial], cells, words, complement)
         measure(words, cells, table[trial])

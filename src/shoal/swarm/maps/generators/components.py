@@ -29,5 +29,5 @@ def largest_part(free: Mask, *, corners: bool = False) -> Mask:
 
 
 def crop(free: Mask) -> Mask:
-    """Remove rows, columns and layers without free cells at the borders of a map. A map without free cells is not allowed."""
+    """Cut off the outer rows, columns and layers of a map that contain no free cell. The map must have at least one free cell."""
     return np.ascontiguousarray(free[tuple(slice(int(where.min()), int(where.max()) + 1) for where in np.nonzero(free))])

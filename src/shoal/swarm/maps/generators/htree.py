@@ -67,7 +67,7 @@ def half_lengths(count: int) -> tuple[int, ...]:
 
 
 def tree_size(halves: tuple[int, ...]) -> int:
-    """Return the number of cells of a complete H-tree. Level k of the tree, counted from 0, has 2^(k+1) half bars."""
+    """Return the number of cells of the H-tree with the given half-lengths. Level k, counted from 0, has 2^(k+1) half bars."""
     return 1 + sum(half << (level + 1) for level, half in enumerate(halves))
 
 
@@ -111,9 +111,9 @@ class _Arms(NamedTuple):
 
 
 def _regular(levels: int) -> tuple[int, ...]:
-    """Return the half-lengths of an H-tree in cells.
+    """Return the half-length of the bars at each level of a regular H-tree, in cells.
 
-    After every two levels, the half-length of the bars is divided by 2; the half-length of the last bars is 2 cells.
+    The half-length is 2 cells at the last two levels, 4 cells at the two levels before them, and so on.
     """
     return tuple(2 ** ((levels - level + 1) // 2) for level in range(levels))
 
@@ -121,9 +121,8 @@ def _regular(levels: int) -> tuple[int, ...]:
 def _arms(halves: tuple[int, ...]) -> _Arms:
     """Return all arms of an H-tree in the order in which the generator removes them.
 
-    Each arm comes after all arms that grow from it. At each fork, the arm to the left or downwards and its branches come before
-    the opposite arm and its branches. The generator, which follows the order of the arms, starts in the lower left corner and
-    removes one branch after another.
+    Each arm comes after all arms that grow from it. At each fork, the left or lower arm, with all arms that grow from it, comes
+    before the opposite arm. In this order, the generator removes one branch after another, beginning in the lower left corner.
     """
     starts, steps, lengths, levels, last_leaves = [], [], [], [], []
     tips = np.zeros((1, 2), dtype=np.int64)

@@ -22,7 +22,7 @@ STEP = 1.5  # length of one vessel segment, in cells: short enough for smooth be
 WANDER = 0.22  # random part of each segment's direction
 SPACING = 5.2  # distance between neighbouring twigs, in cells
 ROUNDS = (6.0, 3.0, 1.6, 1.0)  # spacing of the attraction points of each round, in units of SPACING
-JOIN_REACH = 1.9  # search radius of a twig for a vessel to join, in units of SPACING
+JOIN_REACH = 1.9  # maximum distance between the tip of a twig and a vessel that it joins, in units of SPACING
 JOINED_SHARE = 0.6  # fraction of twigs that are joined; the others stay dead ends
 
 
@@ -47,14 +47,14 @@ class VesselNetwork:
 
 @dataclass(frozen=True)
 class OrganOutline:
-    """The outline of an organ: a smooth closed curve around the origin, given by a radius for each angle."""
+    """The outline of an organ: a smooth closed curve around the origin, given by a radius for each angle, and then stretched."""
 
     radius: float
     stretch: float
     waves: Points
 
     def limit(self, angle: Points) -> Points:
-        """Return the radius of the outline, in cells, at each angle in radians."""
+        """Return the radius of the outline before it is stretched, in cells, at each angle in radians."""
         order = np.arange(2, 2 + len(self.waves))
         wave = (self.waves[:, 0, None] * np.cos(order[:, None] * angle + self.waves[:, 1, None])).sum(axis=0)
         return np.asarray(self.radius * (1 + wave))
@@ -93,9 +93,9 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 
 
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
-    """Return two arrays of shape (nodes,): the index of each node in depth-first order, and the size of each node's subtree.
+    """Return two arrays of shape (nodes,): the index of each node in depth-first order, and the number of nodes in its subtree.
 
-    In depth-first order, a node with index ``first`` and its descendants have the indices ``first`` to ``first + size - 1``.
+    A node with the index ``first`` in depth-first order, and its descendants, have the indices ``first`` to ``first + size - 1``.
     """
     up = parents.tolist()
     size, first, taken = [1] * len(up), [0] * len(up), [1] * len(up)
@@ -166,9 +166,9 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Return the nodes that have the highest rank among all nodes within the distance ``room``, in cells.
+    """Of any two nodes within the distance ``room`` (in cells), drop the node of lower rank. Return the other nodes.
 
-    Choosing the nodes of highest rank prevents dense rows of parallel vessels.
+    Dropping nodes prevents dense rows of parallel vessels.
     """
     from scipy.spatial import cKDTree
 
@@ -178,9 +178,9 @@ def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> In
 
 
 def _headings(points: Points, targets: Points, nearest: Indices, rng: np.random.Generator) -> Points:
-    """Return the unit vector of the growth direction of each attracted node.
+    """Return the unit vector of the growth direction of each attracted node, in ascending order of the node index.
 
-    The directions are in ascending order of the node index.
+    ``nearest`` is the index of the node that each target attracts.
     """
     slot = np.unique(nearest, return_inverse=True)[1]
     pull = _unit(targets - points[nearest])
@@ -244,7 +244,10 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
 
 
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
-    """Return the best candidate node near a tip and ahead of the tip, or None if no such node exists."""
+    """Return the candidate node with the lowest cost, or None if no candidate lies ahead of the tip.
+
+    The cost of a node grows with its distance from the tip, and with the angle between its direction and the heading of the tip.
+    """
     if not len(candidates):
         return None
     way = points[candidates] - points[tip]

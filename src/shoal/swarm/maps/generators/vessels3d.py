@@ -105,9 +105,9 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Split points by a plane that contains a branch and crosses the direction of the largest spread of the points.
+    """Return which points lie in the first of two groups, each with at least one point.
 
-    Each half contains at least one point.
+    The plane between the groups contains the branch ``along`` and crosses the direction in which the points spread most.
     """
     offset = points - points.mean(axis=0)
     length = float(np.linalg.norm(along))
@@ -123,9 +123,9 @@ def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDAr
 
 
 def _bridges(tips: Points, count: int) -> tuple[Points, Points]:
-    """Return twigs between tips that are close in space but far apart in the tree.
+    """Return the start points and the end points of up to ``count`` twigs that join two tips of a tree.
 
-    ``tips`` lists the tips in the order of growth.
+    The joined tips are close in space but far apart in the tree. ``tips`` lists the tips in the order of growth.
     """
     from scipy.spatial import cKDTree
 
@@ -185,7 +185,7 @@ def _drawn(start: Points, end: Points, radius: NDArray[np.float64]) -> Mask:
 def _paint_balls(free: Mask, centre: Points, cell: NDArray[np.int64], radius: NDArray[np.float64]) -> None:
     """Mark as free all cells whose centre lies within ``radius`` of a ball's centre.
 
-    The balls of a thick branch lie farther apart than the balls of a thin branch.
+    To save time, the function leaves out some of the densely placed balls of thick branches.
     """
     for reach in range(1, int(np.ceil(radius.max())) + 1):
         thick = np.flatnonzero((np.ceil(radius) == reach) & (radius > 0.6))

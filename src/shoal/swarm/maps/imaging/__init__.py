@@ -1,9 +1,9 @@
 """Segmentation of the vessels in a photograph, and conversion of the vessels to a map of free cells.
 
-The package takes the green channel of a photograph and finds the field of view inside the dark surround. The package subtracts the
-background of the photograph, which is the median over a wide window. Line detectors and ridge filters compute how much each pixel
-looks like part of a vessel. Thresholds with hysteresis select the vessel pixels, which become the free cells of the map. The
-package `imaging` needs scikit-image, which the extra ``shoal[imaging]`` installs.
+The package takes the green channel of a photograph and finds the field of view inside the black or white surround. The package
+subtracts the background of the photograph, which is the median over a wide window. Line detectors and ridge filters compute how
+much each pixel looks like part of a vessel. A lower and an upper threshold select the vessel pixels, which become the free cells of
+the map. The package `imaging` needs scikit-image, which the extra ``shoal[imaging]`` installs.
 """
 
 from shoal.swarm.maps.imaging.centre_lines import CentreLines, Segment, centre_lines

@@ -18,7 +18,7 @@ Points = NDArray[np.float64]
 Indices = NDArray[np.int64]
 Links = list[list[int]]
 
-SPUR = 1.5  # an open branch shorter than this is noise of the vessel's edge, in distances from the junction to the edge
+SPUR = 1.5  # a branch with an open end is noise if it is shorter than this many distances from its junction to the vessel's edge
 SMOOTHING = 2.0  # standard deviation of the smoothing along a centre line, in pixels: it removes the steps of the pixels
 
 
@@ -51,14 +51,14 @@ class Segment(NamedTuple):
         return float(self.along[-1])
 
     def width(self, first: float, last: float) -> float:
-        """Return the mean width, in pixels, between two distances along the segment.
+        """Return the mean width of the vessel, in pixels, between two distances along the segment.
 
-        For fewer than two centre line points, return NaN.
+        If fewer than two points of the centre line lie between the two distances, return NaN.
         """
         part = np.flatnonzero((self.along >= first) & (self.along <= last))
         if len(part) < 2:
             return float("nan")
-        ends = (self.area[part[0]] + self.area[part[-1]]) / 2  # half of what belongs to an end lies outside
+        ends = (self.area[part[0]] + self.area[part[-1]]) / 2  # half of the area of the first and of the last point lies outside
         return float((self.area[part].sum() - ends) / (self.along[part[-1]] - self.along[part[0]]))
 
     def backward(self) -> Segment:
@@ -104,8 +104,8 @@ class CentreLines(NamedTuple):
 def centre_lines(mask: Mask) -> CentreLines:
     """Return the centre lines of a mask of shape (H, W), which is True on vessels.
 
-    The function joins two connected junctions if the largest discs inside the vessels around the two junctions overlap, so that
-    two crossing vessels have one junction of four segments.
+    The skeleton of two crossing vessels may have two junctions of three segments. The function joins two connected junctions if the
+    largest discs around them inside the vessels overlap, so that two crossing vessels have one junction of four segments.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def _links(skeleton: Mask, at: Indices) -> Links:
 
 
 def _chains(links: Links) -> tuple[list[list[int]], dict[int, int]]:
-    """Return the chains of pixels between nodes, and the number of the node for each pixel at a junction or an end."""
+    """Return the chains of pixels between nodes, and the index of the node for each pixel at a junction or an end."""
     node_of: dict[int, int] = {}
     nodes = 0
     for pixel, near in enumerate(links):

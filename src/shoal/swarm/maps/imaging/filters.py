@@ -55,7 +55,8 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
     """Subtract the background of a picture: the median over a wide window around each pixel.
 
-    Before the median is computed, mirror images of pixels inside the field of view replace the pixels outside the field of view.
+    The window is three times ``deviation`` pixels wide. Before the function computes the median, mirror images of pixels inside the
+    field of view replace the pixels outside the field of view.
     """
     reach = int(3 * deviation)
     grey = np.pad(_mirrored(grey, view), reach, mode="symmetric")
@@ -87,7 +88,10 @@ def _mirrored(grey: Grey, view: Mask) -> Grey:
 
 
 def _line_strength(grey: Grey, view: Mask) -> Grey:
-    """Return the response of a line detector: the mean of the brightest line through a pixel, minus the mean around the pixel."""
+    """Return the response of a line detector: the mean of the brightest line through a pixel, minus the mean around the pixel.
+
+    The response is averaged over lines of several lengths.
+    """
     total = standardised(grey, view)
     around = scipy.ndimage.uniform_filter(grey, LINE_WINDOW)
     lengths = range(1, LINE_WINDOW + 1, 2)
@@ -119,8 +123,8 @@ def _line(length: int, angle: float) -> Grey:
 def _ridge_strength(grey: Grey) -> Grey:
     """Return, for each pixel, the maximum response of ridge filters of all widths and angles.
 
-    Each ridge filter is the second derivative of a Gaussian across a vessel, stretched along the vessel. Each ridge filter is
-    scaled to energy 1, so that all ridge filters respond equally to noise.
+    Each ridge filter is the second derivative of a Gaussian. The Gaussian is stretched along a vessel, and the derivative is taken
+    across the vessel. Each ridge filter is scaled to energy 1, so that all ridge filters respond equally to noise.
     """
     reach = int(2.5 * max(length for _, length in RIDGES))
     padded = np.pad(grey, reach, mode="symmetric")

@@ -26,11 +26,11 @@ THICKEST = {True: 0.0185, False: 0.035}
 CLEARLY_BRIGHTER = 3.0  # if bright lines are this much stronger than dark lines, dark lines are not tried
 SMALLEST_PART = 40  # pixels
 LEAST_CONFIDENCE, SURE = 0.25, 0.45
-NOISE, CLEAR = 1.04, 1.44  # strength of lines relative to noise of the same spectrum
+NOISE, CLEAR = 1.04, 1.44  # strength of lines relative to noise of the same spectrum, for confidence 0 and for confidence 1
 EDGE = 0.2  # minimum step at a vessel's edge, as a fraction of the vessel's depth
 FAINT = 3.0  # contrast of a network to its background, in standard deviations of the background, that noise does not reach
-EDGES, LINES = 0.5, 0.9  # fraction of the network that differs from both of its sides
-SPECKS, TREES = 0.2, 0.65  # mean extent of a connected part relative to the larger side of the network
+EDGES, LINES = 0.5, 0.9  # fraction of the network that differs from both of its sides, for confidence 0 and for confidence 1
+SPECKS, TREES = 0.2, 0.65  # mean extent of a connected part relative to the picture's larger side, for confidence 0 and 1
 WOVEN = 0.2  # alignment of all lines with one direction, from 0 to 1; above this limit the confidence is reduced
 STRAIGHT = 60  # length in pixels over which a line keeps its direction: short networks are aligned by chance
 
@@ -90,11 +90,11 @@ def find_vessels(
 
     Notes
     -----
-    The filter response of a pixel is the sum of two standardized filters. The first of the two filters is the multi-scale line
-    detector by Nguyen and others (Pattern Recognition 46, 2013). The second of the two filters has half the weight of the first
-    filter, and consists of elongated second derivatives of Gaussians. The elongated derivatives are similar to the Gabor filters by
-    Soares and others (IEEE Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs`
-    measures the accuracy of the vessel finder on synthetic photographs of eyes.
+    The filter response of a pixel is the sum of two standardized responses. The first response comes from the multi-scale line
+    detector by Nguyen and others (Pattern Recognition 46, 2013). The second response has half the weight of the first response, and
+    comes from elongated second derivatives of Gaussians, which are similar to the Gabor filters by Soares and others (IEEE
+    Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs` measures the accuracy of
+    the vessel finder on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
@@ -102,8 +102,7 @@ def find_vessels(
 class VesselFinder:
     """A photograph with its filter responses, in which vessels can be found for any thresholds.
 
-    The filters run once for each photograph. With the stored responses, the vessel finder quickly finds vessels for many pairs of
-    thresholds.
+    The filters run only once, because the vessel finder stores their responses. Finding vessels for further thresholds is fast.
 
     Parameters
     ----------
@@ -282,9 +281,10 @@ def _confidence(flat: Grey, view: Mask, network: Mask) -> float:
 
 
 def _mean_extent(network: Mask, middle: Mask) -> float:
-    """Return the mean diagonal of a network's connected parts, as a fraction of the larger side of the picture.
+    """Return the mean extent of a network's connected parts, as a fraction of the larger side of the picture.
 
-    The weight of a connected part in the mean is the part's number of centre line pixels.
+    The extent of a connected part is the diagonal of its bounding box. In the mean, the weight of a connected part is its number of
+    centre line pixels.
     """
     from scipy import ndimage
 
@@ -296,8 +296,9 @@ def _mean_extent(network: Mask, middle: Mask) -> float:
 def _shape_of_lines(flat: Grey, network: Mask, middle: Mask) -> tuple[float, float]:
     """Return two measures of the centre lines of a network, each between 0 and 1.
 
-    The first measure is the fraction of centre line pixels whose contrast on one side is more than half the contrast on the other
-    side. The second measure is the alignment of all centre lines with one direction or with the perpendicular direction.
+    The first measure is the fraction of centre line pixels with similar contrasts to both sides of the vessel: the lower contrast
+    is more than half the higher contrast. The second measure is the alignment of all centre lines with one direction or with the
+    perpendicular direction.
     """
     from scipy import ndimage
 

@@ -13,9 +13,9 @@ from shoal.swarm.maps.imaging.segmentation import imaging_module
 
 Values = NDArray[np.float64]
 
-CLEAR = 1.5  # a segment is measured from this many radii of the junction's disc on: nearer, it overlaps the other segments
+CLEAR = 1.5  # a segment is measured from this many radii of the junction's disc on, because nearer segments overlap
 REACH = 4.0  # length of the measured part, in radii of the junction's disc
-LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: at least, and if the segment is long enough
+LEAST, SHORTEST = 3.0, 6.0  # length of the measured part in pixels: the minimum, and the minimum if the segment is long enough
 ALIKE = 0.9  # a segment of at least this fraction of the largest width may be the parent
 RIM = 0.02  # an end nearer to the border of the view than this fraction of the view's side is cut off, not a dead end
 LARGEST_EXPONENT = 50.0
@@ -32,12 +32,12 @@ class VesselStatistics:
     radii : ndarray, float64, shape (k, 3)
         Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation, in pixels.
     lengths, chords, widths : ndarray, float64, shape (s,)
-        Length, distance between the ends, and mean width of each vessel segment, in pixels.
+        For each vessel segment between two junctions: its length, the distance between its ends, and its mean width, in pixels.
     area_density : float
         Area of the vessels divided by the area of the field of view.
     dead_ends : float
-        Number of dead ends on a network length of 100 mean vessel widths. The number of dead ends is NaN if the network is not
-        longer than the mean vessel width.
+        Number of dead ends per 100 mean vessel widths of network length, or NaN if the network is not longer than the mean vessel
+        width.
     fractal_dimension : float
         Box-counting dimension of the network's centre lines.
     """
@@ -69,7 +69,8 @@ class VesselStatistics:
     def summary(self) -> dict[str, float]:
         """Return one number for each measure.
 
-        If a network has no bifurcations or no segments, the measures of bifurcations or segments are NaN.
+        The measures of bifurcations are NaN for a network without bifurcations. The measures of segments are NaN for a network
+        without segments.
 
         The branching angle, area ratio, asymmetry and exponent are medians over all bifurcations, because vessels that cross or
         touch give outliers. The ratio of length to diameter is the mean over all vessel segments. The tortuosity is the total
@@ -114,7 +115,7 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     The centre lines of the vessels are the skeleton of the mask. The width of a vessel part is the part's area divided by its
     length. A bifurcation is a junction of three segments. The function measures the segments of a bifurcation outside the largest
     disc that fits into the junction. The parent vessel of a bifurcation is the widest segment. If several segments are about
-    equally wide, the parent is the segment opposite the smallest angle between two segments.
+    equally wide, the parent is the one for which the angle between the two other segments is smallest.
 
     Examples
     --------

@@ -1,17 +1,15 @@
 """Exact counting of particle placements on a line, with integers only.
 
-A placement of n particles on m cells is given by n + 1 gaps, with m - n empty cells in total. Full coverage takes
-a + 1 + max(t + 2, g(1), ..., g(n-1)) moves, where a is the first gap, t is the sum of the first and the last gap, and the inner
-gaps are g(1) ... g(n-1). The function `positions.coverage_moves` explains the number of moves for full coverage. In the maximum
-max(t + 2, g(1), ..., g(n-1)), the first inner gap g(i) above 0 counts as g(i) - 1. If all inner gaps g(i) are 0, full coverage
-takes one move less than a + 1 + max(t + 2, g(1), ..., g(n-1)). The maximum max(t + 2, g(1), ..., g(n-1)) is at most g if
-t <= g - 2, the first nonzero inner gap is at most g + 1, and all other inner gaps are at most g. The first and the last gap can
-divide their t empty cells in t + 1 ways.
+A placement of n particles on m cells has n + 1 gaps, with m - n empty cells in total. Let a be the first gap, t the sum of the
+first and the last gap, and g(1), ..., g(n-1) the inner gaps. Let M = max(t + 2, g(1), ..., g(n-1)), where the first inner gap
+above 0 counts as one cell less. Full coverage takes a + 1 + M moves, or one move less if all inner gaps are 0. The function
+`positions.coverage_moves` explains these numbers of moves.
 
-Generating functions turn the number of placements into sums of binomial coefficients. Let G = (1 - x^(g+1)) / (1 - x) be the
-generating function of one gap of at most g cells. Let T be the sum of (t+1) x^t for t <= g - 2, the generating function of the
-first and the last gap. With the generating functions T and G, the number of placements for which max(t + 2, g(1), ..., g(n-1))
-is at most g is the coefficient of x^(m-n) in T G^(n-1) + T x^(g+1) (1 + G + ... + G^(n-2)).
+M is at most g if t <= g - 2, the first inner gap above 0 is at most g + 1, and all other inner gaps are at most g. The first and
+the last gap can divide their t empty cells in t + 1 ways. Generating functions turn the number of placements with M <= g into sums
+of binomial coefficients. Let G = (1 - x^(g+1)) / (1 - x) be the generating function of one inner gap of at most g cells. Let T be
+the sum of (t+1) x^t for t <= g - 2, which is the generating function of the first and the last gap together. Then the number of
+placements with M <= g is the coefficient of x^(m-n) in T G^(n-1) + T x^(g+1) (1 + G + ... + G^(n-2)).
 """
 
 from __future__ import annotations
@@ -45,7 +43,7 @@ def signed_binomials(n: int, at_most: int) -> list[int]:
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return the number of placements whose largest gap, end gaps included, is at most g, for g from 0 to cells - particles."""
+    """Return, for each g from 0 to cells - particles, the number of placements whose gaps, end gaps included, are at most g."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):
@@ -61,15 +59,15 @@ def coverage_total(cells: int, particles: int) -> int:
     empty = cells - particles
     placements = comb(cells, particles)
     within = CoverageCounts(cells, particles)
-    # The result is the sum of a + 1 over all placements, plus the sum of the maximum. The latter is the sum over g of the number of
-    # placements whose maximum exceeds g.
+    # The result is the sum of a + 1 over all placements, plus the sum of M over all placements. The sum of M is the sum, over all g
+    # from 0 on, of the number of placements with M > g.
     total = comb(cells + 1, particles + 1) + 2 * placements
     total += sum(placements - within(g) for g in range(2, empty + 2))
-    return total - (empty + 1)  # the clumps
+    return total - (empty + 1)  # each placement without empty cells in the inner gaps needs one move less
 
 
 class CoverageCounts:
-    """Counts the placements for which the maximum max(t + 2, g(1), ..., g(n-1)) is at most g, for g >= 2."""
+    """Counts the placements whose maximum M is at most g, for g >= 2. The module's docstring defines M."""
 
     def __init__(self, cells: int, particles: int) -> None:
         n = particles
@@ -80,11 +78,11 @@ class CoverageCounts:
         self.inner = choose_all(cells, n - 2)[n - 2 :]  # of 1 / (1-x)^(n-1)
 
     def __call__(self, g: int) -> int:
-        """Return the number of placements for which the maximum max(t + 2, g(1), ..., g(n-1)) is at most g."""
+        """Return the number of placements whose maximum M is at most g. The module's docstring defines M."""
         return self._all_below(g) + self._first_above(g)
 
     def printed(self, g: int, extra: int) -> int:
-        """Return the number of placements for which the maximum in the papers' formula is at most g."""
+        """Return the number of placements for which the maximum in the formula of `printed_coverage_total` is at most g."""
         if g < extra:
             return 0
         return _truncated(lambda total: self._bounded(self.with_ends, total, g - extra + 1), self.empty, g - 1)
@@ -117,7 +115,10 @@ class CoverageCounts:
         return sum(sign * part for sign, part in zip(self.signs, self._sums(top, g), strict=False)) - whole
 
     def _sums(self, top: int, g: int) -> Iterator[int]:
-        """Yield sums of every g-th coefficient of 1 / (1-x)^(n-1), downwards from x^top, then from x^(top - (g+1)), and so on."""
+        """Yield the sum of every g-th coefficient of 1 / (1-x)^(n-1), downwards from x^top.
+
+        Then yield the sums downwards from x^(top - (g+1)), from x^(top - 2(g+1)), and so on.
+        """
         starts = range(top, -1, -(g + 1))
         if g * g > top:
             yield from (sum(self.inner[start::-g]) for start in starts)
@@ -144,7 +145,10 @@ def printed_coverage_total(cells: int, particles: int, *, extra: int = 0) -> int
 
 
 def _truncated(coefficient: Callable[[int], int], total: int, most: int) -> int:
-    """Return the coefficient of x^total in F times the sum of (t+1) x^t for t <= most, from the coefficients of F / (1-x)^2."""
+    """Return the coefficient of x^total in the product of a power series F and the sum of (t+1) x^t for t from 0 to ``most``.
+
+    ``coefficient(k)`` is the coefficient of x^k in F / (1-x)^2.
+    """
     if most < 0:
         return 0
     return coefficient(total) - (most + 2) * coefficient(total - most - 1) + (most + 1) * coefficient(total - most - 2)

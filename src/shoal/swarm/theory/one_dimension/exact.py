@@ -14,9 +14,9 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.swarm.theory.one_dimension import counting
 
-MAX_CELLS = 2**53  # up to which floats are exact
+MAX_CELLS = 2**53  # floats represent all whole numbers up to this number exactly
 
-_COUNTED = 1000  # number of particles or empty cells from which C(m, n) has thousands of digits
+_COUNTED = 1000  # above this number of particles and of empty cells, the term with C(m, n) is smaller than rounding errors
 
 
 @dataclass(frozen=True)
@@ -138,8 +138,8 @@ class Line:
     def boundary_float(self) -> float:
         """The exact expected value in `boundary` as a float, for lines of any length.
 
-        For n particles on m cells with large n, the computation omits the term (m-n+1)/C(m,n), which is smaller than rounding
-        errors.
+        If the particles and the empty cells both number more than 1000, the computation omits the term (m-n+1)/C(m,n), which is
+        then smaller than rounding errors.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -160,10 +160,11 @@ class Line:
 
     @cached_property
     def published_coverage(self) -> Fraction:
-        """The published curve of full coverage: the papers' formula, with differences of positions as the sizes of the gaps.
+        """Expected number of moves for full coverage, according to the published curve.
 
-        The published curve has two errors: the error of the printed formula, and gaps that are one cell too long. If particles fill
-        all cells at the start, the curve gives 2 moves, which is correct. Source: paper M, figure 7, 1-D curve.
+        The published curve has two errors: the error of the printed formula, and inner gaps that are one cell too long, because the
+        papers measure a gap as a difference of positions. If particles fill all cells at the start, the curve gives 2 moves, which
+        is correct. Source: paper M, figure 7, 1-D curve.
         """
         if self.particles == self.cells:
             return Fraction(2)
@@ -192,8 +193,7 @@ class Line:
         """Distribution of the position of the first particle.
 
         The position of the first particle is also the number of moves to the left until the particle finds the left end of the
-        line. By symmetry, the number of moves to the right until the last particle finds the right end has the distribution of the
-        first particle's position.
+        line. By symmetry, the number of moves to the right until the last particle finds the right end has the same distribution.
         """
         m, n = self.cells, self.particles
         return Distribution(1, tuple(comb(m - k, n - 1) for k in range(1, m - n + 2)))
@@ -213,13 +213,13 @@ class Line:
         free = m - n
         if n == 1:
             return Distribution(m + 1, (1,) * m)
-        # The moves number 3 + 2a + b, with a cells before the first particle and b after the last. The other particles lie in the m
-        # - 2 - a - b cells between.
+        # The number of moves is 3 + 2a + b, with a cells before the first particle and b cells after the last particle. The other
+        # n - 2 particles lie in the m - 2 - a - b cells between these two particles.
         counts = [0] * (2 * free + 2)
         for moves in range(2 * free + 1):
             most = min(moves // 2, free)
             counts[moves + 1] = comb(m - 1 - moves + most, n - 1) - (comb(m - 2 - moves, n - 1) if moves <= m - 2 else 0)
-        for a in range(free + 1):  # a clump needs one move less
+        for a in range(free + 1):  # a placement without gaps between the particles needs one move less
             counts[a + free + 1] -= 1
             counts[a + free] += 1
         low = next(i for i, count in enumerate(counts) if count)

@@ -73,11 +73,12 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     """Return the scan schedule with the smallest competitive ratio, for walls at distances from 0 to ``max_distance`` moves.
 
     The competitive ratio of a schedule is the largest ratio of the schedule's price to the optimal price, over all wall distances.
-    With the price c of a scan and the price v of a move, a schedule has a competitive ratio of at most r if every scan position x_j
-    is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A competitive ratio r is possible if and only if the schedule with
-    the latest allowed scans reaches the maximum distance, because a later scan allows later positions for all following scans. A
-    bisection finds an interval that contains the smallest possible competitive ratio. Inside the interval, the function computes
-    schedules with smaller and smaller ratios in exact fractions, until no schedule has a smaller ratio.
+    Let c be the price of a scan, v the price of a move, x_1, x_2, ... the scan positions of a schedule, and x_0 = 0. The schedule
+    has a competitive ratio of at most r if every x_j is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A competitive ratio
+    r is possible if and only if the schedule with the latest allowed scans reaches the maximum distance, because a later scan
+    allows later positions for all following scans. A bisection finds an interval that contains the smallest possible competitive
+    ratio. Inside the interval, the function computes schedules with smaller and smaller ratios in exact fractions, until no
+    schedule has a smaller ratio.
 
     Parameters
     ----------
@@ -92,7 +93,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
     OptimalSchedule
         The schedule is optimal if at most `MAX_SCANS` positions are enough, and if the distance and the prices have up to nine
         digits. If more than `MAX_SCANS` positions or more than nine digits are necessary, the function returns the better one
-        of two schedules: the best schedule with `MAX_SCANS` positions (to 19 digits), and the best schedule with equal steps.
+        of two schedules: the best schedule with equal steps, and the best schedule with at most `MAX_SCANS` positions, whose ratio
+        is optimal to 19 digits.
 
     Raises
     ------
@@ -124,9 +126,8 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 def _best_equal_steps(scan: Fraction, move: Fraction, max_distance: int) -> EqualSteps:
     """Return the schedule of equal steps with the smallest competitive ratio.
 
-    The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. For a wall at the start, the
-    ratio of prices grows with the length of the steps. For a wall near the maximum distance, the ratio of prices falls with the
-    length of the steps.
+    The competitive ratio is the larger one of two ratios of the schedule's price to the optimal price. The ratio for a wall at the
+    start grows with the length of the steps. The ratio for a wall near the maximum distance falls with the length of the steps.
     """
 
     def too_short(step: int) -> bool:

@@ -236,9 +236,8 @@ class Powers(ScanSchedule):
 class Hyperexponential(ScanSchedule):
     """The schedule with the i-th scan after i^i moves: after 1, 4, 27, 256, ... moves.
 
-    For a wall at distance D, the numbers of moves and scans, divided by their optima, both grow as log D / log log D. No
-    schedule exists for which the numbers of moves and scans, divided by their optima, both grow more slowly than log D / log
-    log D.
+    For a wall at distance D, the number of moves divided by its optimum, and the number of scans divided by its optimum, both grow
+    as log D / log log D. No schedule exists for which both ratios grow more slowly.
 
     Notes
     -----
@@ -293,19 +292,19 @@ class Custom(ScanSchedule):
 
 
 class OneJump(Custom):
-    """The schedule with a single jump of M moves past the distance of the wall, and one scan.
+    """The schedule with a single jump of L moves past the distance of the wall, and one scan after the jump.
 
-    The schedule costs M moves and 2 scans.
+    With the scan at the start, the schedule costs L moves and 2 scans.
 
     Parameters
     ----------
     length : int
-        Number M of moves in the jump. The schedule detects a wall at a distance of fewer than M moves.
+        Number L of moves in the jump. The schedule detects a wall at a distance of fewer than L moves.
 
     Notes
     -----
-    Source: paper M, section III.A.3. For a jump of M moves and a wall at distance D, paper M requires M >= D. The jump must have
-    more than D moves, because a particle that has moved exactly D cells has not yet met the wall at distance D.
+    Source: paper M, section III.A.3. For a wall at distance D, paper M requires L >= D. The jump must have more than D moves,
+    because a particle that has moved exactly D cells has not yet met the wall at distance D.
     """
 
     def __init__(self, length: int) -> None:

@@ -27,12 +27,12 @@ class Bracket:
 
 
 def least_simultaneous_ratio(max_distance: int) -> Bracket:
-    """Return the smallest number c for which some schedule has competitive ratios of moves and scans of at most c.
+    """Return the smallest common bound on the competitive ratios of moves and of scans that some schedule can keep.
 
-    A schedule with j scans after the scan at the start has a competitive ratio of scans of (j + 1) / 2, because the optimum has two
-    scans. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches the smallest
-    ratio of moves if each jump is as long as this ratio allows. The function searches for the number of scans at which the ratio of
-    moves and the ratio of scans cross, because the smallest common bound lies there.
+    For a schedule with j scans after the scan at the start, the competitive ratio of scans is (j + 1) / 2, because the optimum has
+    two scans. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches this smallest
+    ratio of moves if each jump is as long as the ratio allows. The smallest common bound lies where the falling ratio of moves and
+    the growing ratio of scans meet, and the function searches for the number of scans at this point.
 
     Parameters
     ----------
