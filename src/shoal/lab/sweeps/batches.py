@@ -89,7 +89,7 @@ _places: dict[tuple[str, str], Any] = {}
 
 
 def placed(problem: Problem) -> Problem:
-    """Return a problem whose map, workspace or region is open. Problems with one common place share the opened place."""
+    """Return a copy of a problem with its map, workspace or region opened. Problems with equal places share the opened place."""
     name = problem.place_key()
     if name is None:
         return problem
