@@ -172,7 +172,7 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
 
 
 def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare the values of two settings a and b. The k-th value of a and the k-th value of b must come from trials with equal seeds.
+    """Compare the values of two settings a and b. For each k, the k-th values of a and b must come from trials with equal seeds.
 
     Parameters
     ----------

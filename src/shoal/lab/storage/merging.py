@@ -56,7 +56,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy the row ``old`` of a table to the merged store, in which the sweep has the number ``new``. Return the row's number."""
+            """Copy the row ``old`` of a table to the merged store, with the sweep's number ``new``. Return the new row's number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which other rows refer to, got none")

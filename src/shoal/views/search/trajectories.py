@@ -129,7 +129,7 @@ class RobotWays:
         return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
     def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Insert a path to the start and back where the time between two cells shows that a robot recharged."""
+        """Insert a path to the start and back wherever the time between two searched cells shows that the robot recharged."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's paths home are part of the route
             return trajectory

@@ -47,7 +47,7 @@ class PlaneView:
 
 
 def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shape that marks a holding wall: a line in 2-D, a face in 3-D, or a part of a round wall."""
+    """Return the shape that marks a wall that holds a particle: a line in 2-D, a face in 3-D, or a part of a round wall."""
     if isinstance(workspace, Region):
         return np.asarray(workspace.edges[wall].reshape(2, 2))
     sides = len(workspace.vertices)
