@@ -33,7 +33,7 @@ _TILT = 1e-9
 
 
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
-    """Return the shortest path of three moves in the unit square: its length, the toucher, its contact, and a flag.
+    """Return the shortest path of three moves in the unit square: the path's length, the toucher, the contact and a flag.
 
     The toucher (0 or 1) is the particle that touches a wall. A reflection of the touching particle's goal in the wall gives the
     contact. While the wall holds the touching particle, the second move adjusts the position of the other particle. If the second
@@ -72,7 +72,11 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return the final error of the shortest path for a random problem, and the difference of the path's two angles at the wall."""
+    """Return data of the shortest path for a random problem.
+
+    ``solved`` is 1 if a path of three moves exists. ``off`` is the largest error at the goals. ``tilt`` is the difference between
+    the sines of the path's two angles at the wall. ``reflected`` is 1 if the path is a reflection.
+    """
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -167,7 +171,10 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (paper W, equation 9)."""
+    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (paper W, equation 9).
+
+    S is at the distance ``s`` from the centre, at the angle 0. E is at the distance ``e`` from the centre, at the angle ``beta``.
+    """
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 

@@ -11,7 +11,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.noise import Moment, moments
 
 HEAVIEST = 40_000_000
-"""Maximum size in bytes of moments that a page loads quickly."""
+"""Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size quickly."""
 
 
 def packed_moments(frames: Iterable[Moment]) -> bytes:
