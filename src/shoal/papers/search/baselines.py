@@ -34,8 +34,9 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 def strip_time(starts: NDArray[np.int64]) -> float:
     """Return the time that robots need to move to the left ends of equal strips and to search the strips (paper H, figure 1).
 
-    The unit is the time for one cell. The robots get their strips in the order of their start rows. A robot searches a strip of several rows back and forth. If the
-    number of rows is not a multiple of the number of strips, some strips are one row wider than the others.
+    The unit is the time for one cell. The robots get their strips in the order of their start rows. A robot searches a strip of
+    several rows back and forth. If the number of rows is not a multiple of the number of strips, some strips are one row wider than
+    the others.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
