@@ -25,7 +25,7 @@ _OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 @dataclass(frozen=True)
 class Piece:
-    """A sequence of trials of one point: trial ``first`` to trial ``stop`` - 1.
+    """A sequence of trials of one point of a sweep: trial ``first`` to trial ``stop`` - 1.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Piece:
         Number of the point's row in the store.
     problem : Problem
     seeds : str
-        Text from which the seeds of the trials are computed: the problem without the paired axes.
+        Text from which the seeds of the trials are computed: the problem without the paired axes, which do not influence seeds.
     first, stop : int
     place : object, optional
         The opened map, workspace or region, for workers without the file of the place.
@@ -49,7 +49,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch of trials: several pieces that one worker runs one after another."""
+    """A batch of trials: several sequences of trials (pieces), which one worker runs one after another."""
 
     sweep_seed: int
     pieces: tuple[Piece, ...]

@@ -70,7 +70,9 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the initial distance from which two moves on a disk reach most position differences, and the reached fraction.
+    """Return the initial distance from which two moves on a disk reach the largest fraction of position differences.
+
+    The second returned value is this fraction.
 
     Notes
     -----

@@ -48,7 +48,7 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw the Δ configuration space, the set of differences Δ that two moves can reach, and the path of the difference Δ."""
+    """Draw the Δ configuration space, the position differences that two moves can reach, and the path of the difference Δ."""
     workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)

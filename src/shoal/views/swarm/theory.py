@@ -27,7 +27,9 @@ _POINTS = 400  # maximum number of scans at each of which a chart has a point
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
     """Return a figure of the distributions of first gap, last gap, largest gap and spread, as in figure 5 of paper M.
 
-    Lines show the exact distributions. Bars show the Monte Carlo sample, if a sample is given.
+    The first gap lies between the left end of the line and the first particle, and the last gap between the last particle and the
+    right end. The spread is the distance from the first to the last particle. Lines show the exact distributions. Bars show the
+    Monte Carlo sample, if a sample is given.
     """
     figure = new_figure(7.6, 5.2)
     first = line.first_distribution
