@@ -132,7 +132,7 @@ class Declaration:
     def text(self, value: Any) -> str:
         """Return a value as command line text, such as '1,2' for numbers or '1,2 3,4' for points.
 
-        In the text of a mapping, such as 'quadcopter,speed=5', the first value has no name.
+        In the text of a mapping, such as 'multirotor,cruise_speed=5', the first value has no name.
         """
         if isinstance(value, Mapping):
             first, *others = value.items()

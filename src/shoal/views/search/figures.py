@@ -266,7 +266,7 @@ def spread_out(places: NDArray[np.float64], least: float, box: NDArray[np.float6
 
 
 def _not_seen(history: SearchHistory) -> Any:
-    """Return, in drawing coordinates, the areas that robots have not seen in every layer. The areas exclude obstacles."""
+    """Return the areas of all layers that no robot has seen, in drawing coordinates. The areas exclude obstacles."""
     import shapely
 
     panels, episode = history.panels, history.episode

@@ -25,8 +25,8 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     """Return a figure of a plan: the workspace with the particles' paths, and the path of the position difference Δ.
 
     The number of each move stands at the end point of the move. With infinite friction, a shaded area shows the position
-    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with its shadow on the floor.
-    Beside a 3-D plan, a chart shows the heights of the particles after each move.
+    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with the shadows of the
+    paths on the floor. Beside a 3-D plan, a chart shows the heights of the particles after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2

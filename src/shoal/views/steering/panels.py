@@ -190,7 +190,7 @@ class SpacePanel(Panel):
 
 
 class DeltaPanel(Panel):
-    """The panel with the Δ configuration space: path and goal of the position difference Δ, and the set that two moves can reach."""
+    """The panel with the Δ configuration space: the path and the goal of the difference Δ, and what two moves can reach."""
 
     def _prepare(self, box: Box) -> None:
         outline = outlines_of(delta_outline(self._episode))[0]

@@ -29,7 +29,7 @@ _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
 @dataclass(frozen=True, eq=False)
 class MoveTrajectory:
-    """The motion during one move: the path of each particle in straight segments, and its wall contacts.
+    """The motion during one move: the path of each particle in straight segments, and the contacts of particles with walls.
 
     Parameters
     ----------
