@@ -72,11 +72,7 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return data of the shortest path for a random problem.
-
-    ``solved`` is 1 if a path of three moves exists. ``off`` is the largest error at the goals. ``tilt`` is the difference between
-    the sines of the path's two angles at the wall. ``reflected`` is 1 if the path is a reflection.
-    """
+    """Return the final error of the shortest path for a random problem, and how much the sines of its angles at the wall differ."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -171,10 +167,7 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (paper W, equation 9).
-
-    S is at the distance ``s`` from the centre, at the angle 0. E is at the distance ``e`` from the centre, at the angle ``beta``.
-    """
+    """Return the length of a path from (s, 0) via the unit circle at the angle θ to e (cos β, sin β) (paper W, equation 9)."""
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 
