@@ -90,7 +90,7 @@ def _summary(name: str) -> str:
 
 
 def _panel(name: str) -> str:
-    """Return the heading of a command, or of the first command of a group."""
+    """Return the heading under which help lists a command or a group. A group has the heading of its first command."""
     first = next(entry for command, entry in COMMANDS.items() if f"{command} ".startswith(f"{name} "))
     return PANELS.get(first.module.partition(".")[0], "General")
 

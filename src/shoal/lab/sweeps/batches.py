@@ -71,7 +71,7 @@ class Answer:
     failures : list of (point, trial, seed, error)
     seconds : float
     paces : list of (point, float)
-        Point number and mean time per trial in seconds, for each piece of the batch.
+        Point number and mean time per trial in seconds, for each piece (sequence of trials of one point) of the batch.
     versions : dict
         The versions on which the results of the worker depend.
     worker : str

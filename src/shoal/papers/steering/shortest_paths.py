@@ -35,10 +35,10 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: the path's length, the toucher, the contact and a flag.
 
-    The toucher (0 or 1) is the particle that touches a wall. A reflection of the touching particle's goal in the wall gives the
-    contact. While the wall holds the touching particle, the second move adjusts the position of the other particle. If the second
-    move is impossible at the reflected contact, the contact moves to the nearest possible point. The flag is true if the touching
-    particle's path is a reflection. The result is None if no wall allows a path of three moves.
+    The toucher (0 or 1) is the particle that touches a wall. The contact lies on the straight line from the toucher's start to the
+    mirror image of its goal behind the wall. While the wall holds the toucher, the second move displaces the other particle. If the
+    second move is impossible at this contact, the contact moves to the nearest possible point of the wall, and the flag is False.
+    The result is None if no wall allows a path of three moves.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
