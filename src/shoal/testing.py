@@ -203,7 +203,10 @@ def _check_view(policy: Policy, workspace: GridWorkspace, start: Any, rule: str)
 
 
 def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
-    """Check a tour maker: each tour visits every True cell once, one component after the other; equal masks give equal tours.
+    """Check a tour maker, which makes a tour of the True cells of a mask.
+
+    Each tour must visit every True cell once, and all cells of one component before the next component. Equal masks must give equal
+    tours.
 
     Parameters
     ----------
@@ -213,7 +216,8 @@ def check_tour_maker(maker: str | TourMaker, *, seed: int = 0) -> None:
     Raises
     ------
     AssertionError, InvalidInputError
-        AssertionError for a violation; InvalidInputError if a tour leaves out a True cell or visits a False cell.
+        InvalidInputError is raised if a tour leaves out a True cell or visits a False cell, and AssertionError for any other
+        violation.
     """
     rng = np.random.default_rng(seed)
     shapes = [(1, 1), (1, 9), (7, 1), (2, 2), (3, 3), (5, 6), (8, 8), (9, 12), (3, 65), (24, 31)]

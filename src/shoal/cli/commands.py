@@ -72,7 +72,7 @@ class _Command(TyperCommand):
 
 
 def command(name: str) -> TyperCommand:
-    """Return the command with a given full name, such as "sweep run", after an import of its module."""
+    """Import the module of the command with the full name ``name``, such as "sweep run", and return the command."""
     module, function, example = COMMANDS[name]
     home = importlib.import_module(f"shoal.cli.{module}")
     alone = typer.Typer(add_completion=False, rich_markup_mode="rich", context_settings=SETTINGS)
@@ -81,7 +81,7 @@ def command(name: str) -> TyperCommand:
 
 
 def _summary(name: str) -> str:
-    """Return the first paragraph of a command's help from its source file, without an import of its module."""
+    """Read the first paragraph of a command's help from the source file of the command. Do not import the file."""
     module, function, _ = COMMANDS[name]
     place = Path(__file__).parent.joinpath(*module.split("."))
     source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
@@ -90,7 +90,7 @@ def _summary(name: str) -> str:
 
 
 def _panel(name: str) -> str:
-    """Return the heading of a command, or of the first command of a group."""
+    """Return the heading under which help lists a command or a group. A group has the heading of its first command."""
     first = next(entry for command, entry in COMMANDS.items() if f"{command} ".startswith(f"{name} "))
     return PANELS.get(first.module.partition(".")[0], "General")
 

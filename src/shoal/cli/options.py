@@ -79,9 +79,9 @@ def takes_problem(
     only : tuple of str
         Names of the fields that become options; an empty tuple means all fields.
     options : type, optional
-        Class of the command's second parameter, whose fields become options.
+        Class of the command's second parameter, if the command has one. The fields of this class become options, too.
     **fixed
-        Values of fields that the command sets itself, so that the fields are no options.
+        Fields that the command sets itself, with their values. These fields do not become options.
 
     Examples
     --------

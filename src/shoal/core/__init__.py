@@ -1,1 +1,1 @@
-"""Code that all parts of Shoal use: problems, episodes, checks of input, errors, files, registries, interruptions by the user."""
+"""Code that swarm, steering and search share: problems, episodes, checks of input, errors, files, registries, interruptions."""

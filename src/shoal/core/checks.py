@@ -151,7 +151,7 @@ def check_points(points: Any, *, what: str, dimensions: int, count: int | None =
 
 
 def check_file(path: Path, *, what: str, most: int = LARGEST_TEXT) -> None:
-    """Refuse a path without a file, a path to an empty file, and a path to a file of more than ``most`` bytes.
+    """Raise an error if there is no file at ``path``, or if the file is empty or larger than ``most`` bytes.
 
     Raises
     ------
@@ -268,7 +268,7 @@ def check_depth(data: Any, *, where: str) -> None:
 
 
 def validation_message(error: ValidationError, *, where: str, without: Iterable[str] = ()) -> str:
-    """Return one sentence with Pydantic's first error and the path of the field. Omit components in ``without`` from the path."""
+    """Return Pydantic's first error as one sentence with the path of the wrong field. The path omits the names in ``without``."""
     every = error.errors()
     # a misspelt field is also reported as missing
     first = next((one for one in every if one["type"] == "extra_forbidden"), every[0])
@@ -329,12 +329,10 @@ def _plain(number: float) -> str:
 
 
 def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: list[Generator]) -> list[tuple[int | None, Generator]]:
-    """Return the seed and the random generator of each chosen world of a batch.
-
-    A world with the seed None keeps its random generator.
+    """Return the seed and the random generator of each world whose index is in ``chosen``.
 
     ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a number, the seed of each world
-    is the sum of ``seed`` and the world's index.
+    is the sum of ``seed`` and the world's index. A world with the seed None keeps its generator from the list ``own``.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:

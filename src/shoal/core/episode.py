@@ -30,7 +30,7 @@ class Status(StrEnum):
     APPROACHABLE = "approachable"
     """Steering: moves can bring the particles arbitrarily close to their goals, but the plan ends outside the tolerance."""
     INCOMPLETE = "incomplete"
-    """Search: no robot searched some cell, or a working robot does not know that the search is complete."""
+    """Search: at least one cell was not searched, or a working robot does not know that the search is complete."""
 
     @property
     def done(self) -> bool:

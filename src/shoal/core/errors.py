@@ -21,7 +21,7 @@ _LONG = re.compile(rf"'(?:[^'\\\n]|\\.){{{LONGEST_ECHO},}}'|[^\s']{{{LONGEST_ECH
 class ShoalError(Exception):
     """Base class of all exceptions that Shoal raises on purpose.
 
-    In the error message, the constructor shortens each word of more than `LONGEST_ECHO` characters.
+    The constructor shortens each word and each quotation of more than `LONGEST_ECHO` characters in the message.
     """
 
     def __init__(self, *arguments: Any) -> None:

@@ -31,7 +31,7 @@ def check_suffix(path: str | os.PathLike[str], *suffixes: str) -> Path:
 
 @contextmanager
 def atomic(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """Yield a temporary path with the folder and the suffix of ``path``.
+    """Yield the path of a temporary file in the folder of ``path``, with the same suffix as ``path``.
 
     If the ``with`` block succeeds, the temporary file is renamed to ``path``. If the ``with`` block fails, the temporary file is
     removed.

@@ -75,10 +75,9 @@ def patient() -> Iterator[None]:
 
 @contextmanager
 def interruption_held() -> Iterator[None]:
-    """Delay Ctrl-C until the ``with`` block has ended. Use the ``with`` block for short library calls that must not be interrupted.
+    """Delay Ctrl-C until the ``with`` block has ended. The block should be a short library call that must not be interrupted.
 
-    The writing of a zip archive must not be interrupted, because Ctrl-C may be lost, or may cause an unrelated error when the
-    archive is closed.
+    An example is the writing of a zip archive: Ctrl-C may be lost, or may cause an unrelated error when the archive is closed.
     """
     asked = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or not callable(asked):
@@ -117,7 +116,7 @@ def _answer(_number: int, frame: FrameType | None) -> None:
 
 
 def _in_knots(frame: FrameType | None) -> bool:
-    """Return whether a stack frame runs code that hides a KeyboardInterrupt: an import, the compiler or a callback."""
+    """Return whether code that hides a KeyboardInterrupt is running: an import, the compiler, or a weak reference's callback."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).startswith(_KNOTS):
             return True

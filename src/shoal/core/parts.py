@@ -81,7 +81,7 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
-    """Return the problem of the first part (swarm, search, steering) whose problem class has all given fields.
+    """Make a problem of the first part, in the order swarm, search, steering, whose problem class has all given fields.
 
     ``place`` is the map, the region or the workspace of the problem.
 
@@ -117,8 +117,8 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     seed : int
         Seed of the random numbers. Two runs with equal problems and equal seeds give equal episodes.
     **fields
-        Fields of the problem, as keyword arguments. For a swarm, the keyword arguments ``trial``, ``stepwise``, ``on_moves`` and
-        ``on_trace`` of `shoal.swarm.run.run` are valid in addition to the fields.
+        Fields of the problem, as keyword arguments. They replace the fields of a given problem. For a swarm, the keyword arguments
+        ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are valid in addition to the fields.
 
     Returns
     -------

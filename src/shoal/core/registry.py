@@ -1,6 +1,6 @@
-"""Registries map names to objects: built-in names, or ``module:attribute`` for third-party objects.
+"""Registries: mappings from names to objects. A name is built in, or names a third-party object as ``module:attribute``.
 
-A name may be followed by options, as in ``subset-coverage:fraction=0.2``.
+Options may follow a name, as in ``subset-coverage:fraction=0.2``.
 """
 
 from __future__ import annotations
@@ -67,7 +67,9 @@ def digest_of_module(name: str) -> str:
 
 
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
-    """Import the modules that the user named in the main process. Report a failed import only when the module is used.
+    """Import, in a worker process, the modules that the user named in the main process.
+
+    A failed import is reported only when the module is used.
 
     Parameters
     ----------
@@ -303,7 +305,7 @@ def _converted(what: str, value: str, parameter: inspect.Parameter) -> object:
 
 
 def loaded_on_use(package: str, homes: Mapping[str, tuple[str, ...]]) -> Callable[[str], Any]:
-    """Return a function ``__getattr__`` for a package that imports each public name of the package on first use.
+    """Return a function ``__getattr__`` for a package. The function imports each public name of the package on first use.
 
     Parameters
     ----------

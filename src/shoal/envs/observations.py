@@ -49,7 +49,7 @@ def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool
 
 
 def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDArray[np.float32]:
-    """Return the compact observation of each world: 9 ndim + 3 numbers from -1 to 1 in ndim dimensions.
+    """Return the compact observation of each world: for a map with ndim dimensions, 9 ndim + 3 numbers from -1 to 1.
 
     Returns
     -------

@@ -50,6 +50,6 @@ def close_window(env: Any) -> None:
 
 
 def enlarged(raster: Picture) -> Picture:
-    """Enlarge by a whole factor a picture that has one pixel per cell, so that its longer side has about `SIDE` pixels."""
+    """Enlarge a picture with one pixel per cell by a whole factor, so that its longer side has about `SIDE` pixels."""
     times = max(1, SIDE // max(raster.shape[:2]))
     return raster.repeat(times, axis=0).repeat(times, axis=1)

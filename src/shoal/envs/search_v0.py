@@ -46,7 +46,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     A step of the environment takes the time that the fastest robot needs for one cell. Action 0 lets an idle robot wait, and lets a
     moving or searching robot continue. With the option ``action="direction"``, each other action selects the cell that the robot
     searches next: its own cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``, action 1 + i selects
-    the cell with the tour index i. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The environment
+    cell i of the tour, counted from 0. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The environment
     simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``, the start
     cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 

@@ -1,4 +1,4 @@
-"""SteeringEnv: a Gymnasium environment in which one continuous shared input steers two or more particles, with one move a step."""
+"""SteeringEnv: a Gymnasium environment in which one shared input steers two or more particles. Each step is one move."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class SteeringEnv(WorldEnv):
     workspace. After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. A later reset
     without a seed draws a new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the camera, as a
     dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape (particles, dimensions). The array ``delta``,
-    shape (particles - 1, dimensions), holds the present positions of all other particles relative to the first particle. The array
-    ``goal_delta`` holds the positions of all other goals relative to the first goal. If the gain is uniform, only wall contacts
+    shape (particles - 1, dimensions), holds the positions of particles 2, 3, ... relative to particle 1. The array ``goal_delta``
+    holds the positions of goals 2, 3, ... relative to goal 1. If the gain is uniform, only wall contacts
     change the true relative positions of the particles.
 
     Parameters

@@ -129,7 +129,7 @@ class SteeringWorlds:
         return {"particles": seen, "delta": seen[:, 1:] - seen[:, :1], "goals": goals, "goal_delta": goals[:, 1:] - goals[:, :1]}
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return the info of each world: the largest distance from a goal (``error``), the number of moves so far, and the seed."""
+        """Return for each world: the largest distance of a particle from its goal (``error``), the number of moves, the seed."""
         batch, chosen = self.batch, slice(None) if where is None else where
         return {"error": batch.errors[chosen].copy(), "moves": batch.moves[chosen].copy(), "seed": batch.seeds[chosen].copy()}
 

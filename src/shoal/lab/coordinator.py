@@ -71,9 +71,9 @@ def run_sweep(
     Raises
     ------
     InvalidInputError
-        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. InvalidInputError
-        is raised if the trials of a point cannot run, or if the versions of software on a worker differ from the versions of the
-        current process. An error inside a trial does not raise an exception: the store records the trial as failed.
+        Raised if the store contains a different sweep with an equal name, or if another process runs the sweep. Also raised if a
+        point (a combination of axis values) cannot run, or if a worker has other versions of software than the current process.
+        An error inside a trial does not raise an exception: the store records the trial as failed.
     OutputError
         Raised if Shoal cannot write the store. After an error, the store keeps all committed results.
     MissingExtraError
@@ -131,7 +131,7 @@ def _run(
 
 
 def prepare(sweep: Sweep) -> dict[str, str]:
-    """Check that every point of a sweep can run. Return a digest of each map, workspace and region of the points.
+    """Check that every point of a sweep can run. Return a digest of each map, workspace and region in the sweep.
 
     Raises
     ------

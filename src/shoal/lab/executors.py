@@ -18,8 +18,8 @@ def default_workers() -> int:
 def make_executor(workers: int, *, compiled: bool) -> Executor:
     """Return an executor with ``workers`` threads or processes.
 
-    Compiled episodes run in threads, because compiled code releases Python's interpreter lock, and threads start faster than
-    processes. Policies written in Python run in processes.
+    If ``compiled`` is true, the executor has threads, because compiled code releases Python's interpreter lock, and threads start
+    faster than processes. If ``compiled`` is false, as for policies written in Python, the executor has processes.
     """
     if compiled:
         return ThreadPoolExecutor(workers, thread_name_prefix="shoal")

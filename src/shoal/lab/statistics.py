@@ -16,7 +16,7 @@ RESAMPLES = 2000
 
 
 def number_text(value: float) -> str:
-    """Return a number as text with four significant digits, or without decimal places if the number has more digits.
+    """Return a number as text: rounded to a whole number if it is 1000 or more, otherwise with four significant digits.
 
     Examples
     --------
@@ -34,7 +34,7 @@ class Estimate:
     ----------
     mean : float
     low, high : float
-        Lower and upper end of the confidence interval. For a sample of one value, the interval is NaN to NaN.
+        Lower and upper end of the confidence interval. For a sample of one value, both are NaN.
     std : float
         Sample standard deviation, or NaN for a sample of one value.
     count : int
@@ -172,7 +172,7 @@ def _checked(values: ArrayLike, level: float) -> NDArray[np.float64]:
 
 
 def compare(a: ArrayLike, b: ArrayLike, *, level: float = 0.95, method: Method = "t", seed: int = 0) -> Comparison:
-    """Compare the values of two settings a and b. The k-th values of a and b must come from trials with one common seed.
+    """Compare the values of two settings a and b. For each k, the k-th values of a and b must come from trials with equal seeds.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Summaries of a sweep: means and numbers of completed trials at each point, and comparisons of points with equal seeds."""
+"""Summaries of a sweep: the mean of a measure and the number of completed trials at each point, and comparisons of points."""
 
 from __future__ import annotations
 
@@ -36,9 +36,9 @@ class Row:
     completed : int or None
         Number of trials with a value of the measure that completed their task. ``completed`` is None if trials have no status.
     bound : float or None
-        Upper limit of the values in the mean, if some trials are unfinished and the measure grows until the task is done. ``bound``
-        is the smallest value at which an unfinished trial ended. In the mean, a value above ``bound`` counts as ``bound``. If some
-        trials are unfinished, the limit ``bound`` makes the estimated mean smaller than the true mean.
+        Upper limit of the values in the mean: a value above ``bound`` counts as ``bound``. ``bound`` is the smallest value at which
+        an unfinished trial ended, and makes the estimated mean smaller than the true mean. ``bound`` is None if all trials are
+        finished, or if the measure does not grow until the task is done.
     """
 
     values: dict[str, Any]
@@ -136,8 +136,8 @@ def first_measure(measures: Sequence[str]) -> str:
 def summarise(store: Store, name: str, measure: str, *, level: float = 0.95, method: Method = "auto") -> list[Row]:
     """Return the mean of a measure, with a confidence interval, at each point of a sweep.
 
-    For a measure that grows until the task is done, an unfinished trial gives a lower bound of its value. The estimate of a growing
-    measure is a restricted mean: values above the field ``bound`` of a row count as ``bound``.
+    For a measure that grows until the task is done, an unfinished trial gives only a lower bound of its value. The estimate of such
+    a measure is a restricted mean: a value above the row's field ``bound`` counts as ``bound``.
 
     Raises
     ------
@@ -163,7 +163,9 @@ def _restricted(point: Measured, trials: Sequence[int], bound: float | None) -> 
 def compare_along(
     store: Store, name: str, measure: str, axis: str, *, level: float = 0.95, method: Method = "auto"
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
-    """Compare each value of a paired axis with the first value of the axis, for each combination of values of the other axes.
+    """Compare a measure at each value of a paired axis with the measure at the axis's first value.
+
+    There is one comparison for each combination of the values of the other axes.
 
     Returns
     -------

@@ -45,8 +45,8 @@ def run_trials(
     on_trial : callable, optional
         Function that `run_trials` calls with the number of finished trials.
     on_moves : callable, optional
-        Function that is called with the number of moves made and the number of remaining frontier cells in the first trial, if
-        the first trial runs in the current process.
+        Function that is called during the first trial, with the number of moves made and the number of remaining frontier cells.
+        The function is not called if the first trial runs in another process.
 
     Returns
     -------
@@ -106,7 +106,10 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return the function ``on_moves`` for a trial that runs in a thread. ``on_moves`` ends the trial after ``stop`` is set."""
+    """Return the function that a trial in a thread calls after moves: it ends the trial once ``stop`` is set.
+
+    In trial 0, the returned function also calls ``on_moves``.
+    """
 
     def watch(moves: int, frontier: int) -> None:
         if stop.is_set():

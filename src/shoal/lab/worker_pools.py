@@ -39,7 +39,7 @@ class WorkerPool(Protocol):
         """Send no more batches to a worker."""
 
     def lost(self, error: BaseException) -> bool:
-        """Return whether an error shows that a worker died. Replace a broken executor."""
+        """Return whether an error shows that a worker died. If the death has broken the executor, prepare a new executor."""
 
     def close(self, *, at_once: bool) -> None:
         """Release all workers of the pool."""

@@ -172,7 +172,7 @@ def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], cou
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
     """Return the claim that one mean is below another mean, on average over all numbers of particles.
 
-    The claim differs if more than 5 % of the numbers of particles contradict the order of the means significantly.
+    The verdict is "differs" if the means contradict this order significantly at more than 5 % of the numbers of particles.
     """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)

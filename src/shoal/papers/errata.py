@@ -1,6 +1,6 @@
 """Errata of the papers: for each erratum, the printed statement, the correct statement, and the result of a check.
 
-The folder ``docs/errata`` of the repository contains the checks of the errata. An installed Shoal without the repository shows the
+The folder ``docs/errata`` of the repository contains the checks of the errata. Without the repository, an installed Shoal shows the
 recorded results of the checks.
 """
 

@@ -112,7 +112,7 @@ def _failures(path: Path, sweep: Sweep) -> str:
 
 
 def _no_fewer(path: Path, sweep: Sweep) -> Sweep:
-    """Return a sweep whose number of trials is at least the number in the store."""
+    """Return a copy of a sweep with at least as many trials as the stored sweep of the same name."""
     if not path.exists():
         return sweep
     with Store(path) as store:

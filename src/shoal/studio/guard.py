@@ -191,8 +191,8 @@ async def _answer(send: Send, status: int, sentence: str, more: dict[str, str]) 
 class LimitedConnection(H11Protocol):
     """A server connection with limits on the number of connections and on idle time.
 
-    If too many connections are open, the server closes the oldest connection without a request. If too many connections are open
-    and all connections have requests, the server closes the newest connection.
+    If too many connections are open, the server closes the oldest connection that has not yet sent a request. If all connections
+    have sent requests, the server closes the newest connection.
     """
 
     open_now = 0

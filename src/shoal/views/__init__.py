@@ -34,7 +34,8 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. The figure "frontier" accepts a list of swarm episodes, and shows their median.
+        An episode of swarm, steering or search. The figure "frontier" also accepts a list of swarm episodes,
+        and then also shows the median of their curves.
     kind : str, optional
         Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier" shows the number of frontier
         cells over the moves. For a steering episode, "plan" shows the paths of the particles. For a search, "routes" (the default)
@@ -106,7 +107,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return the module ``room`` of the package that draws the episode, without an import of the packages for other episodes."""
+    """Return the module ``room`` with the views of the episode's part: swarm, steering or search. Import no other part."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")

@@ -1,4 +1,4 @@
-"""shoal map, shoal cover: run a swarm; shoal replay uses the module's functions for printing and writing."""
+"""shoal map, shoal cover: run a swarm. The command shoal replay also uses this module, to print and write results."""
 
 from __future__ import annotations
 

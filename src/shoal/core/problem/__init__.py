@@ -1,7 +1,7 @@
 """The class Problem: all settings of a run. A subclass declares each setting with its type, default, unit, range and help.
 
-Shoal generates the options of commands, the fields of sweeps and problem files, and the tables of the documentation from the
-declarations of settings.
+From these declarations, Shoal generates the options of commands, the fields of sweeps and of problem files, and the tables of the
+documentation.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Problem:
     """The kind of the problem, as written in files, such as "swarm", "steering" or "search"."""
 
     headings: ClassVar[Mapping[str, str]] = {}
-    """Headings of the fields in the help of commands, by the name of the first field under each heading."""
+    """Headings in the help of commands. The key of each heading is the name of the first field under the heading."""
 
     measures: ClassVar[tuple[str, ...]] = ()
     """Names of the metrics that a sweep stores for each episode."""
@@ -49,7 +49,7 @@ class Problem:
     censored: ClassVar[tuple[str, ...]] = ()
     """Names of the measures that grow until the task is done.
 
-    In an unfinished episode, the value of a growing measure is a lower bound.
+    In an unfinished episode, the value of such a measure is only a lower bound.
     """
 
     def __post_init__(self) -> None:

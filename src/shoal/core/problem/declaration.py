@@ -44,7 +44,7 @@ class Option:
     dump : callable, optional
         Function that converts the field's value to JSON data.
     names : tuple of str, optional
-        The built-in names of a field that also accepts the names of third-party code (MODULE:ATTRIBUTE).
+        The built-in values of a field that also accepts third-party code, named as MODULE:ATTRIBUTE.
     """
 
     help: str
@@ -66,21 +66,21 @@ class Option:
 
 @dataclass(frozen=True)
 class Declaration:
-    """The complete declaration of one field of a problem. Commands, files and tables use the declaration of a field.
+    """The complete declaration of one field of a problem, for commands, files and the tables of the documentation.
 
     Parameters
     ----------
     name : str
     type : type
-        The type of the field's value: int, float, bool or str, or ``object`` for a value of another type, which the function
-        ``check`` checks.
+        The type of the field's value: int, float, bool or str. For any other type, ``type`` is ``object``, and ``option.check``
+        checks the values.
     optional : bool
         Whether None is a valid value of the field.
     default : object
         The default value of the field, or `REQUIRED` for a field without a default value.
     option : Option
     heading : str
-        Heading of the field in the help of commands. Fields without a heading have the empty text.
+        Heading above the field in the help of commands, or an empty text for a field without a heading.
     """
 
     name: str
@@ -130,7 +130,10 @@ class Declaration:
         return check_text(value, what=self.name)
 
     def text(self, value: Any) -> str:
-        """Return a value as command line text, such as '1,2' for numbers, '1,2 3,4' for points, or 'a=1,b=2' for named values."""
+        """Return a value as command line text, such as '1,2' for numbers or '1,2 3,4' for points.
+
+        In the text of a mapping, such as 'multirotor,cruise_speed=5', the first value has no name.
+        """
         if isinstance(value, Mapping):
             first, *others = value.items()
             return ",".join([str(first[1]), *(f"{name}={_plain(one)}" for name, one in others)])

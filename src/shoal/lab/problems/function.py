@@ -25,9 +25,8 @@ def _check_arguments(value: Any) -> dict[str, Any] | None:
 class FunctionProblem(MeasuredProblem):
     """A problem whose trials call a Python function that the user names in the form "module:attribute".
 
-    Each trial calls the third-party function with ``seed`` and ``arguments``. The third-party function returns a dict of measures.
-
-    The third-party function must have an attribute ``measures``: a tuple of the names of all returned measures.
+    Each trial calls the function with ``seed`` and ``arguments``. The function must return a dict of measures, and must have an
+    attribute ``measures``: a tuple of the names of these measures.
     """
 
     part = "function"

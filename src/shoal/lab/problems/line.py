@@ -69,7 +69,7 @@ class ScheduleProblem(MeasuredProblem):
         raise InvalidInputError(f"schedule: expected every-step, i^i, powers:K or one-jump:M, got {self.schedule!r}")
 
     def check_at_place(self) -> None:
-        """Refuse a problem with both prices zero, and a schedule whose last scan lies before the maximum distance."""
+        """Refuse prices of scans and moves that are both 0, and a schedule whose last scan comes before the farthest wall."""
         farthest = self.max_distance if self.distance is None else self.distance
         self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 

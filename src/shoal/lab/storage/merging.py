@@ -18,8 +18,8 @@ Write = Callable[[str, Sequence[Any]], int]
 def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]) -> list[str]:
     """Merge several stores into a new store. Return the names of all sweeps in the new store.
 
-    If several stores contain sweeps with an equal name, these sweeps must be equal. If several stores contain results of one trial,
-    these results must be equal.
+    If several stores contain sweeps with an equal name, these sweeps must be equal. If several stores contain results of the same
+    trial, these results must be equal.
 
     Parameters
     ----------
@@ -30,8 +30,8 @@ def merge_stores(sources: Sequence[str | os.PathLike[str]], out: str | os.PathLi
     Raises
     ------
     InvalidInputError
-        Raised if sweeps with equal names differ, if results of one trial differ, if a store is damaged, or if ``out`` exists. After
-        an error, no new store remains.
+        Raised if sweeps with equal names differ, if results of the same trial differ, if a store is damaged, or if ``out`` exists.
+        After an error, no new store remains.
     OutputError
     """
     target = Path(out)
@@ -56,7 +56,7 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy a row of a table to the merged store, with new values in the first columns. Return the new row's number."""
+            """Copy the row ``old`` of a table to the merged store, with the sweep's number ``new``. Return the new row's number."""
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which other rows refer to, got none")

@@ -54,7 +54,7 @@ class StoredSweep:
         return sweep_of(self.spec, where=self.where)
 
     def values(self, text: str) -> dict[str, Any]:
-        """Return the axis values in the stored row of a point."""
+        """Return the value of each axis by its name, from the text in the stored row of a point."""
         values = parse_json(text, where=f"{self.where}: point")
         if not isinstance(values, list) or len(values) != len(self.axes):
             raise InvalidInputError(
@@ -88,7 +88,10 @@ def stored_sweep(row: tuple[Any, ...], *, where: str) -> StoredSweep:
 
 
 def columns_of(axes: list[tuple[list[Any], int]], parts: tuple[list[str], ...], stored: StoredSweep) -> list[Sequence[Any]]:
-    """Return the columns of several result rows. Each entry of ``axes`` is (axis values of a point, count of rows of the point).
+    """Return rows of results as columns: the axes, the trial numbers, the seeds and the measures.
+
+    Each entry of ``axes`` is (axis values of a point, number of rows of the point). ``parts`` contains JSON texts of the trial
+    numbers, the seeds and the results.
 
     Raises
     ------

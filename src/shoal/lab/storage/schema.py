@@ -97,9 +97,9 @@ def connect(path: Path, *, write: bool) -> sqlite3.Connection:
 
 
 def _create(path: Path) -> None:
-    """Create an empty store under a temporary name, and rename the complete store.
+    """Create an empty store under a temporary name, then rename it to ``path``.
 
-    Renaming makes sure that no other process sees an incomplete store, and that only one process creates the store.
+    The renaming ensures that no other process sees an incomplete store, and that only one process creates the store.
 
     Raises
     ------

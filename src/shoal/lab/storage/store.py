@@ -62,8 +62,8 @@ class Store:
     def close(self) -> None:
         """Close the store file.
 
-        If the process has written to the store, SQLite copies all data from the write-ahead log to the store file, even while other
-        processes read.
+        If the store was opened for writing, SQLite first copies the data in the write-ahead log to the store file, except the data
+        that other processes are still reading.
         """
         if self.write:
             with suppress(sqlite3.Error):  # data that others still read stays in the log beside the file

@@ -19,7 +19,7 @@ MAX_POINTS = 100_000
 class RangeForm(BaseModel):
     """An axis as a range, given by the fields from, to and step, or by the fields from, to and count.
 
-    The end ``to`` belongs to the range.
+    The range includes its end ``to`` if the steps reach it.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

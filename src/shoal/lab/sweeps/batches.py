@@ -25,7 +25,7 @@ _OPEN = 8  # number of maps, workspaces and regions that a worker keeps open
 
 @dataclass(frozen=True)
 class Piece:
-    """A sequence of trials of one point: trial ``first`` to trial ``stop`` - 1.
+    """A sequence of trials of one point of a sweep: trial ``first`` to trial ``stop`` - 1.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Piece:
         Number of the point's row in the store.
     problem : Problem
     seeds : str
-        Text from which the seeds of the trials are computed: the problem without the paired axes.
+        Text from which the seeds of the trials are computed: the problem without the paired axes, which do not influence seeds.
     first, stop : int
     place : object, optional
         The opened map, workspace or region, for workers without the file of the place.
@@ -49,7 +49,7 @@ class Piece:
 
 @dataclass(frozen=True)
 class Batch:
-    """A batch of trials: several pieces that one worker runs one after another."""
+    """A batch of trials: several sequences of trials (pieces), which one worker runs one after another."""
 
     sweep_seed: int
     pieces: tuple[Piece, ...]
@@ -71,7 +71,7 @@ class Answer:
     failures : list of (point, trial, seed, error)
     seconds : float
     paces : list of (point, float)
-        Point number and mean time per trial in seconds, for each piece of the batch.
+        Point number and mean time per trial in seconds, for each piece (sequence of trials of one point) of the batch.
     versions : dict
         The versions on which the results of the worker depend.
     worker : str
@@ -89,7 +89,7 @@ _places: dict[tuple[str, str], Any] = {}
 
 
 def placed(problem: Problem) -> Problem:
-    """Return a problem whose map, workspace or region is open. Problems with one common place share the opened place."""
+    """Return a copy of a problem with its map, workspace or region opened. Problems with equal places share the opened place."""
     name = problem.place_key()
     if name is None:
         return problem

@@ -25,7 +25,7 @@ class SweepStatus:
     seconds : float
         Total working time of all workers, in seconds.
     versions : dict
-        Number of rows that each combination of versions wrote. `shoal.lab.versions` explains the versions.
+        Number of results that each combination of software versions wrote. `shoal.lab.versions` explains the versions.
     """
 
     name: str
@@ -51,7 +51,7 @@ class SweepStatus:
 
 @dataclass(frozen=True)
 class Gap:
-    """A sequence of missing trials of one point: trial ``first`` to trial ``stop`` - 1."""
+    """A sequence of missing trials of one point of a sweep: trial ``first`` to trial ``stop`` - 1."""
 
     point: Point
     id: int

@@ -57,7 +57,10 @@ def _slug(name: str) -> str:
 
 
 def _on_complex(name: str, settings: Settings, fixed: dict[str, Any] | None = None, **axes: Any) -> Sweep:
-    """Return a sweep over numbers of particles on the map that paper M calls complex, with all other axes paired."""
+    """Return a sweep over numbers of particles on the map that paper M calls complex.
+
+    All other axes of the sweep are paired: along these axes, the k-th trials have equal seeds.
+    """
     chosen = settings.complex
     problem, axes = {**GREEDY, "map": chosen, **(fixed or {})}, axes | {"particles": counts_of(open_map(chosen).n_free)}
     trials, paired = settings.of(100, 20), tuple(axis for axis in axes if axis != "particles")

@@ -156,7 +156,7 @@ def _fig1(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 
 
 def _scaled(store: Store, sweep: Sweep, axis: str) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]], Table]:
-    """Return the axis values and the measures of a sweep without random numbers, and a table of both."""
+    """Return, for a sweep without random numbers, the values of ``axis``, the values of each measure, and a table of all values."""
     trials = trials_of(store, sweep)
     columns = [axis, *sweep.measures]
     table = np.array([[trial[name] for name in columns] for trial in trials], dtype=np.float64)
@@ -245,7 +245,7 @@ def _with_map(
     *,
     level: float | None = None,
 ) -> Outcome:
-    """Return the outcome for a map instance, whose figure shows pictures of a small instance above a chart of the moves."""
+    """Return the outcome for a map instance. The figure shows pictures of a small instance above a chart of the moves."""
     printed = None if level is None else Published(x, np.full(len(x), level))
     lines = [Curve(name, x, values, values, values, None if k else printed) for k, (name, values) in enumerate(curves.items())]
     figure = map_panels(

@@ -99,9 +99,8 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
     """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
 
-    The first ratio is the larger of move ratio and scan ratio in the worst case, for the schedule i^i. The second ratio is the
-    worst-case value that the best possible schedule has for the larger of move ratio and scan ratio. The third ratio is log D / log
-    log D for the distance D.
+    The first ratio is the larger of move ratio and scan ratio in the worst case, for the schedule i^i. The second ratio is the same
+    for the best possible schedule. The third ratio is log D / log log D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]

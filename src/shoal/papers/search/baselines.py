@@ -23,7 +23,7 @@ STEPS = np.array([(0, 1), (1, 0), (0, -1), (-1, 0)])
 
 
 def curve_time(starts: NDArray[np.int64]) -> float:
-    """Return the time that robots need to search along a closed curve, in cells.
+    """Return the time that robots need to search all cells along a closed curve, in units of the time for one cell.
 
     The time is the largest distance along the curve from one robot to the next robot.
     """
@@ -32,10 +32,11 @@ def curve_time(starts: NDArray[np.int64]) -> float:
 
 
 def strip_time(starts: NDArray[np.int64]) -> float:
-    """Return the time, in cells, that robots need to move to the left ends of equal strips and to search them (paper H, figure 1).
+    """Return the time that robots need to move to the left ends of equal strips and to search the strips (paper H, figure 1).
 
-    The robots get their strips in the order of their start rows. A robot searches a strip of several rows back and forth. If the
-    number of rows is not a multiple of the number of strips, some strips are one row wider than the others.
+    The unit is the time for one cell. The robots get their strips in the order of their start rows. A robot searches a strip of
+    several rows back and forth. If the number of rows is not a multiple of the number of strips, some strips are one row wider than
+    the others.
     """
     ends = np.linspace(0, SIDE, len(starts) + 1).round().astype(int)
     robots = starts[np.argsort(starts[:, 0], kind="stable")]
@@ -44,10 +45,10 @@ def strip_time(starts: NDArray[np.int64]) -> float:
 
 
 def spiral_time(starts: NDArray[np.int64]) -> float:
-    """Return the time, in cells, until robots that spiral outwards from their starts have searched all cells.
+    """Return the time until robots that spiral outwards from their starts have searched all cells.
 
-    Each robot moves on its own square spiral, independently of the other robots. Where its spiral leaves the region, a robot moves
-    along the border. A robot needs one unit of time for each cell of its path.
+    The unit is the time for one cell. Each robot moves on its own square spiral, independently of the other robots. Where its
+    spiral leaves the region, a robot moves along the border.
     """
     first = np.full((SIDE, SIDE), np.inf)
     legs = np.repeat(np.arange(1, 2 * SIDE + 1), 2)
@@ -83,7 +84,11 @@ def walk_time(starts: NDArray[np.int64], rng: np.random.Generator) -> float:
 
 @measuring("time", "share")
 def search_time(*, seed: int, way: str, robots: int) -> dict[str, float]:
-    """Return the time that robots from random start cells need to search all cells, in cells and in percent of all cells."""
+    """Return the time that robots from random start cells need to search all cells.
+
+    The result ``time`` is in units of the time for one cell, and ``share`` is in percent of the time that one robot needs along a
+    closed curve.
+    """
     rng = np.random.default_rng(seed)
     starts = rng.integers(SIDE, size=(robots, 2))
     if way == "random walk":

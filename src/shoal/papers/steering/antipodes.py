@@ -24,6 +24,8 @@ Toucher = Literal["nearer", "second"]
 class AntipodeSwap:
     """The approach of two particles on a disk to antipodal (opposite) goals, cycle by cycle.
 
+    In a cycle, the first move brings one particle to the wall (contact), and the second move moves the other particle (adjustment).
+
     Parameters
     ----------
     toucher : str

@@ -144,7 +144,7 @@ def _below(place: ConvexWorkspace, corner: Points, normal: Points, depth: float)
 
 
 def _draw_space(axes: Axes, place: ConvexWorkspace, start: Points, title: str) -> None:
-    """Draw the set of differences that two moves reach, with a pale piece for each pair of a wall and a touching particle."""
+    """Draw the position differences that two moves reach: one pale area for each pair of a wall and a touching particle."""
     draw_workspace(axes, place.differences)
     axes.set_axis_off()
     for piece in two_move_pieces(place, start[1] - start[0]):

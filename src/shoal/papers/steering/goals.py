@@ -31,8 +31,8 @@ class GoalSweep:
     Parameters
     ----------
     problem : SteeringProblem
-        A problem that gives the workspace, starts and tolerance of all plans, and in which both particles have the goal of the
-        fixed particle.
+        A problem with the workspace, the starts and the tolerance of all plans. In this problem, both particles have the goal of
+        the particle whose goal does not vary.
     varied : int
         Number of the particle whose goal varies, 1 or 2.
     planner : str

@@ -70,7 +70,9 @@ def disk_fractions(distances: ArrayLike, *, moves: int = 14, directions: int = D
 
 
 def largest_two_move_fraction() -> tuple[float, float]:
-    """Return the initial distance from which two moves on a disk reach most position differences, and the reached fraction.
+    """Return the initial distance from which two moves on a disk reach the largest fraction of position differences.
+
+    The second returned value is this fraction.
 
     Notes
     -----
@@ -154,7 +156,7 @@ def polygon_fractions(workspace: ConvexWorkspace, before: ArrayLike, *, moves: i
 
 
 def polygon_radii(reach: PolygonReach, ahead: Points) -> NDArray[np.float64]:
-    """Return the extent of a reachable set in the directions of n unit vectors; float64, shape (n,)."""
+    """Return how far a reachable set extends from zero in the directions of n unit vectors; float64, shape (n,)."""
     radii = np.zeros(len(ahead))
     for sign, depths in zip((1.0, -1.0), reach.depths, strict=True):
         on = np.flatnonzero(depths >= 0)

@@ -33,12 +33,12 @@ _TILT = 1e-9
 
 
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
-    """Return the shortest path of three moves in the unit square: its length, the toucher, its contact, and a flag.
+    """Return the shortest path of three moves in the unit square: the path's length, the toucher, the contact and a flag.
 
-    The toucher (0 or 1) is the particle that touches a wall. A reflection of the touching particle's goal in the wall gives the
-    contact. While the wall holds the touching particle, the second move adjusts the position of the other particle. If the second
-    move is impossible at the reflected contact, the contact moves to the nearest possible point. The flag is true if the touching
-    particle's path is a reflection. The result is None if no wall allows a path of three moves.
+    The toucher (0 or 1) is the particle that touches a wall. The contact lies on the straight line from the toucher's start to the
+    mirror image of its goal behind the wall. While the wall holds the toucher, the second move displaces the other particle. If the
+    second move is impossible at this contact, the contact moves to the nearest possible point of the wall, and the flag is False.
+    The result is None if no wall allows a path of three moves.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -72,7 +72,7 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return the final error of the shortest path for a random problem, and the difference of the path's two angles at the wall."""
+    """Return the final error of the shortest path for a random problem, and how much the sines of its angles at the wall differ."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)
@@ -167,7 +167,7 @@ def _draw_touchers(axes: Axes, samples: int) -> float:
 
 
 def length_by_contact(theta: float | NDArray[np.float64], s: float, e: float, beta: float) -> NDArray[np.float64]:
-    """Return the length of the path from a point S to the unit circle at the angle θ, and on to a point E (paper W, equation 9)."""
+    """Return the length of a path from (s, 0) via the unit circle at the angle θ to e (cos β, sin β) (paper W, equation 9)."""
     touch = np.exp(1j * np.asarray(theta))
     return np.asarray(np.abs(s - touch) + np.abs(e * np.exp(1j * beta) - touch))
 

@@ -18,9 +18,8 @@ from shoal.studio.sweeps import sweep_forms
 def answer_all(connection: Connection, root: str) -> None:
     """Answer the questions of the studio's pages until the connection ends.
 
-    A question is a tuple: the number of the question, a name in `ANSWERS`, and the data of the page. An answer is a tuple of three
-    entries. The first entry of an answer is the number of the question. The second entry of an answer is "answer" or "error". The
-    third entry of an answer is data for the page, or the error message.
+    A question is a tuple: the number of the question, a name in `ANSWERS`, and the data of the page. The answer is a tuple: the
+    number of the question, the text "answer" or "error", and the data for the page or the error message.
     """
     os.chdir(root)
     folder = Folder(root)

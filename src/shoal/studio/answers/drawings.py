@@ -122,7 +122,7 @@ def drawing_of(data: Any) -> Drawing | None:
 
 
 def placed_problem(folder: Folder, about: dict[str, Any]) -> SearchProblem:
-    """Return the search problem that a page describes. The problem contains the drawn region itself, and not its name.
+    """Return the search problem that a page describes. If the user has drawn a region, the problem contains the drawn region.
 
     Raises
     ------

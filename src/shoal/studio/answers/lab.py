@@ -74,9 +74,9 @@ def sweep(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def _first_trials(stored: StoredSweep, folder: Folder, text: str) -> list[Any]:
-    """Return the problem and the seed of the first trial at each point of a sweep. A page of the studio can play the first trials.
+    """Return the problem and the seed of the first trial at each point of a sweep, so that a page can play these trials.
 
-    Points of the sweep with third-party code are omitted.
+    Return an empty list if the trials of the sweep are not episodes, or if the sweep needs third-party code.
     """
     if stored.form.problem.get("kind") not in PARTS:
         return []

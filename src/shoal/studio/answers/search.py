@@ -186,10 +186,10 @@ def draw(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 def earth(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
     """Return polynomials that convert metres to degrees and back near a position, as lists of (i, j, coefficient, coefficient).
 
-    Each entry contains the exponents i and j and two coefficients of x**i * y**j. The first coefficient of an entry gives the
-    longitude or the metres to the east. The second coefficient of an entry gives the latitude or the metres to the north. The
-    variables x and y are metres divided by ``reach``, or degrees from the position. The polynomials differ from the map projection
-    by at most 0.1 mm within 30 km of the position, and by at most 2 cm within 100 km.
+    An entry contains the exponents i and j, and the coefficients of x**i * y**j in two polynomials: the first polynomial gives the
+    longitude or the metres to the east, and the second polynomial gives the latitude or the metres to the north. The variables x
+    and y are metres divided by ``reach``, or degrees from the position. The polynomials differ from the map projection by at most
+    0.1 mm within 30 km of the position, and by at most 2 cm within 100 km.
     """
     frame = frame_of(about.get("frame"))
     if frame is None:

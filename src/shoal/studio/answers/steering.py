@@ -45,7 +45,7 @@ def workspace(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def reach(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the outline of the Δ configuration space, and the sets of differences that two, four, ... moves reach."""
+    """Return the outline of the Δ configuration space, and the position differences that two, four, ... moves reach."""
     from shoal.steering import ConvexWorkspace, disk_reach, polygon_reach
     from shoal.views.steering.axes import outlines_of
 

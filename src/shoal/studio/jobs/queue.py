@@ -38,7 +38,7 @@ MOST_PIECES = 50_000_000
 
 
 class _Running:
-    """A running job: the process, the progress, and the pieces of its episode for browsers that begin to watch later."""
+    """A running job: its process, its progress, and the reported pieces of its episode, for browsers that begin to watch later."""
 
     def __init__(self, job: dict[str, Any], processors: int) -> None:
         self.job, self.began, self.processors = job, time.monotonic(), processors

@@ -64,8 +64,8 @@ class Canvas:
     def lines(self, pieces: Sequence[ArrayLike], colour: Colour, width: float, *, alpha: float = 1.0) -> None:
         """Draw several lines at once.
 
-        One call of ``lines`` is faster than one call of ``line`` for each line. One call of ``lines`` draws crossings of
-        transparent lines as light as the lines; several calls of ``line`` draw crossings darker.
+        One call of `lines` is faster than a call of `line` for each line. At a crossing of transparent lines, `lines` paints the
+        colour once, but several calls of `line` paint it once for each line, so that the crossing is darker.
         """
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)

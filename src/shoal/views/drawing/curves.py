@@ -208,7 +208,7 @@ def frontier_curves(
 
 
 def median_of(curves: Sequence[NDArray[np.integer[Any]]]) -> Numbers:
-    """Return the median of curves of different lengths as float64, after an extension of short curves by zeros."""
+    """Return the median of several curves at each position, as float64. Zeros extend short curves to the greatest length."""
     table = np.zeros((len(curves), max(len(curve) for curve in curves)))
     for row, curve in zip(table, curves, strict=True):
         row[: len(curve)] = curve

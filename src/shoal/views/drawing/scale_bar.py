@@ -39,8 +39,7 @@ def draw_scale_bar(
     north : float, optional
         Direction of north in the drawing, in degrees clockwise from up. If ``north`` is None, the function draws no north arrow.
     above : float, optional
-        Position on the x axis at which the scale bar ends, if the scale bar is to lie above the map. By default, the bar lies below
-        the map.
+        Position on the x axis at which a scale bar above the map ends. By default, the bar lies below the map, at its right end.
     """
     from matplotlib.transforms import blended_transform_factory
 

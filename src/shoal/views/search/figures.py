@@ -108,7 +108,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return closed lines as a path that contains the points inside an odd number of lines; the first line encloses all others."""
+    """Return a path that contains the points inside an odd number of closed lines. The first line must enclose all others."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 
@@ -266,7 +266,7 @@ def spread_out(places: NDArray[np.float64], least: float, box: NDArray[np.float6
 
 
 def _not_seen(history: SearchHistory) -> Any:
-    """Return the areas that no robot has seen in at least one layer, without obstacles, in drawing coordinates."""
+    """Return the areas of all layers that no robot has seen, in drawing coordinates. The areas exclude obstacles."""
     import shapely
 
     panels, episode = history.panels, history.episode

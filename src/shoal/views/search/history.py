@@ -101,15 +101,15 @@ class SearchHistory:
         return owner, {number: rank for rank, (number, _) in enumerate(works)}
 
     def arcs(self, robot: int) -> tuple[Arc, ...]:
-        """Return the planned arcs of the tour for the robot with the index ``robot``, counted from 0."""
+        """Return the arcs (stretches of the tour) that the plan gives to the robot with the index ``robot``, counted from 0."""
         return self.episode.plan.allocation.arcs[robot]
 
     def others(self, robot: int) -> Numbers:
         """Return, for each stop of a robot, the number of the other robot in whose part the stop lies, or 0; int64, shape (k,).
 
-        The value for a stop in the robot's own part of the tour is 0. With a footprint wider than one cell, the value for a stop is
-        0 if the robot sees at least one new cell of its own part. If the robot sees new cells of other parts only, the value names
-        the part with the most newly seen cells.
+        A stop is a cell in which the robot searched. For a stop in the robot's own part of the tour, the value is 0. With a
+        footprint wider than one cell, the value is 0 if the robot sees at least one new cell of its own part. If the robot sees new
+        cells of other parts only, the value names the part with the most newly seen cells.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -143,13 +143,13 @@ class SearchHistory:
         return times, by
 
     def seen_at(self, robot: int) -> Floats:
-        """Return, in increasing order, the time at which a robot first saw each cell that it searched; float64, shape (k,)."""
+        """Return, in increasing order, the times at which a robot first saw the cells that it searched; float64, shape (k,)."""
         log = self.episode.trace.robots[robot]
         return np.sort(_earliest(self.episode.seen[robot], log)[1]) if len(log.cells) else np.zeros(0)
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """For each cell in tour order, whether the first robot that searched it had taken it over from another robot; bool."""
+        """For each cell in tour order, whether the robot that searched the cell first did so for another robot; bool."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]

@@ -34,8 +34,8 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     The legend names the colour and the altitudes of each robot, unless there are more robots than colours.
 
     A triangle marks a launch point, a square marks a landing point, and a cross in a ring marks a rally point. Hatched red areas
-    are no-go zones, and the dotted line is the fence. Grey areas
-    are holes of the region. A black ring marks the nearest approach of two vehicles.
+    are no-go zones, and the dotted line is the fence. Grey areas are holes of the region. A black ring marks the nearest approach
+    of two vehicles.
 
     Parameters
     ----------
@@ -112,7 +112,10 @@ def _holes(region: SearchRegion) -> list[Any]:
 
 
 def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
-    """Return the altitude of each waypoint, but replace altitudes of short stretches by the nearest altitude of a long stretch."""
+    """Return the altitudes of each mission's waypoints, in metres.
+
+    An altitude at which vehicles fly only short stretches is replaced by the nearest altitude of a long stretch.
+    """
     levels = [np.round(mission.levels, 1) for mission in missions]
     legs = [np.hypot(*np.diff(way[2 : 2 + len(ups), :2], axis=0).T) for way, ups in zip(ways, levels, strict=True)]
     flat = [np.where(np.diff(ups) == 0, lengths, 0.0) for ups, lengths in zip(levels, legs, strict=True)]

@@ -44,8 +44,9 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
         ``cellTime`` is a number of seconds. ``end`` is the time of the last event, in cell times. ``covered`` is the time at which
         the search became complete, in cell times, or None for an incomplete search.
 
-        ``box`` holds the left, bottom, right and top edge of all squares, in metres. ``shape`` holds the numbers of rows and
-        columns of squares. ``size`` is the side of a square in metres. ``cellSize`` is a text with the sides of the cells.
+        The drawing consists of rows of squares, usually one square for each cell. ``box`` holds the left, bottom, right and top
+        edge of all squares together, in metres. ``shape`` holds the numbers of rows and columns of squares. ``size`` is the side of
+        a square in metres. ``cellSize`` is a text with the sides of the cells.
         ``labels`` holds [text, x, y] for the label above each layer, if the drawing has several layers. ``parts`` is a list of the
         region's polygons, each polygon a list of closed lines.
 

@@ -23,7 +23,7 @@ _FINE = 2  # squares per side of the smallest cell, if layers have different cel
 
 
 class LayerPanels:
-    """The positions of the cells of all layers in a drawing, which consists of squares in rows.
+    """A drawing of the cells of all layers, one panel for each layer. The drawing consists of rows of squares.
 
     Usually each square of the drawing is a cell. If the layers differ in cell size or orientation, the squares of the drawing are
     smaller than cells.

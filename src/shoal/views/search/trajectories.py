@@ -53,7 +53,10 @@ class RobotWays:
         self.episode = episode
 
     def stop_ends(self, robot: int) -> Numbers:
-        """Return the route index of a robot's start, and of each point at which it has searched a cell; int64, shape (k + 1,)."""
+        """Return where a robot's route has its start and the points at which the robot searched a cell; int64, shape (k + 1,).
+
+        The values are indices of points of the route.
+        """
         log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
         ends = cell_spans(self.episode.plan, route, log)[:, 1] if len(log.cells) else np.zeros(0, dtype=np.int64)
         return np.concatenate([[0], ends])
@@ -129,7 +132,7 @@ class RobotWays:
         return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
     def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Insert a path to the start and back where the time between two cells shows that a robot recharged."""
+        """Insert a path to the start and back wherever the time between two searched cells shows that the robot recharged."""
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's paths home are part of the route
             return trajectory

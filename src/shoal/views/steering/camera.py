@@ -74,6 +74,7 @@ class Frame3D:
     round : bool
         Whether the corners approximate a circle. For a circle, drawings omit the vertical edges between the sides.
     open_ends : bool
+        Whether the ends are open, so that the floor and the ceiling are no walls.
     """
 
     floor: NDArray[np.float64]

@@ -25,8 +25,8 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
     """Return a figure of a plan: the workspace with the particles' paths, and the path of the position difference Δ.
 
     The number of each move stands at the end point of the move. With infinite friction, a shaded area shows the position
-    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with its shadow on the floor.
-    Beside a 3-D plan, a chart shows the heights of the particles after each move.
+    differences that two moves can reach from the start. The figure shows a 3-D plan in perspective, with the shadows of the
+    paths on the floor. Beside a 3-D plan, a chart shows the heights of the particles after each move.
     """
     problem = episode.problem
     plane = problem.place.dimensions == 2
@@ -48,7 +48,7 @@ def plan_figure(episode: SteeringEpisode) -> Figure:
 
 
 def _draw_delta(axes: Axes, episode: SteeringEpisode) -> None:
-    """Draw the Δ configuration space, the set of differences Δ that two moves can reach, and the path of the difference Δ."""
+    """Draw the Δ configuration space, the position differences that two moves can reach, and the path of the difference Δ."""
     workspace = episode.problem.place
     assert isinstance(workspace, ConvexWorkspace)
     draw_workspace(axes, workspace.differences)

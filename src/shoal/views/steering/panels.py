@@ -47,7 +47,7 @@ class PlaneView:
 
 
 def wall_shape(workspace: ConvexWorkspace | Region, wall: int, contact: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the shape that marks a holding wall: a line in 2-D, a face in 3-D, or a part of a round wall."""
+    """Return the shape that marks a wall that holds a particle: a line in 2-D, a face in 3-D, or a part of a round wall."""
     if isinstance(workspace, Region):
         return np.asarray(workspace.edges[wall].reshape(2, 2))
     sides = len(workspace.vertices)
@@ -190,7 +190,7 @@ class SpacePanel(Panel):
 
 
 class DeltaPanel(Panel):
-    """The panel with the Δ configuration space: the path and the goal of the difference Δ, and the set that two moves can reach."""
+    """The panel with the Δ configuration space: the path and the goal of the difference Δ, and what two moves can reach."""
 
     def _prepare(self, box: Box) -> None:
         outline = outlines_of(delta_outline(self._episode))[0]

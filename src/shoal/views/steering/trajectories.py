@@ -29,7 +29,7 @@ _LONGEST = 36.0  # seconds: longer episodes are shown faster
 
 @dataclass(frozen=True, eq=False)
 class MoveTrajectory:
-    """The motion during one move: the path of each particle in straight segments, and its wall contacts.
+    """The motion during one move: the path of each particle in straight segments, and the contacts of particles with walls.
 
     Parameters
     ----------
@@ -219,10 +219,10 @@ def delta_outline(episode: SteeringEpisode) -> ConvexWorkspace:
 
 
 def two_move_rings(episode: SteeringEpisode) -> list[list[Points]]:
-    """Return, for each move, the set of position differences that two moves reach from its start, as a list of rings.
+    """Return, for each move, the position differences that two moves can reach from the start of the move, as a list of rings.
 
-    The rings are closed lines for the even-odd fill rule. If the friction is finite, particles slide along walls, and the list of
-    rings is empty for each move.
+    The rings are closed lines. A point belongs to the set if it lies inside an odd number of rings. If the friction is finite,
+    particles slide along walls, and the list of rings is empty for each move.
     """
     from shapely import Polygon, union_all
 

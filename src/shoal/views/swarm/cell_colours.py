@@ -13,9 +13,9 @@ from shoal.swarm.maps.raster import PALETTE
 from shoal.swarm.noise import moments
 
 WRONG_FREE, WRONG_OBSTACLE = "#d63aa8", "#86126a"
-"""Colours of wrongly classified cells: an obstacle as free, and a free cell as obstacle.
+"""Colours of wrongly classified cells: an obstacle that counts as free, and a free cell that counts as an obstacle.
 
-For all common kinds of colour blindness, they differ from the colour of particles.
+With any common kind of colour blindness, a viewer can distinguish both colours from the colour of particles.
 """
 
 FRONTIER_TINT = 0.65

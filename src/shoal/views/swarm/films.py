@@ -42,7 +42,7 @@ def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
 
 
 def shown_moves(moves: int, at_most: int) -> NDArray[np.int64]:
-    """Return the numbers of moves, including start and end, after which a film of ``at_most`` frames or less shows the episode.
+    """Return the numbers of moves after which a film has a frame: at most ``at_most`` numbers, from 0 to ``moves``.
 
     Examples
     --------

@@ -11,17 +11,17 @@ from shoal.core.errors import InvalidInputError
 from shoal.swarm.noise import Moment, moments
 
 HEAVIEST = 40_000_000
-"""Maximum size in bytes of moments that a page loads quickly."""
+"""Maximum size, in bytes, of the encoded moments of an episode. A page loads moments of this size quickly."""
 
 
 def packed_moments(frames: Iterable[Moment]) -> bytes:
     """Return the moments of an episode as bytes.
 
-    For each moment, the bytes contain two lists of cells. The first list of a moment contains the cells of the particles. The
-    second list of a moment contains the cells whose colour code changed, each with its new code. Each list of cells begins with its
-    length. A cell is an index into the grid with its rim, encoded as the difference from the previous index of the list. Lengths
-    and index differences are base-128 numbers, with the lowest bits first. The high bit of a byte is set if another byte of the
-    same number follows. Before the first moment, all cells have the colour code of unknown cells.
+    For each moment, the bytes contain two lists: the cells of the particles, and the cells whose colour code changed. In the second
+    list, the new colour code follows each cell. Each list begins with its length. A cell is an index into the grid with its rim,
+    encoded as the difference from the previous index of the list. Lengths and index differences are base-128 numbers, with the
+    lowest bits first. The high bit of a byte is set if another byte of the same number follows. Before the first moment, all cells
+    have the colour code of unknown cells.
 
     Raises
     ------

@@ -27,7 +27,9 @@ _POINTS = 400  # maximum number of scans at each of which a chart has a point
 def gap_distributions(line: Line, sample: LineSample | None = None) -> Figure:
     """Return a figure of the distributions of first gap, last gap, largest gap and spread, as in figure 5 of paper M.
 
-    Lines show the exact distributions. Bars show the Monte Carlo sample, if a sample is given.
+    The first gap lies between the left end of the line and the first particle, and the last gap between the last particle and the
+    right end. The spread is the distance from the first to the last particle. Lines show the exact distributions. Bars show the
+    Monte Carlo sample, if a sample is given.
     """
     figure = new_figure(7.6, 5.2)
     first = line.first_distribution
@@ -77,7 +79,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return a figure of the distributions of the moves to find both ends and of the moves to cover all cells (paper M, figure 6).
+    """Return a figure of two distributions: the moves to find both ends, and the moves to cover all cells (paper M, figure 6).
 
     Parameters
     ----------
@@ -110,6 +112,8 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
     """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio, drawn against the largest distance 10^k.
 
+    The move ratio is the number of moves divided by the smallest possible number, and the scan ratio is the same for scans.
+
     Parameters
     ----------
     decades : sequence of int
@@ -135,7 +139,7 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the move ratios and scan ratios of scan schedules, drawn against the distance of the wall."""
+    """Return a figure of the moves and the scans of scan schedules, divided by their optima, against the distance of the wall."""
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)
