@@ -1,4 +1,4 @@
-"""A stopwatch that excludes the time for compiling and loading kernels, and the notice that Shoal compiles kernels."""
+"""A stopwatch without the time for compiling and loading kernels. The message that Shoal compiles kernels."""
 
 from __future__ import annotations
 

@@ -207,7 +207,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Remove the lines and points that remain in shapes where a region touches a block without overlapping it."""
+    """Keep only the polygons of each shape, because a region that only touches a block leaves lines or points."""
     import shapely
 
     kinds = shapely.get_type_id(shapes)

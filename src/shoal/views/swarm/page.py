@@ -48,7 +48,7 @@ def page_data(episode: SwarmEpisode) -> dict[str, object]:
 
         ``free`` is the base64 text of ``numpy.packbits(free.ravel())``, in which a set bit is a free cell. ``start`` is the base64
         text of the particles' start cells as little-endian uint32 indices ``r * W + c`` (row, column), in 3-D ``(l * H + r) * W +
-        c`` (layer, row, column). ``targets`` is None, or the cells to cover in the form of ``free``. In the task ``"coverage"``,
+        c`` (layer, row, column). ``targets`` is None, or the cells to cover, encoded like ``free``. In the task ``"coverage"``,
         None means all free cells.
 
         ``commands`` is a text of the letters ``lurd``, in 3-D of the letters ``lurdio``. ``scanned`` is the base64 text of

@@ -141,7 +141,7 @@ def counted_chance(prior, number, cell):
 
 @in_place_kernel
 def learn(prior, number, cell, free):
-    """Evaluate every count expert for a cell, as in `chance`, and then count the cell.
+    """Evaluate every count expert for a cell, as in `chance`, and then add the cell to the counts.
 
     Each count expert builds on the result of the previous count expert.
     """
