@@ -131,8 +131,8 @@ def test_options_reach_what_is_named(words, field, name, made, own_things, tmp_p
 @pytest.mark.parametrize(
     ("policy", "shown"),
     [
-        ("own_things:Dither:p=0.5", "dither:p=0.5"),
-        ("own_things:Dither", "dither"),
+        ("own_things:Dither:p=0.5", "random-moves:p=0.5"),
+        ("own_things:Dither", "random-moves"),
         ("closest-frontier:ties=row-major", "closest-frontier:ties=row-major"),
     ],
 )
