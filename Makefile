@@ -49,8 +49,10 @@ $(VENV)/.dev-installed: pyproject.toml requirements.lock | $(BIN)/python
 	@touch $@ $(VENV)/.run-installed
 
 install: $(VENV)/.run-installed
+	@echo 'Shoal is installed. Let this terminal find the command shoal:  . $(BIN)/activate'
+	@echo 'Then try:  shoal --help  or  shoal studio  or a tutorial in docs/tutorials'
 
-demo: install
+demo: $(VENV)/.run-installed
 	@$(BIN)/shoal demo --out demo
 
 # Kernels and the tests' byte code are compiled once, before several test processes would do it at the same time.

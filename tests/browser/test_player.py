@@ -180,6 +180,7 @@ def test_header_count_and_share(open_player):
     assert page.title() == page.inner_text("h1") == "<b>Pond</b> & </script>"
     facts = page.inner_text("#facts")
     assert all(word in facts for word in ("hand-made", "mapping", "by-hand", "3 particles", "complete"))
+    assert re.search(r"\d+ rows × \d+ columns", page.text_content("#details"))
     page.evaluate("shoalPlayer.seek(12)")
     assert page.inner_text("#count") == "move 12 of 40"
     assert re.fullmatch(r"\d+\.\d % classified", page.inner_text(".share"))

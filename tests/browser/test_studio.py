@@ -55,7 +55,7 @@ def test_cells_painted_by_numbers_are_undone_and_kept(page: Page, studio: Studio
     for name, value in (("row", 1), ("column", 2), ("rows", 2), ("columns", 3)):
         page.locator(f".numbers input[name={name}]").fill(str(value))
     page.get_by_role("button", name="Apply").click()
-    assert "42 free" in page.locator(".underStage .facts").inner_text()
+    assert "6 rows × 8 columns, 42 free" in page.locator(".underStage .facts").inner_text()
     page.get_by_role("button", name="Undo").click()
     assert "48 free" in page.locator(".underStage .facts").inner_text()
     page.get_by_role("button", name="Redo").click()

@@ -147,6 +147,17 @@ def test_maps(tmp_path, capsys):
     assert capsys.readouterr().out == "...\n"
 
 
+def test_sizes_of_maps_name_their_sides(tmp_path, capsys):
+    assert run(["maps", "cave:60x36", "--out", str(tmp_path / "cave.png")]) == 0
+    assert "36 rows × 60 columns" in capsys.readouterr().out
+    assert run(["map", "rectangle:5x8", "-n", "4"]) == 0
+    assert "rectangle:5x8, 5 rows × 8 columns, 40 free cells" in capsys.readouterr().out
+    assert run(["drive", "line:6", "--rig", "simulated", "-n", "2"]) == 0
+    assert "1 row × 6 columns" in capsys.readouterr().out
+    assert run(["tour", "comb", "8x4x3"]) == 0
+    assert "3 layers × 4 rows × 8 columns" in capsys.readouterr().out
+
+
 def test_version(capsys):
     assert run(["--version"]) == 0
     assert capsys.readouterr().out.strip() == __version__

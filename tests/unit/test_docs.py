@@ -210,6 +210,14 @@ def test_the_first_page_leads_to_every_other():
     assert {page for page in pages if not page.startswith("adr/")} - linked == {"index.md"}
 
 
+def test_library_pages_tell_how_to_read_descriptions_in_a_checkout():
+    for page in (ROOT / "docs/api").glob("*.md"):
+        text = page.read_text()
+        if listed := re.search(r"^::: (\S+)", text, re.M):
+            assert f'help("{listed[1]}")' in text, page.name
+            assert "`make docs`" in text, page.name
+
+
 def test_library_pages_cover_what_packages_offer():
     directives = re.findall(r"^::: (shoal\.\S+)", "\n".join(page.read_text() for page in (ROOT / "docs/api").glob("*.md")), re.M)
     for module in MODULES:

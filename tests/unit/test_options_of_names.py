@@ -128,6 +128,21 @@ def test_options_reach_what_is_named(words, field, name, made, own_things, tmp_p
         assert made in own_things.seen
 
 
+@pytest.mark.parametrize(
+    ("policy", "shown"),
+    [
+        ("own_things:Dither:p=0.5", "random-moves:p=0.5"),
+        ("own_things:Dither", "random-moves"),
+        ("closest-frontier:ties=row-major", "closest-frontier:ties=row-major"),
+    ],
+)
+def test_a_policy_is_shown_with_its_options(policy, shown, own_things, capsys):
+    assert command([*SWARM, "--policy", policy]) == 0
+    assert f"policy     {shown} " in capsys.readouterr().out
+    assert command([*SWARM, "--policy", policy, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["policy"] == shown
+
+
 @pytest.mark.parametrize(("name", "words"), REFUSED)
 def test_what_does_not_fit_is_one_sentence(name, words, own_things, capsys):
     assert command([*SWARM, "--policy", f"own_things:{name}"]) == 2

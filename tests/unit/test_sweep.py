@@ -542,6 +542,21 @@ SPEC = 'name = "corridors"\ntrials = 4\npaired = ["policy"]\n[problem]\nkind = "
 SPEC += 'policy = ["closest-frontier", "elect-particle"]\nparticles = [3, 6]\n'
 
 
+def test_a_long_sweep_tells_its_progress_without_a_terminal(tmp_path, monkeypatch, capsys):
+    from shoal.cli.sweep import running
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(running, "_APART", 0.0)
+    Path("sweep.toml").write_text(SPEC)
+    assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]) == 0
+    told = [line for line in capsys.readouterr().err.splitlines() if "trials" in line]
+    assert told[0].startswith("sweep corridors: ")
+    assert told[-1].startswith("sweep corridors: 16 of 16 trials, ")
+    assert 1 < len(told) <= 10
+    assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0"]) == 0
+    assert "trials" not in capsys.readouterr().err  # nothing was left to run
+
+
 def test_commands(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("sweep.toml").write_text(SPEC)
@@ -549,7 +564,7 @@ def test_commands(tmp_path, monkeypatch, capsys):
     assert command(["sweep", "run", "sweep.toml", "--store", "s.sqlite", "--workers", "0", "--out", "t.csv", "--json"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert (result["done"], result["total"], result["complete"], captured.err) == (16, 16, True, "")  # no terminal: not a word
+    assert (result["done"], result["total"], result["complete"], captured.err) == (16, 16, True, "")  # a short sweep: not a word
     assert len(Path("t.csv").read_text().splitlines()) == 17
     assert command(["sweep", "status", "s.sqlite", "--watch", "--out", "status.json"]) == 0
     assert "complete" in capsys.readouterr().out

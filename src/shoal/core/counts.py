@@ -1,6 +1,8 @@
-"""Numbers of things as texts."""
+"""Numbers of things and sizes of maps as texts."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 
 def count_text(count: int, word: str) -> str:
@@ -12,3 +14,15 @@ def count_text(count: int, word: str) -> str:
     ('1 robot', '1,200 cells')
     """
     return f"{count:,} {word}{'s' * (count != 1)}"
+
+
+def shape_text(shape: Sequence[int]) -> str:
+    """Return the shape of a map in cells as a text that names each side; a map in three dimensions also has layers.
+
+    Examples
+    --------
+    >>> shape_text((36, 60)), shape_text((5, 1, 1200))
+    ('36 rows × 60 columns', '5 layers × 1 row × 1,200 columns')
+    """
+    words = ("layer", "row", "column")[3 - len(shape) :]
+    return " × ".join(count_text(int(count), word) for count, word in zip(shape, words, strict=True))

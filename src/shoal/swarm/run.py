@@ -17,7 +17,7 @@ from shoal.core.version import versions
 from shoal.jit import Stopwatch
 from shoal.swarm.episode import SwarmEpisode
 from shoal.swarm.grid.randomness import trial_rng
-from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves
+from shoal.swarm.policies import ClosestFrontier, Compiled, Offline, PlannerPolicy, Policy, RandomMoves, shown_name
 from shoal.swarm.problem import SwarmProblem
 from shoal.swarm.simulation.compiled import Game, NoisyGame, PlannerGame, SearchGame, compiled_loop, is_compiled
 from shoal.swarm.simulation.deciders import make_decider
@@ -88,7 +88,7 @@ def run(
         targets=targets,
         trace=trace,
         status=status,
-        policy=problem.chosen_policy.name,
+        policy=shown_name(problem.chosen_policy, problem.policy),
         first_frontier=first,
         seed=seed,
         trial=trial,

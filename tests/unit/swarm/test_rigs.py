@@ -433,7 +433,7 @@ def test_command_with_a_program_as_rig(tmp_path, capsys):
     assert shoal(["drive", "maze:9x7", "--rig", spec, "--log", str(log)]) == 2
     assert "the file exists already" in capsys.readouterr().err
     assert shoal(["drive", "--size", "7x8", "--rig", spec]) == 2
-    assert "size: expected a rig of 7x8 cells, got map, which sees 7x9" in capsys.readouterr().err
+    assert "size: expected a rig of 7 rows × 8 columns, got map, which sees 7 rows × 9 columns" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "simulated"]) == 2
     assert "expected a map, such as vessels:500" in capsys.readouterr().err
     assert shoal(["drive", "--rig", "exec:false", "--end-after", "0.1"]) == 2

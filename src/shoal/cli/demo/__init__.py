@@ -10,6 +10,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table, say
 from shoal.core.checks import check_integer, shortened
+from shoal.core.counts import shape_text
 from shoal.core.errors import InvalidInputError, MissingExtraError
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def _demo_vessels(out: Path, *, particles: int, seed: int, json_: bool) -> None:
         return
     rows = [
         ("photograph", "skimage.data.retina(), CC0, 1411x1411 pixels"),
-        ("map", f"{'x'.join(map(str, workspace.shape))}, {workspace.n_free} free cells"),
+        ("map", f"{shape_text(workspace.shape)}, {workspace.n_free} free cells"),
         ("result", f"{particles} particles; {episode.sentence}"),
         ("time", f"{episode.seconds:.3f} s"),
     ]

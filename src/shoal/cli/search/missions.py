@@ -123,7 +123,8 @@ Out = Annotated[
     typer.Option(
         "--out",
         metavar="FOLDER",
-        help="Folder for check.json and map.png, and with --footprint also for uncovered.geojson.",
+        help="Folder for check.json and map.png, and for uncovered.geojson if coverage is measured: with --footprint, or with a "
+        "--vehicle that has a camera or detector.",
     ),
 ]
 

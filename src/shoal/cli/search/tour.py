@@ -11,6 +11,7 @@ import typer
 
 from shoal.cli import options
 from shoal.cli.output import check_folder, print_json, print_table
+from shoal.core.counts import shape_text
 from shoal.core.errors import InvalidInputError
 
 if TYPE_CHECKING:
@@ -60,7 +61,8 @@ def tour(
     if json_:
         print_json(result)
         return
-    rows = [(key.replace("_", " "), _shown(value)) for key, value in result.items() if key != "tour"]
+    shown = {key: _shown(value) for key, value in result.items() if key != "tour"} | {"shape": shape_text(made.shape)}
+    rows = [(key.replace("_", " "), text) for key, text in shown.items()]
     print_table(rows, title=f"tour {made.name}", written=written)
 
 

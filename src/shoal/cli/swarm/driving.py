@@ -13,6 +13,7 @@ from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_outputs, check_seed, moves_told, print_json, print_table, say
 from shoal.core.checks import check_number
+from shoal.core.counts import shape_text
 from shoal.core.errors import InvalidInputError
 from shoal.core.interruption import patient
 from shoal.swarm.problem import DRIVEN, SwarmProblem
@@ -38,8 +39,9 @@ Size = Annotated[
     str | None,
     typer.Option(
         "--size",
-        metavar="SIZE",
-        help="Size of the rig's field of view in cells, such as 40x60. Shoal refuses a rig with another size.",
+        metavar="ROWSxCOLUMNS",
+        help="Size of the rig's field of view in cells, such as 40x60; in three dimensions LAYERSxROWSxCOLUMNS. Shoal refuses a "
+        "rig with another size.",
     ),
 ]
 
@@ -131,8 +133,9 @@ def _size(text: str) -> tuple[int, ...]:
 def _check_shape(rig: Rig, shape: tuple[int, ...] | None, truth: GridWorkspace | None) -> None:
     for expected, what in ((shape, "size"), (None if truth is None else truth.shape, "map")):
         if expected is not None and expected != rig.shape:
-            sizes = ["x".join(map(str, size)) for size in (expected, rig.shape)]
-            raise InvalidInputError(f"{what}: expected a rig of {sizes[0]} cells, got {rig.name}, which sees {sizes[1]} cells")
+            raise InvalidInputError(
+                f"{what}: expected a rig of {shape_text(expected)}, got {rig.name}, which sees {shape_text(rig.shape)}"
+            )
 
 
 def summary(result: Drive, rig: Any, truth: GridWorkspace | None, *, seed: int) -> dict[str, Any]:
@@ -180,9 +183,8 @@ def _report(
     if json_:
         print_json(about if verified is None else about | {"verified": verified.ok, "message": verified.message})
         return
-    size = "x".join(map(str, rig.shape))
     rows = [
-        ("rig", f"{rig.name}, {size} cells, {about['particles']} particles, rule {rig.rule}"),
+        ("rig", f"{rig.name}, {shape_text(rig.shape)}, {about['particles']} particles, rule {rig.rule}"),
         ("policy", result.policy),
         ("result", f"{result.status}: {result.reason}"),
         ("found", f"{about['free_cells']} free cells and {about['obstacles']} wall cells around them"),

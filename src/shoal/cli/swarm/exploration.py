@@ -21,6 +21,7 @@ from shoal.cli.output import (
     write_films,
 )
 from shoal.core.checks import check_integer
+from shoal.core.counts import shape_text
 from shoal.swarm.problem import NOISE_MEASURES, SwarmProblem
 
 if TYPE_CHECKING:
@@ -145,9 +146,8 @@ def _policy_text(episode: SwarmEpisode) -> str:
 
 def _rows(episodes: list[SwarmEpisode], result: dict[str, Any]) -> list[tuple[str, str]]:
     first = episodes[0]
-    size = "x".join(str(length) for length in first.workspace.shape)
     rows = [
-        ("map", f"{first.workspace.name}, {size}, {first.workspace.n_free} free cells"),
+        ("map", f"{first.workspace.name}, {shape_text(first.workspace.shape)}, {first.workspace.n_free} free cells"),
         ("particles", f"{first.particles}, {first.placement} placement, rule {first.rule}"),
         ("policy", _policy_text(first)),
     ]

@@ -10,6 +10,7 @@ import typer
 from shoal.cli import options
 from shoal.cli.options import takes_problem
 from shoal.cli.output import check_folder, print_json, print_table, quiet, say
+from shoal.core.counts import shape_text
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.problem import SwarmProblem
 
@@ -114,7 +115,7 @@ def _told(workspace: GridWorkspace) -> dict[str, Any]:
 
 
 def _size(workspace: GridWorkspace) -> str:
-    return f"{'x'.join(map(str, workspace.shape))}, {workspace.n_free} free cells"
+    return f"{shape_text(workspace.shape)}, {workspace.n_free} free cells"
 
 
 def _list(json_: bool) -> None:

@@ -27,6 +27,7 @@ RUN_EXAMPLE = "Example: shoal sweep run sweep.toml --store results.sqlite"
 STATUS_EXAMPLE = "Example: shoal sweep status results.sqlite"
 
 _EVERY = 2.0  # seconds between two updates of --watch
+_APART, _SLOW = 4.0, 60.0  # seconds between two lines of progress, with and without a new tenth of the trials
 
 
 def run(
@@ -92,12 +93,16 @@ def run(
 
 @contextmanager
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
-    """Show one line on the terminal while the ``with`` block runs: finished trials, rate, remaining time and failures.
+    """Show the progress of a sweep on stderr while the ``with`` block runs: finished trials, rate, remaining time and failures.
 
-    If stderr is not a terminal, the function shows nothing.
+    On a terminal, the progress is one line that changes. Elsewhere, the function prints a line after every tenth of the trials,
+    but not more often than every four seconds, and after a minute without a line.
     """
-    if sys.stderr is None or not sys.stderr.isatty():
+    if sys.stderr is None:
         yield None
+        return
+    if not sys.stderr.isatty():
+        yield _lines(name)
         return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
@@ -111,15 +116,33 @@ def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
         task = bar.add_task(name, total=None, pace="starting workers", trouble="")
 
         def tell(progress: SweepProgress) -> None:
-            left = (progress.total - progress.done) / progress.rate if progress.rate else None
-            trouble = [f"{progress.failures} failures"] * bool(progress.failures) + [f"{progress.deaths} workers died"] * bool(
-                progress.deaths
-            )
-            bar.update(
-                task, total=progress.total, completed=progress.done, trouble=", ".join(trouble), pace=_pace(progress.rate, left)
-            )
+            bar.update(task, total=progress.total, completed=progress.done, trouble=_trouble(progress), pace=_pace_of(progress))
 
         yield tell
+
+
+def _lines(name: str) -> Callable[[SweepProgress], None]:
+    """Return a function that prints the progress of a sweep as lines of text on stderr."""
+    tenths, last = 0, time.monotonic()
+
+    def tell(progress: SweepProgress) -> None:
+        nonlocal tenths, last
+        reached, now = 10 * progress.done // max(1, progress.total), time.monotonic()
+        if progress.seconds and now - last >= (_APART if reached > tenths else _SLOW):
+            tenths, last = reached, now
+            parts = (f"{progress.done} of {progress.total} trials", _pace_of(progress), _trouble(progress))
+            say(f"sweep {name}: {', '.join(filter(None, parts))}")
+
+    return tell
+
+
+def _trouble(progress: SweepProgress) -> str:
+    counts = ((progress.failures, "failures"), (progress.deaths, "workers died"))
+    return ", ".join(f"{count} {what}" for count, what in counts if count)
+
+
+def _pace_of(progress: SweepProgress) -> str:
+    return _pace(progress.rate, (progress.total - progress.done) / progress.rate if progress.rate else None)
 
 
 def _pace(rate: float, left: float | None) -> str:

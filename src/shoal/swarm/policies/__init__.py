@@ -48,6 +48,21 @@ def make_policy(policy: str | Policy) -> Policy:
     return made
 
 
+def shown_name(policy: Policy, given: str | Policy) -> str:
+    """Return the name of a policy for people. If ``given`` is a text "module:attribute:options", the name ends with the options.
+
+    Parameters
+    ----------
+    policy : Policy
+        The policy object that a problem uses.
+    given : str or Policy
+        The policy as the user named it.
+    """
+    module, *rest = given.split(":", 2) if isinstance(given, str) else ("",)
+    added = rest[1] if len(rest) == 2 and module not in POLICIES else ""
+    return policy.name if not added or policy.name.endswith(added) else f"{policy.name}:{added}"
+
+
 def with_budget(policy: Policy, **wanted: float) -> Policy:
     """Return a copy of the policy with new planning limits: ``budget`` in simulated moves per move, or ``milliseconds`` per move.
 
@@ -86,5 +101,6 @@ __all__ = [
     "check_rules",
     "check_scanning",
     "make_policy",
+    "shown_name",
     "with_budget",
 ]

@@ -22,7 +22,7 @@ from shoal.swarm.grid.randomness import trial_rng
 from shoal.swarm.grid.state import SwarmState
 from shoal.swarm.grid.trace import Trace, WithTrace
 from shoal.swarm.maps.workspace import GridWorkspace
-from shoal.swarm.policies import View
+from shoal.swarm.policies import View, shown_name
 from shoal.swarm.problem import DRIVEN, SwarmProblem
 from shoal.swarm.rigs.log import DriveLog, RecordedRig, map_digest, read_log
 from shoal.swarm.rigs.protocol import Rig
@@ -134,7 +134,7 @@ def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnM
 def _driven(rig: Rig, problem: SwarmProblem, *, seed: int, log: DriveLog | None = None, on_moves: OnMoves | None = None) -> Drive:
     began, status, trace = time.perf_counter(), Status.INTERRUPTED, Trace.empty(0)
     recorded = rig if isinstance(rig, RecordedRig) else None
-    policy = problem.chosen_policy.name if recorded is None else recorded.policy
+    policy = shown_name(problem.chosen_policy, problem.policy) if recorded is None else recorded.policy
     most = problem.max_moves if recorded is None else len(recorded.commands)
     try:
         noise = problem.noise

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shoal.steering import ConvexWorkspace, Region, SteeringEpisode
 from shoal.views.drawing.charts import BLUE, INK, ORANGE, PURPLE, bare_axes
+from shoal.views.steering.move_numbers import MoveNumbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -44,10 +45,12 @@ def outlines_of(workspace: ConvexWorkspace | Region) -> list[NDArray[np.float64]
 
 
 def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayLike], NDArray[np.float64]] = np.asarray) -> None:
-    """Draw the path of each particle, with a square at its start and a circle at its goal.
+    """Draw the path of each particle, with a square at its start, a circle at its goal, and the number of each move at its end.
 
     The function ``at`` converts points of the workspace to the coordinates of the axes.
     """
+    from matplotlib.patches import Polygon
+
     size = episode.problem.place.size
     for particle in range(episode.problem.n_particles):
         way, colour = episode.states[:, particle], colour_of(particle)
@@ -56,7 +59,12 @@ def draw_trajectories(axes: Axes, episode: SteeringEpisode, at: Callable[[ArrayL
                 arrow_between(axes, at(here), at(there), colour, width=1.5)
         axes.plot(*at(way[0]), "s", color=colour, ms=8, zorder=4, label=f"particle {particle + 1}")
         axes.plot(*at(episode.goal[particle]), "o", mfc="white", mec=colour, mew=2, ms=9, zorder=4)
-        _number_ends(axes, at(way), colour, size)
+    ways = [at(episode.states[:, particle]) for particle in range(episode.problem.n_particles)]
+    walls = [line.get_xydata() for line in axes.lines] + [patch.get_xy() for patch in axes.patches if isinstance(patch, Polygon)]
+    numbers = MoveNumbers(axes, [*ways, *walls], at([*episode.states[0], *episode.goal]))
+    for particle, way in enumerate(ways):
+        for place, moves in _ends(way, size):
+            numbers.write(place, moves, colour_of(particle))
     legend_below(axes)
 
 
@@ -73,11 +81,11 @@ def legend_below(axes: Axes, *, off: float = 0.06) -> None:
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -off), ncols=3, frameon=False, labelcolor=INK, handletextpad=0.3)
 
 
-def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float) -> None:
-    """Write the number of each move at its end point, except for moves that do not displace the particle."""
-    if len(way) - 1 > _BENT:
-        return
+def _ends(way: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float64], list[str]]]:
+    """Return the end points of the moves with the numbers of the moves, except for moves that do not displace the particle."""
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []
+    if len(way) - 1 > _BENT:
+        return labelled
     for number in range(1, len(way)):
         if np.linalg.norm(way[number] - way[number - 1]) <= 1e-4 * size:
             continue
@@ -86,13 +94,4 @@ def _number_ends(axes: Axes, way: NDArray[np.float64], colour: str, size: float)
             labelled.append((way[number], [str(number)]))
         else:
             near[1].append(str(number))
-    for place, numbers in labelled:
-        axes.annotate(
-            ", ".join(numbers[:3]) + ("…" if len(numbers) > 3 else ""),
-            (float(place[0]), float(place[1])),
-            xytext=(5, 5),
-            textcoords="offset points",
-            color=colour,
-            fontsize=8,
-            zorder=5,
-        )
+    return labelled

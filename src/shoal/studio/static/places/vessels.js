@@ -5,7 +5,7 @@ import { driving } from "./vessels/drive.js";
 import { Editor, pack, packedCells, unpack } from "./vessels/editor.js";
 import { toolbar } from "./vessels/toolbar.js";
 import { makeForm, seedField, seedIn, written } from "../shared/form.js";
-import { duration, el, guarded, number, say, tabs, told } from "../shared/page.js";
+import { duration, el, guarded, number, say, shapeText, tabs, told } from "../shared/page.js";
 import { PlayerFrame } from "../shared/player.js";
 import { exports, failure, showCopies } from "../shared/share.js";
 
@@ -106,8 +106,8 @@ export function vessels({ remember }) {
   }
 
   function showFacts() {
-    const size = map.shape.join(" × "), start = map.start?.length ?? 0;
-    facts.textContent = `${size} cells, ${number(map.cells, 9)} free, ${number(start, 9)} particles${map.spacing ? `, ${map.spacing[0]} mm a cell` : ""}`;
+    const start = map.start?.length ?? 0;
+    facts.textContent = `${shapeText(map.shape)}, ${number(map.cells, 9)} free cells, ${number(start, 9)} particles${map.spacing ? `, ${map.spacing[0]} mm a cell` : ""}`;
   }
 
   function complain(sentence) {

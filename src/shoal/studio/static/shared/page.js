@@ -105,6 +105,10 @@ export const symbol = (path) => svg("svg", { viewBox: "0 0 24 24", "aria-hidden"
 
 export const number = (value, digits = 4) => (value === null || value === undefined ? "–" : Number(value.toPrecision(digits)).toLocaleString("en-GB"));
 
+/** The shape of a map with the names of its sides, as the commands and the film player write it. */
+export const shapeText = (shape) =>
+  shape.map((n, i) => `${n.toLocaleString("en-GB")} ${["layer", "row", "column"].at(i - shape.length)}${n === 1 ? "" : "s"}`).join(" × ");
+
 export function duration(seconds) {
   if (seconds === null || seconds === undefined) return "";
   if (seconds < 60) return `${Math.max(1, Math.round(seconds))} s left`;

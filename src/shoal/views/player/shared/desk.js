@@ -5,6 +5,7 @@ const ShoalDesk = (() => {
   const $ = (id) => document.getElementById(id);
   const number = (n) => n.toLocaleString("en-GB");
   const plural = (n, word) => `${number(n)} ${word}${n === 1 ? "" : "s"}`;
+  const shapeText = (shape) => shape.map((n, i) => plural(n, ["layer", "row", "column"].at(i - shape.length))).join(" × ");
 
   function fail(sentence) {
     $("player").hidden = true;
@@ -188,6 +189,6 @@ const ShoalDesk = (() => {
   }
 
   return {
-    $, number, plural, open, fillRows, showFacts, listen, handleView, resize, watchSizes, reportPlaying, announce, wearTheme, followTheme,
+    $, number, plural, shapeText, open, fillRows, showFacts, listen, handleView, resize, watchSizes, reportPlaying, announce, wearTheme, followTheme,
   };
 })();

@@ -11,7 +11,7 @@
   const NAMES = { l: "left", u: "up", r: "right", d: "down", i: "in", o: "out" };
   const ENDINGS = { complete: "complete", stalled: "stalled", limit: "stopped at the limit" };
 
-  const { $, fillRows, number, plural } = ShoalDesk;
+  const { $, fillRows, number, plural, shapeText } = ShoalDesk;
   const calm = matchMedia("(prefers-reduced-motion: reduce)");
 
   // ---- what does not change ---------------------------------------------------------------------
@@ -36,7 +36,7 @@
     $("rampRow").hidden = !world.noise;
     $("details").replaceChildren();
     fillRows($("details"), [
-      ["Map", world.shape.join(" × ")],
+      ["Map", shapeText(world.shape)],
       ["Rule", world.rule],
       ...Object.entries(world.noise ?? {}).map(([name, rate]) => [name[0].toUpperCase() + name.slice(1), String(rate)]),
       ["Seed", data.seed == null ? "none" : text(data.seed)],
