@@ -245,7 +245,9 @@ def best_grid_tour(
         whole = [grid_tour(region, size, tour, angle=way, offset=offset, **given) for (way, offset), tour in chosen]
     found = sorted(((laid, laid.once_round(turn)) for laid in whole), key=lambda one: one[1])
     best = found[0][0]
-    compared = {laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost) for laid, cost in reversed(found)}
+    compared = {
+        laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost) for laid, cost in reversed(found)
+    }
     chosen_among = sorted(compared.values(), key=lambda one: one.cells) if angle is None or len(tours) > 1 else ()
     kept = replace(best, compared=tuple(chosen_among))
     vars(kept)["route"] = best.route  # known already

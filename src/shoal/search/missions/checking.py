@@ -156,8 +156,8 @@ def check_missions(
     """Read mission files, and measure how much of a region the vehicles see.
 
     The check does not depend on the planner, because it uses only the waypoints in the files, and computes areas with Shapely. The
-    check counts what vehicles see between the first and last waypoint of each mission, but not what they see on the paths from and
-    to home.
+    check counts what vehicles see between the first and last waypoint of the search, but not what they see on the paths from and to
+    home, on which a camera takes no images.
 
     Parameters
     ----------
@@ -276,7 +276,8 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place, it
-    contains the points at which these paths cross the border of the region.
+    contains the points at which these paths cross the border of the region. If the mission tells its waypoints on the ways out and
+    home, the result leaves out exactly these waypoints.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -284,6 +285,8 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     here = searching(inside, sheet.kind)
     ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
     way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
+    if sheet.waypoints_out is not None:
+        return way[1 + sheet.waypoints_out : len(way) - 1 - (sheet.waypoints_home or 0)]
     kept = [way[1:-1][here]]
     if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])

@@ -157,6 +157,8 @@ class Sheet:
     acceptance_radius: float | None = None
     speed: float | None = None
     geographic: bool = True
+    waypoints_out: int | None = None
+    waypoints_home: int | None = None
     decimals: int | None = None
     n_items: int | None = None
     diagnostics: list[Diagnostic] = field(default_factory=list)

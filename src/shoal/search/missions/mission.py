@@ -85,6 +85,9 @@ class Mission:
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings, in the unit of the waypoints.
+    waypoints_out, waypoints_home : int, optional
+        Number of waypoints on the way out, before the first waypoint of the search, and number of waypoints on the way home, after
+        the last waypoint of the search. The camera takes images only in between. By default, both numbers are unknown.
 
     Raises
     ------
@@ -122,6 +125,8 @@ class Mission:
     start: float | None = None
     takeover: float | None = None
     take_off: float | None = None
+    waypoints_out: int | None = None
+    waypoints_home: int | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -142,6 +147,14 @@ class Mission:
             _check_degrees(np.vstack([home, self.end, points]))
         for name in ("robot", "sortie"):
             object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1))
+        for name in ("waypoints_out", "waypoints_home"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=0))
+        if self.searched.start >= self.searched.stop:
+            raise InvalidInputError(
+                f"mission: expected a waypoint between the way out and the way home, got {self.waypoints_out} and "
+                f"{self.waypoints_home} of {len(points)} waypoints"
+            )
         check_choice(self.kind, what="kind", choices=KINDS)
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
@@ -164,6 +177,11 @@ class Mission:
         """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
+
+    @property
+    def searched(self) -> slice:
+        """The slice of the waypoints from the first to the last waypoint of the search, or of all waypoints if it is unknown."""
+        return slice(self.waypoints_out or 0, len(self.waypoints) - (self.waypoints_home or 0))
 
     @property
     def end(self) -> tuple[float, float]:

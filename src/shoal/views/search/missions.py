@@ -12,6 +12,7 @@ from shoal.core.counts import count_text
 from shoal.search.episode import duration_text
 from shoal.search.missions.approach import MissionApproach
 from shoal.search.missions.mission import Mission
+from shoal.search.missions.rules import inside_of, searching
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import path_of_rings, rings_of
@@ -61,7 +62,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     for ring in rings:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
     levels = _main_levels(missions, ways)
-    _draw_ways(axes, missions, ways, circles, levels)
+    _draw_ways(axes, missions, ways, circles, levels, region)
     _draw_places(axes, missions, region)
     if approach is not None:
         _draw_approach(axes, approach)
@@ -123,21 +124,46 @@ def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
     return [main[np.abs(ups[:, None] - main).argmin(axis=1)] for ups in levels]
 
 
-def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], circles: Sequence[Any], levels: Sequence[Any]) -> None:
-    """Draw the mission paths: solid between waypoints, dashed from home and to the landing point, with circles for loitering."""
+def _draw_ways(
+    axes: Axes,
+    missions: Sequence[Mission],
+    ways: Sequence[Any],
+    circles: Sequence[Any],
+    levels: Sequence[Any],
+    region: SearchRegion,
+) -> None:
+    """Draw the mission paths: solid from the first to the last waypoint of the search, and dashed on the ways out and home.
+
+    Dashed circles show where vehicles loiter.
+    """
     heights = sorted({*np.concatenate(levels).tolist()})
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
-        axes.plot(*way[:3, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
-        axes.plot(*way[-3:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
+        searched = _searched(mission, way, region)
+        for beside in (way[: 3 + searched.start], way[1 + searched.stop :]):
+            axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
-        first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint above home does not belong to the search
-        borders = [first, *(np.flatnonzero(np.diff(ups[first:])) + 1 + first).tolist(), len(ups)]
+        ups = ups[searched]
+        borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
         for begin, end in pairwise(borders):
-            stretch, rank = way[2 + begin : 2 + end, :2], heights.index(ups[end - 1])
+            stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(ups[end - 1])
             under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower paths are wider, to be visible below higher ones
             look: dict[str, Any] = {"color": colour, "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
+
+
+def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
+    """Return the slice of a mission's waypoints that belong to the search.
+
+    If a file does not tell these waypoints, the ways out and home are the waypoints outside the region, as in `searching`.
+    """
+    if mission.waypoints_out is not None:
+        return mission.searched
+    count = len(mission.waypoints)
+    over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
+    here = searching(inside_of(region, over), mission.kind)
+    first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))  # a first waypoint above home
+    return slice(min(first, here.stop - 1), here.stop)
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
