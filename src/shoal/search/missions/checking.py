@@ -62,6 +62,8 @@ class MissionCheck:
         Altitudes in metres from each of which vehicles must see the whole region.
     clearance : Clearance or None
         Smallest and largest height of vehicles above ground, or None without a terrain.
+    flights : tuple of dict
+        Duration and usable fraction of each mission in ``missions``, as in `Mission.flight_report`, or nothing without a vehicle.
     """
 
     region: SearchRegion
@@ -76,6 +78,7 @@ class MissionCheck:
     approach: MissionApproach | None = None
     bands: tuple[float, ...] = ()
     clearance: Clearance | None = None
+    flights: tuple[dict[str, Any], ...] = ()
 
     @property
     def coverage(self) -> AreaCoverage | None:
@@ -109,6 +112,7 @@ class MissionCheck:
             "delay_tolerance_s": None if self.separation is None else self.separation.delay,
             "nearest_approach": None if self.approach is None else self.approach.report(self.region.frame),
             "above_ground": None if self.clearance is None else self.clearance.report(self.region.frame),
+            "flights": list(self.flights),
             "errors": len(self.errors),
             "warnings": len(self.diagnostics) - len(self.errors),
             "diagnostics": [diagnostic.report() for diagnostic in self.diagnostics],
@@ -221,12 +225,14 @@ def check_missions(
     missions = tuple(mission_of(sheet, sheet.file) for sheet in flown)
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
+    by_robot = sorted(missions, key=lambda one: (one.robot, one.sortie))
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
         approach=near,
         clearance=low,
+        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in by_robot),
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
@@ -276,8 +282,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place, it
-    contains the points at which these paths cross the border of the region. If the mission tells its waypoints on the ways out and
-    home, the result leaves out exactly these waypoints.
+    contains the points at which these paths cross the border of the region. If a mission tells its ways, only these are left out.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from math import inf
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES
-from shoal.search.flight.timing import whole_way
+from shoal.search.flight.timing import trajectory, whole_way
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.fence import Fence
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
@@ -241,6 +243,22 @@ class Mission:
         if self.heights is None or self.altitude_frame == "ground":
             return np.full(len(self.waypoints), self.altitude)
         return self.heights + self._base
+
+    def duration(self, vehicle: Vehicle) -> float:
+        """Return the time in seconds from take-off to landing, with the vehicle's turns, climbs and descents, in its wind.
+
+        Raises
+        ------
+        InvalidInputError
+            If heights above home are unknown, or if a waypoint is too far from home.
+        """
+        way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
+        return trajectory(way, vehicle, rate=self.speed / vehicle.cruise).duration
+
+    def flight_report(self, vehicle: Vehicle) -> dict[str, Any]:
+        """Return the duration of the mission, and its fraction of the vehicle's usable seconds, as a mapping for JSON."""
+        lasting, usable = self.duration(vehicle), vehicle.usable_seconds
+        return {"mission": self.name, "duration_s": lasting, "usable_fraction": None if usable == inf else lasting / usable}
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
         """Return the circle in which the vehicle loiters at the end, in metres of a local frame; float64, shape (k, 2).

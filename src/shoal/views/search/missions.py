@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LAND, _HOLE, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#dfe3e8", "#d81b1b", "#39424e", "#000000"
+_BESIDE = 11.0  # points: distance of a label from its launch point
+_FREE = 16.0  # points: places at this distance do not disturb a label
 _PAD = 0.04  # relative to the longer side
 _LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
 
@@ -63,7 +65,6 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
     levels = _main_levels(missions, ways)
     _draw_ways(axes, missions, ways, circles, levels, region)
-    _draw_places(axes, missions, region)
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -71,10 +72,11 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     bare_axes(axes)
     axes.set_anchor("N")
     axes.set_title(_summary(missions, approach), fontsize=9, color=MUTED, loc="left", parse_math=False)
-    draw_heading(figure, f"{region.name}: missions")
+    draw_heading(figure, axes, f"{region.name}: missions")
     _draw_legend(figure, missions, region, levels, approach)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
+    _draw_places(axes, missions, region)
     draw_scale_bar(figure, axes, north=None if region.frame is None else 0.0)
     return figure
 
@@ -140,7 +142,7 @@ def _draw_ways(
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
         searched = _searched(mission, way, region)
-        for beside in (way[: 3 + searched.start], way[1 + searched.stop :]):
+        for beside in (way[: 3 + searched.start], way[: searched.stop : -1]):  # both from home, so that equal dashes coincide
             axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
         ups = ups[searched]
@@ -172,12 +174,14 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:
         starts.setdefault(mission.home, []).append(mission.robot)
-    for home, robots in starts.items():
-        place = placed([home])[0]
+    homes = placed([*starts])
+    offsets = _label_offsets(axes.transData.transform(homes) * 72 / axes.figure.dpi)
+    for place, offset, robots in zip(homes, offsets, starts.values(), strict=True):
         axes.plot(*place, "^", mfc=INK, mec="white", ms=9, zorder=6)
         axes.annotate(
-            _numbers(sorted({*robots})), place, xytext=(7, -9), textcoords="offset points", fontsize=7.5, color=INK, zorder=7,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            _numbers(sorted({*robots})), place, xytext=offset, textcoords="offset points", fontsize=7.5, zorder=7, ha="center",
+            va="center", color=robot_colour(robots[0] - 1) if len({*robots}) == 1 else INK, fontweight="bold",
+            bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
     for end in {mission.end for mission in missions} - {*starts}:
         axes.plot(*placed([end])[0], "s", mfc=INK, mec="white", ms=7, zorder=6)
@@ -185,6 +189,22 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
         place = placed([point])[0]
         axes.plot(*place, "o", mfc="white", mec=INK, mew=1.2, ms=9, zorder=6)
         axes.plot(*place, "+", color=INK, ms=6, mew=1.2, zorder=6.1)
+
+
+def _label_offsets(places: Any) -> list[tuple[float, float]]:
+    """Return the offset of a label from each place, in the direction in which other places and labels are farthest; in points.
+
+    Of equally good directions, the function prefers down, and then up.
+    """
+    angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
+    around = _BESIDE * np.column_stack([np.cos(angles), np.sin(angles)])
+    known, found = places, []
+    for number, place in enumerate(places):
+        others = np.delete(known, number, axis=0)
+        apart = np.hypot(*np.moveaxis((place + around)[:, None] - others, -1, 0)).min(axis=1, initial=_FREE)
+        found.append(tuple(around[int(np.argmax(np.round(apart, 1)))].tolist()))
+        known = np.vstack([known, place + found[-1]])
+    return found
 
 
 def _numbers(robots: list[int]) -> str:
