@@ -20,8 +20,8 @@ from shoal.search.problem import SearchProblem
 from shoal.search.problem.mission_options import MissionOptions, parse_separation
 
 if TYPE_CHECKING:
-    from shoal.search.flight.vehicle import Vehicle
     from shoal.search.flight.staggering import Separation
+    from shoal.search.flight.vehicle import Vehicle
     from shoal.search.missions import Diagnostic, MissionCheck
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"

@@ -22,7 +22,8 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     rows = [
         (
             "region",
-            f"{region['cells']} cells of {region['cell_m']:.4g} m, each searched in {episode.cell_time:.3g} s; {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
+            f"{region['cells']} cells of {region['cell_m']:.4g} m, each searched in {episode.cell_time:.3g} s; "
+            f"{region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
             f"{margin_text(region['margin_m'], region['unseen_m2'])}",
         ),
         *layers_rows(result["layers"]),

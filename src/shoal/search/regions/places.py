@@ -128,8 +128,9 @@ def _refuse_swapped(points: Points, region: SearchRegion, where: Any, *, far: bo
         swapped = region.frame.to_metres(points[:, ::-1])
     except InvalidInputError:
         return
-    if far or region.contains(swapped).all():
+    inside = bool(region.contains(swapped).all())
+    if far or inside:
         raise InvalidInputError(
             f"{where}: expected longitude first and then latitude, got {text_of(points[0])}, which lies "
-            f"{'near' if far else 'in'} the region if the two numbers are swapped"
+            f"{'in' if inside else 'near'} the region if the two numbers are swapped"
         )

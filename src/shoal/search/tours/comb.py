@@ -26,7 +26,7 @@ class CombTour(TourByOrder):
     Parameters
     ----------
     along_rows : bool, optional
-        Whether all lanes run along the rows of cells, or all across them. By default, the direction of the lanes gives a short tour.
+        Whether all lanes run along the rows of cells, or all across them. By default, their direction gives a short tour.
     """
 
     name = "comb"

@@ -145,11 +145,11 @@ def _draw_ways(
         for beside in (way[: 3 + searched.start], way[: searched.stop : -1]):  # both from home, so that equal dashes coincide
             axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
-        ups = ups[searched]
-        borders = [0, *(np.flatnonzero(np.diff(ups)) + 1).tolist(), len(ups)]
+        level = ups[searched]
+        borders = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
         for begin, end in pairwise(borders):
-            stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(ups[end - 1])
-            under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower paths are wider, to be visible below higher ones
+            stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
+            under = len(heights) - 1 - rank if np.ptp(level) else 0  # lower paths are wider, to be visible below higher ones
             look: dict[str, Any] = {"color": colour, "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
 
@@ -175,7 +175,7 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
     for mission in missions:
         starts.setdefault(mission.home, []).append(mission.robot)
     homes = placed([*starts])
-    offsets = _label_offsets(axes.transData.transform(homes) * 72 / axes.figure.dpi)
+    offsets = label_offsets(axes.transData.transform(homes) * 72 / axes.figure.dpi)
     for place, offset, robots in zip(homes, offsets, starts.values(), strict=True):
         axes.plot(*place, "^", mfc=INK, mec="white", ms=9, zorder=6)
         axes.annotate(
@@ -191,7 +191,7 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
         axes.plot(*place, "+", color=INK, ms=6, mew=1.2, zorder=6.1)
 
 
-def _label_offsets(places: Any) -> list[tuple[float, float]]:
+def label_offsets(places: Any) -> list[tuple[float, float]]:
     """Return the offset of a label from each place, in the direction in which other places and labels are farthest; in points.
 
     Of equally good directions, the function prefers down, and then up.
