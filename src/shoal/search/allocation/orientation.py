@@ -34,6 +34,9 @@ ON_ROWS = ("boustrophedon",)
 TURN = 0.8
 """Cost of a turn in cells that Shoal assumes, when it compares orientations, for vehicles that turn in no time."""
 
+_TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {"spanning-tree": SpanningTreeTour, "comb": CombTour}
+"""Tours that can run along or across the rows of cells."""
+
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shift relative to a row
@@ -42,7 +45,6 @@ _DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten t
 _FINALISTS = 2  # number of drafts that become complete tours, at least one of each kind of tour
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
-_TURNABLE = {"spanning-tree": SpanningTreeTour, "comb": CombTour}  # tours that can run along or across the rows of cells
 _ROWS = 120  # maximum number of rows for an estimate
 
 

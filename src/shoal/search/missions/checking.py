@@ -224,15 +224,15 @@ def check_missions(
         )
     missions = tuple(mission_of(sheet, sheet.file) for sheet in flown)
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
-    missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
-    by_robot = sorted(missions, key=lambda one: (one.robot, one.sortie))
+    known = (one for one in missions if one.altitude_frame != "ground")
+    missions = tuple(sorted(known, key=lambda one: (one.robot, one.sortie)))
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
         separation=separation,
         approach=near,
         clearance=low,
-        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in by_robot),
+        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in missions),
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),

@@ -18,6 +18,7 @@ from shoal.search.cells.routing import leg_lengths
 from shoal.search.flight.flight import ENDINGS, TERRAIN_ERROR, Flight
 from shoal.search.flight.merging import merged
 from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.turning import NEAR
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.missions.mission import EXTRA, OVERHEAD, SAME_LEVEL, Autopilot, Mission
 from shoal.search.problem.mission_options import CAPS
@@ -239,12 +240,14 @@ class _Splitter:
         return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
 
     def _beside(self, waypoints: NDArray[np.float64], begin: float, until: float) -> tuple[int, int]:
-        """Return the number of waypoints before and after the section of the path that a sortie searches."""
-        first, last = (
-            np.hypot(*(waypoints[:, :2] - self._point(at)[:2]).T) for at in (max(begin, min(self.searching_from, until)), until)
-        )
-        after = int(np.argmax((last <= last.min() + _FINE)[::-1]))
-        return min(int(np.argmax(first <= first.min() + _FINE)), len(waypoints) - 1 - after), after
+        """Return the number of waypoints before and after the section of the path that a sortie searches.
+
+        A fixed wing may pass the ends of the section on a leg. In this case, the whole leg counts as a part of the search.
+        """
+        way = waypoints[:, :2]
+        first, last = (self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until))
+        before = min(_passing(way, first), len(way) - 1)
+        return before, min(_passing(way[::-1], last), len(way) - 1 - before)
 
     def _flight(self, until: float) -> Flight:
         """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all other sorties end at home."""
@@ -289,3 +292,13 @@ class _Splitter:
             f"endurance: expected sorties of more than {needed / 60:.4g} min for robot {self.robot}, because {because}, got "
             f"{self.limit / 60:.4g} min without the reserve"
         )
+
+
+def _passing(way: Points, point: Points) -> int:
+    """Return the number of waypoints before a path first passes a point; 0 if the path passes the point nowhere."""
+    legs = np.diff(way, axis=0)
+    far = np.clip(((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
+    if not len(near):
+        return 0
+    return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)

@@ -131,7 +131,7 @@ class SearchProblem(Problem):
         "fastest rule, but the rule hop if the number of cells times the number of robots exceeds 100,000.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows, along which most of the tour runs, counter-clockwise from east; by default auto for a region "
+        None, help="Angle of the rows, along which most of the tour runs, counter-clockwise from east; by default auto for regions "
         "on Earth, else 0. With auto, Shoal takes the angle and shift of the rows for which one robot needs the least time.",
         unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip

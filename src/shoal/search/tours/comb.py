@@ -35,7 +35,8 @@ class CombTour(TourByOrder):
         self.along_rows = along_rows
 
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        cells = closed_lanes(*region.shape, self.along_rows)
+        rows, cols = region.shape
+        cells = closed_lanes(rows, cols, self.along_rows)
         if region.all():
             return cells
         sweeps = _sweeps(region)

@@ -56,8 +56,9 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     axes.set(xlim=(left, right), ylim=(bottom, top))
     if history.panels.labels:
         axes.set(xticks=[], yticks=[])
-    for label, words in zip((axes.set_xlabel, axes.set_ylabel), _axis_labels(history), strict=True):
-        label(words, color=MUTED, fontsize=8)
+    across, up = _axis_labels(history)
+    axes.set_xlabel(across, color=MUTED, fontsize=8)
+    axes.set_ylabel(up, color=MUTED, fontsize=8)
     bare_axes(axes)
     axes.set_title(
         _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None
