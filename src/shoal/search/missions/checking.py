@@ -222,10 +222,9 @@ def check_missions(
             coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
             for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    missions = tuple(mission_of(sheet, sheet.file) for sheet in flown)
+    missions = tuple(sorted((mission_of(sheet, sheet.file) for sheet in flown), key=lambda one: (one.robot, one.sortie)))
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
-    known = (one for one in missions if one.altitude_frame != "ground")
-    missions = tuple(sorted(known, key=lambda one: (one.robot, one.sortie)))
+    missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
     return MissionCheck(
         missions=missions,
