@@ -98,7 +98,7 @@ def main() -> None:
     parser.add_argument("--regions", type=int, default=20)
     parser.add_argument("--footprint", type=float, default=40.0)
     options = parser.parse_args()
-    print("| region | tour | angle | turns | of blocks | length, m | of blocks | seen | blocks see | six robots over bound |")
+    print("| region | tour | grid | turns | of blocks | length, m | of blocks | seen | blocks see | six robots over bound |")
     print("|---|---|---|---|---|---|---|---|---|---|")
     ratios, over = [], []
     for region in survey_regions()[: options.regions]:

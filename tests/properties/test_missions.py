@@ -13,9 +13,9 @@ from tests.reference.missions import READERS, distance_to_way
 
 from shoal.core.errors import InvalidInputError
 from shoal.search import LocalFrame
+from shoal.search.flight.merging import merged
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions import FORMATS, Mission, lint, missions_of, read_mission, write_missions
-from shoal.search.missions.splitting import merged
 
 PLACES = st.tuples(st.floats(-180, 180), st.floats(-85, 85))
 

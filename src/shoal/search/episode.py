@@ -189,7 +189,7 @@ class SearchEpisode(Episode):
                 "margin_m": grid.region.margin,
                 "unseen_m2": grid.region.unseen_m2,
                 "cell_m": grid.size,
-                "angle_degrees": grid.angle,
+                "angle_degrees": self.plan.row_angle,
                 "no_go_zones": grid.region.no_go_zones,
             },
             "layers": [self._layer(number) for number in range(len(self.coverages))],
@@ -222,7 +222,7 @@ class SearchEpisode(Episode):
         return {
             "altitude_m": self.plan.altitudes[number],
             "ground_sample_m": self.problem.vehicle_at(self.plan.altitudes[number]).ground_sample,
-            "angle_degrees": grid.angle,
+            "angle_degrees": self.plan.tour.row_angle(grid.angle, number),
             "cells": grid.n_cells,
             "cell_m": grid.size,
             "covered_fraction": seen.covered_fraction,

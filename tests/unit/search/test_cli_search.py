@@ -189,8 +189,18 @@ def test_people_read_times_places_and_files(tmp_path, capsys):
     assert run([*words, "--vehicle", "multirotor,endurance=5"]) == 0
     out = capsys.readouterr().out
     text = " ".join(out.split())
-    time = r"(0:\d\d:\d\d|[\d.]+ s) \([\d.]+ cells\)"
-    assert re.search(rf"time {time}; planned {time}, at least {time}", text)
+    time = r"(0:\d\d:\d\d|[\d.]+ s)"
+    assert text.startswith("search: tour ")
+    assert ", divided among the robots by the allocation " in text
+    assert re.search(r"cells of 40 m, each searched in [\d.]+ s; ", text)
+    assert re.search(rf"time {time} in the simulation; planned {time}, and no plan takes less than {time}", text)
+    assert re.search(
+        rf"tours one robot searches the whole tour in: \S+, rows at [\d.]+°: {time}; \S+, rows at [\d.]+°: {time}", text
+    )
+    assert re.search(rf"allocations all robots finish within: \S+ {time}; ", text)
+    share = r"[\d.]+ min, [\d.]+ % of the 4 min that the battery allows without its reserve"
+    assert re.search(rf"flight robot-01: {share} flight robot-01-2: [\d.]+ min, [\d.]+ % ", text)
+    assert "airspace" not in text
     assert re.search(r"starts first starts within [\d.]+ s, last sortie at 0:\d\d:\d\d; at 30 m", text)
     later = re.findall(r"sortie (robot-0\d-\d): start it (\d:\d\d:\d\d) after the first missions", text)
     assert {name for name, _ in later} == {path.stem for path in (tmp_path / "m").glob("robot-*-*.plan")}

@@ -32,7 +32,7 @@ OUTSIDE = [*LANES[:2], (8.5047, 47.4004), *LANES[2:]]
 HOME = (8.50010011, 47.40010019)
 AROUND = [(8.5000, 47.4000), (8.5038, 47.4000), (8.5038, 47.4007), (8.5000, 47.4007)]
 
-EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing"), "airspace": 20.0, "separation": 10.0}
+EXPECTED = {"autopilot": "px4", "vehicle": vehicle_of("fixed-wing,endurance=1000"), "airspace": 20.0, "separation": 10.0}
 
 
 @pytest.fixture(scope="module")
@@ -262,6 +262,7 @@ PLANTS = [
     ("approach", ".plan", instead(kind="fixed-wing", landing=(8.5003, 47.4009)), "item 6", ("turn-radius", "climb")),
     ("turn-radius", ".csv", instead(kind="fixed-wing"), "line 5", ("climb",)),
     ("climb", ".geojson", instead(kind="fixed-wing", altitude=110.0), "position 1", ("turn-radius",)),
+    ("endurance", ".plan", instead(speed=0.01), "", ()),
     (
         "airspace",
         ".csv",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -14,7 +15,9 @@ from tests.unit.search.test_mission_lint import FIELD
 
 from shoal.cli import run
 from shoal.core.errors import InvalidInputError, OutputError, UnknownNameError
-from shoal.search import LocalFrame, RegionPaths, cells_of, open_region
+from shoal.search import LocalFrame, RegionPaths, cells_of, open_region, region_of
+from shoal.search.flight.merging import merged
+from shoal.search.flight.vehicle import vehicle_of
 from shoal.search.missions import (
     FORMATS,
     Mission,
@@ -26,6 +29,7 @@ from shoal.search.missions import (
     read_mission,
     write_missions,
 )
+from shoal.views.search.missions import missions_figure
 
 FRAME = LocalFrame(8.5, 47.4)
 LANES = [(-90.0, -20.0), (0.0, -20.0), (90.0, -20.0), (90.0, 0.0), (-90.0, 0.0), (-90.0, 20.0), (90.0, 20.0)]
@@ -435,3 +439,64 @@ def test_the_way_from_home_is_not_seen(tmp_path):
     write_missions([mission], tmp_path)
     seen = check_missions(tmp_path, open_region("rectangle:100x20"), 20).coverage
     assert (seen.outside_m, seen.length_m, seen.covered_fraction) == (0, 80, 1)
+
+
+CAMERA = "multirotor,sensor_width=13.2,sensor_height=8.8,focal_length=8.8"
+
+
+def round_the_zone(start, end):
+    """Return a path that goes round the corner (250, 0)."""
+    corner = (250.0, 0.0)
+    return [start, end] if np.allclose(start, corner) else [start, corner, end]
+
+
+def test_cameras_take_no_images_on_the_ways_out_and_home(tmp_path):
+    """The trigger stayed on until the last waypoint: pictures of the way home around a no-go zone, drawn as if searched."""
+    (mission,) = missions_of([(250, 0), *LANES], FRAME, vehicle=CAMERA, home=(400, -100), ways=round_the_zone, out=1)
+    assert (mission.waypoints_out, mission.waypoints_home) == (1, 1)
+    np.testing.assert_allclose(FRAME.to_metres(mission.waypoints[mission.searched]), merged(np.array(LANES), 0.001), atol=0.01)
+    for path in write_missions([mission], tmp_path):
+        read = read_mission(path)
+        assert (read.waypoints_out, read.waypoints_home) == (1, 1), path
+    rows = json.loads((tmp_path / "robot-01.plan").read_text())["mission"]["items"]
+    count = len(mission.waypoints) - 2
+    assert [row["command"] for row in rows if row["command"] in (16, 206)] == [16, 16, 206, *[16] * (count - 1), 206, 16]
+    assert lint(tmp_path) == []
+    region = region_of(shapely.box(-100, -40, 300, 40), frame=FRAME)
+    seen = check_missions(tmp_path, region, 20.0).coverage
+    assert seen.length_m == pytest.approx(4 * 180 - 180 + 40, abs=0.1)  # three rows and two steps
+    (axes,) = missions_figure([read_mission(tmp_path / "robot-01.plan")], region).axes
+    round_corner = [line for line in axes.lines if (np.hypot(*(line.get_xydata() - (250.0, 0.0)).T) < 0.1).any()]
+    assert [line.get_linestyle() for line in round_corner] == ["--", "--"]
+
+
+def test_sorties_search_from_where_they_join_the_route_to_where_they_leave_it():
+    vehicle = CAMERA + ",endurance=3,reserve=0"
+    missions = missions_of(LANES, FRAME, vehicle=vehicle, home=(-90, -80), ways=lambda start, end: [start, (-90.0, -60.0), end])
+    assert len(missions) > 1
+    ends = [FRAME.to_metres(mission.waypoints[mission.searched])[[0, -1]] for mission in missions]
+    for before, after in pairwise(ends):
+        np.testing.assert_allclose(before[1], after[0], atol=0.01)
+    assert all((mission.waypoints_out, mission.waypoints_home) == (1, 1) for mission in missions)
+
+
+def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
+    region = open_region(field)
+    missions, _ = swept(region, 20, vehicle="multirotor,endurance=20,reserve=0.25")
+    write_missions(missions, tmp_path, vehicle=vehicle_of("multirotor,endurance=20,reserve=0.25"))
+    told = json.loads((tmp_path / "missions.json").read_text())
+    assert told["durations_s"].keys() == told["usable_fractions"].keys() == {mission.name for mission in missions}
+    assert told["usable_fractions"]["robot-01"] == pytest.approx(told["durations_s"]["robot-01"] / 900)
+    arguments = ["missions", "check", str(tmp_path), str(field), "--footprint", "20", "--vehicle"]
+    assert run([*arguments, "multirotor,endurance=20,reserve=0.25"]) == 0
+    minutes, share = told["durations_s"]["robot-01"] / 60, 100 * told["usable_fractions"]["robot-01"]
+    out = " ".join(capsys.readouterr().out.split())
+    said = re.search(r"flight robot-01: ([\d.]+) min, ([\d.]+) % of the 15 min that the battery allows without its reserve", out)
+    assert [float(number) for number in said.groups()] == pytest.approx([minutes, share], rel=0.01)
+    assert run([*arguments, f"multirotor,endurance={minutes * 1.2},reserve=0.25"]) == 1
+    out = " ".join(capsys.readouterr().out.split())
+    assert re.search(r"expected a mission of at most [\d.]+ min, the endurance without the reserve, got", out)
+    assert run([*arguments, "ideal", "--json"]) == 0
+    flights = json.loads(capsys.readouterr().out)["flights"]
+    assert [one["mission"] for one in flights] == [mission.name for mission in missions]
+    assert {one["usable_fraction"] for one in flights} == {None}

@@ -256,7 +256,7 @@ def test_swapped_starts_are_named(tmp_path, capsys):
     path, starts = geojson(tmp_path / "a.geojson", feature(FIELD)), tmp_path / "starts.csv"
     starts.write_text("47.405,8.505\n47.406,8.506\n")
     assert run(["search", str(path), "--robots", "2", "--footprint", "200", "--starts", str(starts)]) == 2
-    assert "starts.csv: expected longitude and then latitude, got (47.405, 8.505), which lies in" in capsys.readouterr().err
+    assert "starts.csv: expected longitude first and then latitude, got (47.405, 8.505), which lies in" in capsys.readouterr().err
     starts.write_text("lat,lon\n47.405,8.505\n47.406,8.506\n")
     assert run(["search", str(path), "--robots", "2", "--footprint", "200", "--starts", str(starts), "--json"]) == 0
 
@@ -285,3 +285,13 @@ def test_a_star_of_many_corners(monkeypatch):
     asked.clear()
     assert np.array_equal(paths.route(some).points, route.points)
     assert sum(asked) < first / 2  # what corners see of each other is kept
+
+
+def test_swapped_launch_points_outside_the_region_are_named(tmp_path, capsys):
+    path = geojson(tmp_path / "a.geojson", feature(FIELD))
+    command = ["search", str(path), "--robots", "1", "--footprint", "200", "--launch"]
+    assert run([*command, "47.399,8.499"]) == 2
+    said = "launch: expected longitude first and then latitude, got (47.399, 8.499), which lies near the region if the two"
+    assert said in capsys.readouterr().err
+    assert run([*command, "120.5,8.499"]) == 2
+    assert "within 200 km" in capsys.readouterr().err

@@ -24,6 +24,7 @@ from shoal.search.missions.checking import angle_of
 from shoal.search.problem import ALLOCATIONS
 from shoal.search.regions.projection import LocalFrame
 from shoal.search.regions.region import region_of
+from shoal.search.tours.comb import CombTour
 from shoal.views.search.history import SearchHistory
 
 
@@ -280,3 +281,51 @@ def test_pictures_lay_rows_level_and_turn_north():
     assert ((left + right) / 2, (bottom + top) / 2) == pytest.approx(tuple(middle), abs=1e-6)
     assert history.north is None
     assert cells_of(episode.plan.grid.region, 15, angle=30).angle == 30
+
+
+@pytest.mark.parametrize("tour", ["auto", "boustrophedon", "spanning-tree", "comb"])
+@pytest.mark.parametrize("angle", [0.0, 45.0, 90.0, 120.0])
+def test_rows_run_along_the_angle_that_was_asked_for(tour, angle):
+    """A spanning tree took the axis with more neighbouring blocks: rows at 135 degrees for --angle 45."""
+    problem = SearchProblem("rectangle:150x300", robots=1, footprint=15, angle=angle, tour=tour, vehicle="multirotor")
+    plan = plan_search(problem, seed=1)
+    legs = np.diff(plan.route(0, plan.stops(0)).points, axis=0)
+    lengths, ways = np.hypot(*legs.T), np.degrees(np.arctan2(legs[:, 1], legs[:, 0]))
+    beside = np.abs((ways - angle + 90) % 180 - 90)
+    assert lengths[beside < 1].sum() > 1.5 * lengths[beside > 89].sum()
+    assert plan.row_angle == angle
+    assert {one.angle for one in plan.compared} <= {angle}
+
+
+def test_the_angle_told_is_the_direction_of_the_rows():
+    episode = shoal.run("rectangle:90x240", robots=1, footprint=15, tour="spanning-tree", seed=1)
+    assert episode.plan.grid.angle == 0.0
+    told = episode.report()
+    assert (told["region"]["angle_degrees"], told["layers"][0]["angle_degrees"]) == (90.0, 90.0)
+    assert make_tour("hilbert", (8, 8)).row_angle(30.0) in (30.0, 120.0)
+
+
+@pytest.mark.parametrize("tour", ["boustrophedon", "spanning-tree", "comb"])
+def test_rows_of_a_second_pass_cross_those_of_the_first(tour):
+    plan = plan_search(SearchProblem("rectangle:100x40", robots=1, footprint=10, passes=2, tour=tour), seed=1)
+    one, other = (plan.tour.row_angle(layer.angle, number) for number, layer in enumerate(plan.grid.layers))
+    assert abs(one - other) == 90.0
+
+
+@pytest.mark.parametrize("shape", [(6, 9), (9, 6), (5, 7), (4, 4), (1, 5), (5, 1), (2, 3)])
+@pytest.mark.parametrize("along", [True, False])
+def test_lanes_of_a_comb_run_as_asked(shape, along):
+    tour = make_tour(CombTour(along), shape)
+    assert sorted(map(tuple, tour.cells.tolist())) == list(np.ndindex(shape))
+    if min(shape) > 1:
+        assert tour.steps.max() < 1.5
+    if min(shape) > 2:
+        assert tour.runs_along_rows == along
+
+
+def test_wind_counts_along_the_real_rows():
+    wind = "multirotor,wind_speed=3,wind_from=0"
+    plan = plan_search(SearchProblem("rectangle:90x240", robots=1, footprint=15, tour="spanning-tree", vehicle=wind), seed=1)
+    assert plan.row_angle == 90.0
+    assert plan.cell_seconds == pytest.approx(15 / plan.vehicle.mean_speed(90.0))
+    assert plan.cell_seconds != pytest.approx(15 / plan.vehicle.mean_speed(0.0))

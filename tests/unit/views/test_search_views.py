@@ -24,6 +24,7 @@ from shoal.views.drawing.polygon_paths import rings_of
 from shoal.views.search.figures import routes_figure, spread_out
 from shoal.views.search.films import SearchFilm
 from shoal.views.search.history import SearchHistory
+from shoal.views.search.missions import label_offsets
 from shoal.views.search.page import page_data, simplified
 from shoal.views.search.timeline import timeline_figure
 
@@ -357,8 +358,38 @@ def test_a_map_has_a_scale_bar_and_all_its_signs(tmp_path):
     told = search(str(field), robots=2, footprint=40, no_go=[[(8.502, 47.4008), (8.503, 47.4008), (8.503, 47.4013)]], seed=1)
     drawn = routes_figure(told)
     texts = [text.get_text() for text in drawn.axes[0].texts]
-    assert "\N{UPWARDS ARROW}" in texts
+    assert any(getattr(text, "arrow_patch", None) is not None for text in drawn.axes[0].texts)
     assert {"N    20 m", "N    50 m"} & set(texts)  # by the angle of the rows
     signs = {text.get_text() for text in drawn.legends[0].get_texts()}
     assert {"start", "no-go zone"} <= signs
     assert "way to a cell farther off" in {text.get_text() for text in routes_figure(episode("as planned")).legends[0].get_texts()}
+
+
+def test_the_north_arrow_has_the_true_angle_and_axes_their_names():
+    region = region_of(shapely.box(0, 0, 70, 40), frame=LocalFrame(8.5, 47.4))
+    figure = routes_figure(search(region, robots=2, footprint=10, angle=176.9, seed=1))
+    axes = figure.axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("metres along the rows", "metres across the rows")
+    (arrow,) = [text for text in axes.texts if getattr(text, "arrow_patch", None) is not None]
+    figure.draw_without_rendering()
+    tail, tip = arrow.arrow_patch.get_path().vertices[[0, -1]]
+    way = np.subtract(arrow.xy, arrow.get_position())
+    assert np.degrees(np.arctan2(way[0], way[1])) == pytest.approx(-3.1, abs=0.01)
+    assert not np.allclose(tail, tip)
+
+
+@pytest.mark.parametrize("drawing", [routes_figure, timeline_figure])
+def test_titles_begin_at_the_left_edge_of_the_axes(drawing):
+    figure = drawing(search("ring:60x40", robots=3, footprint=10, seed=1))
+    figure.draw_without_rendering()
+    (title,) = [text for text in figure.texts if text.get_fontweight() == "bold"]
+    assert title.get_window_extent().x0 == pytest.approx(figure.axes[0].get_window_extent().x0, abs=2.5)
+
+
+def test_labels_stand_nearer_to_their_own_place_than_to_any_other():
+    for places in (np.array([(0.0, 0), (7, 0), (14, 0)]), np.array([(0.0, 0), (0, 7), (0, 14)]), np.array([(3.0, 4.0)])):
+        labels = places + np.array(label_offsets(places))
+        apart = np.hypot(*np.moveaxis(labels[:, None] - places, -1, 0))
+        assert (apart.argmin(axis=1) == np.arange(len(places))).all()
+        between = np.hypot(*np.moveaxis(labels[:, None] - labels, -1, 0)) + 99 * np.eye(len(places))
+        assert between.min() > 8

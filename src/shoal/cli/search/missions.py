@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,10 +21,12 @@ from shoal.search.problem.mission_options import MissionOptions, parse_separatio
 
 if TYPE_CHECKING:
     from shoal.search.flight.staggering import Separation
+    from shoal.search.flight.vehicle import Vehicle
     from shoal.search.missions import Diagnostic, MissionCheck
 
 CHECK_EXAMPLE = "Example: shoal missions check missions field.json --footprint 20"
 
+_FLIGHTS = 12  # maximum number of printed flights
 _SHOWN = 3  # maximum number of diagnostics of one kind in one file
 
 Folder = Annotated[
@@ -189,7 +192,7 @@ def check(
     if json_:
         print_json(result.report())
     else:
-        _print(result, written, timed=flown is not None)
+        _print(result, written, flown)
     faults = _faults(result, kept, least=least, terrain_error=terrain_error)
     if faults:
         say(f"shoal: {' and '.join(faults)}")
@@ -213,7 +216,7 @@ def _faults(result: MissionCheck, kept: Separation | None, *, least: float, terr
     return faults
 
 
-def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
+def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> None:
     seen = result.coverage
     region = result.region
     rows = [("region", f"{region.name}, {region.area_m2:.6g} m²{zones_text(region.no_go_zones)}"), ("format", result.format)]
@@ -234,8 +237,13 @@ def _print(result: MissionCheck, written: list[Path], *, timed: bool) -> None:
         told = None if result.approach is None else result.approach.report(region.frame)
         nearest = approach_text(told, result.separation.horizontal, result.separation.vertical)
         rows.append(
-            ("nearest", nearest if timed else f"{nearest}; by the speeds in the files, give --vehicle for climbs and turns")
+            (
+                "nearest",
+                nearest if flown is not None else f"{nearest}; by the speeds in the files, give --vehicle for climbs and turns",
+            )
         )
+    if flown is not None:
+        rows += flights_rows(result.flights, None if flown.endurance is None else flown.usable_seconds)
     if result.clearance is not None:
         low = result.clearance
         rows.append(("above ground", f"{low.lowest:.4g} m ({low.missions[0]}) to {low.highest:.4g} m ({low.missions[1]})"))
@@ -273,6 +281,23 @@ def approach_text(near: dict[str, Any] | None, horizontal: float, vertical: floa
         f"{near['horizontal_m']:.4g} m, and {near['vertical_m']:.3g} m in height: robots {one} and {other} "
         f"after {near['time_s']:.0f} s{sortie} at {place}; required: {horizontal:g} m, or {vertical:g} m in height"
     )
+
+
+def flights_rows(flights: Sequence[dict[str, Any]], usable: float | None) -> list[tuple[str, str]]:
+    """Return the rows of a summary with the duration of each mission and its share of the usable time.
+
+    Examples
+    --------
+    >>> flights_rows([{"mission": "robot-01", "duration_s": 630.0, "usable_fraction": 0.5}], 1260.0)
+    [('flight', 'robot-01: 10.5 min, 50 % of the 21 min that the battery allows without its reserve')]
+    """
+    rows = []
+    for number, one in enumerate(flights[:_FLIGHTS]):
+        share = "" if usable is None else f", {100 * one['usable_fraction']:.3g} %"
+        of = "" if usable is None or number else f" of the {usable / 60:.4g} min that the battery allows without its reserve"
+        rows.append(("flight", f"{one['mission']}: {one['duration_s'] / 60:.1f} min{share}{of}"))
+    left = [one["duration_s"] / 60 for one in flights[_FLIGHTS:]]
+    return rows + ([("", f"and {len(left)} more, of at most {max(left):.1f} min")] if left else [])
 
 
 def _footprint(sides: float | tuple[float, ...] | None) -> str:

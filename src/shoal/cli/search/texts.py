@@ -7,12 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from shoal.cli.output import print_table
-from shoal.cli.search.missions import approach_text, area_text, margin_text, zones_text
+from shoal.cli.search.missions import approach_text, area_text, flights_rows, margin_text, zones_text
 
 if TYPE_CHECKING:
     from shoal.search import SearchEpisode
 
 _ROWS = 12
+_SEEN = 0.01  # metres: a smaller distance outside of the region is due to rounding
 
 
 def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[Path], *more: tuple[str, str]) -> None:
@@ -21,7 +22,8 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     rows = [
         (
             "region",
-            f"{region['cells']} cells of {region['cell_m']:.4g} m, {region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
+            f"{region['cells']} cells of {region['cell_m']:.4g} m, each searched in {episode.cell_time:.3g} s; "
+            f"{region['area_m2']:.6g} m²{zones_text(region['no_go_zones'])}"
             f"{margin_text(region['margin_m'], region['unseen_m2'])}",
         ),
         *layers_rows(result["layers"]),
@@ -42,21 +44,26 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
     ]
     if "missions" in result:
         rows += missions_rows(result["missions"])
-    rows += [("compared", text) for text in compared_texts(result["compared"])]
-    print_table([*rows, *more], title=f"{result['allocation']} along {result['tour']}", written=files_text(written))
+    rows += compared_rows(episode)
+    title = f"search: tour {result['tour']}, divided among the robots by the allocation {result['allocation']}"
+    print_table([*rows, *more], title=title, written=files_text(written))
 
 
 def times_text(result: dict[str, Any]) -> str:
-    """Return the time of a search, its planned time and its lower bound as text, each as a duration and in cells."""
+    """Return the time of a search, its planned time and its lower bound as text.
+
+    Examples
+    --------
+    >>> times_text({"simulated": True, "makespan_s": 1088.0, "planned_s": 1019.0, "lower_bound_s": 875.0})
+    '0:18:08 in the simulation; planned 0:16:59, and no plan takes less than 0:14:35'
+    """
     from shoal.search.episode import duration_text
 
     if result["makespan_s"] is None:
         return "not all was searched"
-    made, planned, least = (
-        f"{duration_text(result[f'{name}_s'])} ({result[f'{name}_cells']:.6g} cells)"
-        for name in ("makespan", "planned", "lower_bound")
-    )
-    return f"{made}; planned {planned}, at least {least}"
+    made, planned, least = (duration_text(result[f"{name}_s"]) for name in ("makespan", "planned", "lower_bound"))
+    how = " in the simulation" if result["simulated"] else ""
+    return f"{made}{how}; planned {planned}, and no plan takes less than {least}"
 
 
 def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
@@ -71,14 +78,15 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
     timed = sorted((start["start_s"], start["mission"]) for start in later if start["start_s"] is not None)
     heights = ", ".join(f"{height:g}" for height in sorted({start["altitude_m"] for start in told["starts"]}))
     last = f", last sortie at {duration_text(timed[-1][0])}" if timed else ""
-    rows = [("starts", f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m")]
+    rows = flights_rows(told["starts"], told["usable_s"])
+    rows += [("starts", f"first starts within {duration_text(max(first, default=0.0))}{last}; at {heights} m")]
     rows += [("sortie", f"{name}: start it {duration_text(time)} after the first missions") for time, name in timed[:_ROWS]]
     if len(timed) > _ROWS:
         rows.append(("", f"and {len(timed) - _ROWS} more, in missions.json"))
     if later:
         unset = "" if told["recharge_s"] else "; set recharge in --vehicle"
         rows.append(("recharge", f"{told['recharge_s'] / 60:g} min between the sorties of a vehicle{unset}"))
-    if told["airspace_m"]:
+    if told["airspace_m"] > _SEEN:
         rows.append(("airspace", f"turns lead up to {told['airspace_m']:.3g} m outside of the region; the fence contains them"))
     if told["separation_m"] is not None:
         rows.append(("nearest", approach_text(told["nearest_approach"], *told["separation_m"])))
@@ -104,20 +112,19 @@ def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
     return [("layers" if not number else "", text) for number, text in enumerate(told)]
 
 
-def compared_texts(compared: list[dict[str, Any]]) -> list[str]:
-    """Return lines of text that list the compared tours and allocations with their search times in cells.
+def compared_rows(episode: SearchEpisode) -> list[tuple[str, str]]:
+    """Return the rows of a summary that list the compared tours and the compared allocations, each with its time."""
+    from shoal.search.episode import duration_text
 
-    Examples
-    --------
-    >>> told = {"angle_degrees": 0.0, "tour": "comb"}
-    >>> hop, stay = told | {"allocation": "hop", "cells": 30}, told | {"allocation": "stay", "cells": 41}
-    >>> compared_texts([hop, stay])
-    ['time of all in cells: hop 30, stay 41']
-    """
-    tours = [f"{one['tour']} at {one['angle_degrees']:.4g}° {one['cells']:.6g}" for one in compared if "allocation" not in one]
-    shares = [f"{one['allocation']} {one['cells']:.6g}" for one in compared if "allocation" in one]
-    told = {"time once round in cells, turns included": tours, "time of all in cells": shares}
-    return [f"{what}: {', '.join(texts)}" for what, texts in told.items() if texts]
+    plan = episode.plan
+    tours = [
+        f"{one.tour}, rows at {one.angle:.4g}\N{DEGREE SIGN}: {duration_text(one.cells * plan.cell_seconds)}"
+        for one in plan.compared
+        if one.allocation is None
+    ]
+    shares = [f"{one.allocation} {duration_text(plan.seconds(one.cells))}" for one in plan.compared if one.allocation is not None]
+    rows = [("tours", "one robot searches the whole tour in", tours), ("allocations", "all robots finish within", shares)]
+    return [(name, f"{what}: {'; '.join(texts)}") for name, what, texts in rows if texts]
 
 
 def place_text(finding: dict[str, Any]) -> str:

@@ -1,12 +1,17 @@
-"""Choice of the allocation with the shortest planned search time, including the flights home to recharge."""
+"""Candidates for a plan, and the choice of the allocation with the shortest planned search time.
+
+The planned search time includes the flights home to recharge.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import inf
+from typing import Any
 
 import numpy as np
 
+from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation, allocate
 from shoal.search.allocation.allocators import Indices
 from shoal.search.allocation.arcs import numbers_of
@@ -14,6 +19,35 @@ from shoal.search.allocation.tour_cost import Floats, TourCost
 
 _COMPARED = 100_000  # cells times robots: above this, only the first allocation is evaluated
 _WIDE = 10_000  # the same limit for robots with wide footprints
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One possible plan that the planner compares with other plans: an angle, a tour, possibly an allocation, and the search time.
+
+    Parameters
+    ----------
+    angle : float
+        Direction in which most of the tour's length runs, in degrees counter-clockwise from the x axis.
+    tour : str
+        Name of the tour.
+    cells : float
+        Search time, in units of the time in which a robot of speed 1 searches one cell. With an allocation, the search time is the
+        time until all robots finish. Without an allocation, the search time is the time in which one robot follows the whole tour,
+        including turns.
+    allocation : str, optional
+        Name of the allocator.
+    """
+
+    angle: float
+    tour: str
+    cells: float
+    allocation: str | None = None
+
+    def report(self) -> dict[str, Any]:
+        """Return the candidate as a mapping that can be written as JSON."""
+        told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
+        return told | ({} if self.allocation is None else {"allocation": self.allocation})
 
 
 def best_allocation(

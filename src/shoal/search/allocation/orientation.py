@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shoal.core.dataclass import dataclass
+from shoal.search.allocation.choice import Candidate
 from shoal.search.allocation.layers import Grid, LayeredGrid, LayeredPaths, Paths, at_altitude, with_climb_cost
 from shoal.search.cells.clipping import rotated_shape
 from shoal.search.cells.grid import CellGrid, cells_of
@@ -21,15 +22,20 @@ from shoal.search.cells.shortening.exchanging import MOST, exchanged
 from shoal.search.cells.straightening import along_tour
 from shoal.search.flight.timing import turns_of
 from shoal.search.regions.region import SearchRegion
-from shoal.search.tours import Tour, make_tour
+from shoal.search.tours import Tour, TourMaker, make_tour
 from shoal.search.tours.boustrophedon import BoustrophedonTour
+from shoal.search.tours.comb import CombTour
 from shoal.search.tours.layers import TIE, joined
+from shoal.search.tours.spanning_tree import SpanningTreeTour
 
 ON_ROWS = ("boustrophedon",)
 """Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a path with few bends."""
 
 TURN = 0.8
 """Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns in no time."""
+
+_TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {"spanning-tree": SpanningTreeTour, "comb": CombTour}
+"""Tours that can run along or across the rows of cells."""
 
 _STEP = 10.0  # degrees between compared angles, besides the angles of the outline's long sides
 _SIDES = 3
@@ -40,35 +46,6 @@ _FINALISTS = 2  # number of best drafts that become complete tours, besides the 
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One possible plan that the planner compares with other plans: an angle, a tour, possibly an allocation, and the search time.
-
-    Parameters
-    ----------
-    angle : float
-        Angle of the rows of cells in degrees, counter-clockwise from the x axis.
-    tour : str
-        Name of the tour.
-    cells : float
-        Search time, in units of the time in which a robot of speed 1 searches one cell. With an allocation, the search time is the
-        time until all robots finish. Without an allocation, the search time is the time in which one robot follows the whole tour,
-        including turns.
-    allocation : str, optional
-        Name of the allocator.
-    """
-
-    angle: float
-    tour: str
-    cells: float
-    allocation: str | None = None
-
-    def report(self) -> dict[str, Any]:
-        """Return the candidate as a mapping that can be written as JSON."""
-        told = {"angle_degrees": self.angle, "tour": self.tour, "cells": self.cells}
-        return told | ({} if self.allocation is None else {"allocation": self.allocation})
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +90,7 @@ def grid_tour(
     stepwise: bool = False,
     transit: bool = False,
     exchange: bool = False,
+    along_rows: bool | None = None,
 ) -> GridTour:
     """Divide a region into cells whose rows have a given angle, and compute a tour through these cells.
 
@@ -136,6 +114,8 @@ def grid_tour(
     exchange : bool
         Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged` and `along_border`. If true,
         each robot must visit all viewpoints of its cells.
+    along_rows : bool, optional
+        Whether a tour that can run along or across the rows of cells runs along them. By default, the tour maker decides.
 
     Examples
     --------
@@ -146,13 +126,18 @@ def grid_tour(
     turn = turn_cost or TURN
     on_rows = (exchange or tour in ON_ROWS) and not stepwise
     grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=on_rows)
-    made = make_tour(tour, grid.mask)
+    made = make_tour(_maker(tour, along_rows), grid.mask)
     if on_rows and exchange:
         grid, made = _exchanged(grid, exchanged(grid, made, turn)[0], turn)
         grid = along_border(grid, made.cells, turn)
     elif on_rows:
         grid = along_tour(grid, made.cells, turn)
     return GridTour(grid, made, RegionPaths(grid, transit=transit))
+
+
+def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
+    """Return a tour maker that keeps to the given direction if it can run along or across the rows of cells."""
+    return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 
 def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]:
@@ -197,6 +182,7 @@ def in_layers(
         return first
     size, angle, area = sizes[0], first.grid.angle, first.paths.grid.region
     known = {(size, angle): first}
+    given |= {"along_rows": first.tour.runs_along_rows} if passes > 1 else {}  # so that the rows of the passes cross
     layers: list[GridTour] = []
     for side in sizes:
         for number in range(passes):
@@ -225,6 +211,7 @@ def best_grid_tour(
     stepwise: bool = False,
     transit: bool = False,
     exchange: bool = False,
+    along_rows: bool | None = None,
 ) -> GridTour:
     """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
 
@@ -243,22 +230,25 @@ def best_grid_tour(
         Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     angle : float, optional
         Angle of the rows of cells in degrees. With a given angle, the function compares only tours.
-    stepwise, transit, exchange : bool
-        The arguments ``stepwise``, ``transit`` and ``exchange`` of `grid_tour`.
+    stepwise, transit, exchange, along_rows
+        Arguments of `grid_tour`.
     """
     turn = turn_cost or TURN
     exchange = exchange and not stepwise
     tried = max(1, min(_DRAFTED if exchange else _TRIED, int(_WORK * size**2 / region.area_m2)))
     estimated = [(angle, 0.0)] if angle is not None else _estimated(region.area, size, turn)
     if exchange:
-        whole = _exchanged_tours(region, size, tours, estimated[:tried], turn, transit)
+        makers = [_QUICK.get(name) or _maker(name, along_rows) for name in tours]
+        whole = _exchanged_tours(region, size, makers, estimated[:tried], turn, transit)
     else:
-        given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn}
+        given: dict[str, Any] = {"stepwise": stepwise, "transit": transit, "turn_cost": turn, "along_rows": along_rows}
         chosen = product(estimated[:tried], tours)
         whole = [grid_tour(region, size, tour, angle=way, offset=offset, **given) for (way, offset), tour in chosen]
     found = sorted(((laid, laid.once_round(turn)) for laid in whole), key=lambda one: one[1])
     best = found[0][0]
-    compared = {laid.tour.name: Candidate(laid.grid.angle, laid.tour.name, cost) for laid, cost in reversed(found)}
+    compared = {
+        laid.tour.name: Candidate(laid.tour.row_angle(laid.grid.angle), laid.tour.name, cost) for laid, cost in reversed(found)
+    }
     chosen_among = sorted(compared.values(), key=lambda one: one.cells) if angle is None or len(tours) > 1 else ()
     kept = replace(best, compared=tuple(chosen_among))
     vars(kept)["route"] = best.route  # known already
@@ -266,13 +256,18 @@ def best_grid_tour(
 
 
 def _exchanged_tours(
-    region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float, transit: bool
+    region: SearchRegion,
+    size: float,
+    makers: Sequence[str | TourMaker],
+    orientations: Sequence[tuple[float, float]],
+    turn: float,
+    transit: bool,
 ) -> list[GridTour]:
-    """Return the best tour for each name in ``tours``, shortened by exchanges and by better viewpoints."""
+    """Return the best tour of each tour maker, shortened by exchanges and by viewpoints on shorter paths."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
-        drafts += [(grid, *exchanged(grid, make_tour(_QUICK.get(name, name), grid.mask), turn)) for name in tours]
+        drafts += [(grid, *exchanged(grid, make_tour(maker, grid.mask), turn)) for maker in makers]
     drafts.sort(key=lambda draft: draft[2])
     kinds = [tour.name for _, tour, _ in drafts]
     finalists = sorted({*range(min(_FINALISTS, len(drafts))), *(kinds.index(name) for name in kinds)})

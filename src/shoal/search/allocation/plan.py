@@ -14,7 +14,7 @@ from shoal.core.checks import check_integer
 from shoal.core.dataclass import dataclass
 from shoal.search.allocation.allocate import Allocation
 from shoal.search.allocation.arcs import Arc, numbers_of
-from shoal.search.allocation.choice import best_allocation
+from shoal.search.allocation.choice import Candidate, best_allocation
 from shoal.search.allocation.layers import (
     Grid,
     LayeredDistances,
@@ -28,7 +28,7 @@ from shoal.search.allocation.layers import (
     plane_of,
     with_climb_cost,
 )
-from shoal.search.allocation.orientation import Candidate, GridTour, best_grid_tour, can_exchange, in_layers
+from shoal.search.allocation.orientation import GridTour, best_grid_tour, can_exchange, in_layers
 from shoal.search.allocation.partition import in_passes
 from shoal.search.allocation.starts import start_points
 from shoal.search.allocation.tour_cost import TourCost
@@ -105,9 +105,14 @@ class SearchPlan:
         return self.tour_cost.tour
 
     @property
+    def row_angle(self) -> float:
+        """Direction of the rows in the lowest layer, in which most of the tour's length runs, in degrees (see `Tour.row_angle`)."""
+        return self.tour.row_angle(self.grid.angle, 0)
+
+    @property
     def cell_seconds(self) -> float:
         """Time in seconds that a robot of speed 1 needs for one cell, as the mean over both directions of a row."""
-        return self.grid.size / self.vehicle.mean_speed(self.grid.angle)
+        return self.grid.size / self.vehicle.mean_speed(self.row_angle)
 
     def seconds(self, cells: float) -> float:
         """Convert a search time in cells to seconds, and add the time of the climb from the ground to the lowest layer."""
@@ -258,7 +263,8 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
     numbers = tour.position[tuple(grid.cell_of(places).T)]
     widths = widths_of(footprints, ground.size)
     # Messages contain cells, not positions. Therefore robots can agree only on parts that they compute from cells.
-    middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(grid.angle)
+    angle = tour.row_angle(grid.angle, 0)
+    middles, cell = tour_cost.points[numbers], grid.size / vehicle.mean_speed(angle)
     given, times = best_allocation(
         tour_cost,
         numbers,
@@ -269,7 +275,7 @@ def plan_search(problem: SearchProblem, *, seed: int = 0) -> SearchPlan:
         energy=working_seconds(vehicle) * float(speeds.min()) / cell,
         recharge=vehicle.recharge_seconds / cell,
     )
-    shared = [Candidate(grid.angle, tour.name, time, name) for name, time in times.items()]
+    shared = [Candidate(angle, tour.name, time, name) for name, time in times.items()]
     if problem.multiplicity > 1:
         team = zip(range(1, robots + 1), numbers.tolist(), speeds.tolist(), widths.tolist(), strict=True)
         given = in_passes(tour_cost, given, tuple(team), middles, problem.multiplicity)
@@ -298,9 +304,10 @@ def _grid_tour(problem: SearchProblem, speeds: NDArray[np.float64]) -> GridTour:
     given: dict[str, Any] = {"transit": problem.transit, "turn_cost": turn_cost, "stepwise": problem.stepwise}
     tours = problem.tours_to_compare(turn_cost)
     given["exchange"] = len(tours) > 1 and can_exchange(problem.place, sizes[0], problem.chosen_footprint)
+    given["along_rows"] = isinstance(problem.angle, float) or None
     first = best_grid_tour(problem.place, sizes[0], tours, angle=problem.chosen_angle, **given)
     name = problem.tour if len(tours) == 1 and problem.tour != AUTO else first.tour.name
-    climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.grid.angle)
+    climb = float(vehicle.vertical_seconds([1.0, -1.0]).mean()) * vehicle.mean_speed(first.tour.row_angle(first.grid.angle))
     return in_layers(first, altitudes, problem.passes, sizes, name, climb=climb, **given)
 
 
@@ -326,15 +333,8 @@ def _tour_cost(laid: GridTour, turn_cost: float, *, stepwise: bool = False) -> T
         if not straight:
             cellwise = CellDistances(tour, planes=[plane_of(paths.grid, tour.position)], steps=steps)
             given["distances"] = cellwise if stepwise else RegionDistances(paths, tour, cellwise)
-    return TourCost(
-        tour,
-        with_climb_cost(grid, firsts) / grid.size,
-        turn_cost=turn_cost,
-        steps=steps,
-        turns=turns,
-        reckoned=True,
-        **given,
-    )
+    given |= {"turn_cost": turn_cost, "steps": steps, "turns": turns, "reckoned": True}
+    return TourCost(tour, with_climb_cost(grid, firsts) / grid.size, **given)
 
 
 def _of_layers(laid: GridTour, paths: LayeredPaths, *, straight: bool) -> dict[str, Any]:

@@ -62,6 +62,8 @@ class MissionCheck:
         Altitudes in metres from each of which vehicles must see the whole region.
     clearance : Clearance or None
         Smallest and largest height of vehicles above ground, or None without a terrain.
+    flights : tuple of dict
+        Duration and usable fraction of each mission in ``missions``, as in `Mission.flight_report`, or nothing without a vehicle.
     """
 
     region: SearchRegion
@@ -76,6 +78,7 @@ class MissionCheck:
     approach: MissionApproach | None = None
     bands: tuple[float, ...] = ()
     clearance: Clearance | None = None
+    flights: tuple[dict[str, Any], ...] = ()
 
     @property
     def coverage(self) -> AreaCoverage | None:
@@ -109,6 +112,7 @@ class MissionCheck:
             "delay_tolerance_s": None if self.separation is None else self.separation.delay,
             "nearest_approach": None if self.approach is None else self.approach.report(self.region.frame),
             "above_ground": None if self.clearance is None else self.clearance.report(self.region.frame),
+            "flights": list(self.flights),
             "errors": len(self.errors),
             "warnings": len(self.diagnostics) - len(self.errors),
             "diagnostics": [diagnostic.report() for diagnostic in self.diagnostics],
@@ -156,8 +160,8 @@ def check_missions(
     """Read mission files, and measure how much of a region the vehicles see.
 
     The check does not depend on the planner, because it uses only the waypoints in the files, and computes areas with Shapely. The
-    check counts what vehicles see between the first and last waypoint of each mission, but not what they see on the paths from and
-    to home.
+    check counts what vehicles see between the first and last waypoint of the search, but not what they see on the paths from and to
+    home, on which a camera takes no images.
 
     Parameters
     ----------
@@ -218,7 +222,7 @@ def check_missions(
             coverage_check(region, *stretches, tolerance=ROUNDING, angle=turned_by)
             for stretches in _by_band(ways, sides, bands, _spread(bands, vehicle), least)
         )
-    missions = tuple(mission_of(sheet, sheet.file) for sheet in flown)
+    missions = tuple(sorted((mission_of(sheet, sheet.file) for sheet in flown), key=lambda one: (one.robot, one.sortie)))
     low = None if terrain is None else clearance_of(missions, terrain, region.frame)
     missions = tuple(mission for mission in missions if mission.altitude_frame != "ground")
     near = None if separation is None else missions_approach(missions, separation, region.frame, vehicle=vehicle)
@@ -227,6 +231,7 @@ def check_missions(
         separation=separation,
         approach=near,
         clearance=low,
+        flights=() if vehicle is None else tuple(one.flight_report(vehicle) for one in missions),
         region=region,
         format=chosen,
         files=tuple(sheet.file for sheet in flown),
@@ -276,7 +281,7 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
     The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place, it
-    contains the points at which these paths cross the border of the region.
+    contains the points at which these paths cross the border of the region. If a mission tells its ways, only these are left out.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))
@@ -284,6 +289,8 @@ def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     here = searching(inside, sheet.kind)
     ups = np.resize(np.array(sheet.altitudes or [0.0]), len(sheet.points))
     way = np.column_stack([way, ups[np.clip(np.arange(len(way)) - 1, 0, len(ups) - 1)]])
+    if sheet.waypoints_out is not None:
+        return way[1 + sheet.waypoints_out : len(way) - 1 - (sheet.waypoints_home or 0)]
     kept = [way[1:-1][here]]
     if here.start > 0 and inside[here.start + 1] and near[here.start]:
         kept.insert(0, _inner(region, way[here.start + 1], way[here.start])[::-1])

@@ -97,7 +97,8 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
         return ()
     landing = None if options["ending"] in (None, "return") else plan.places[robot]
     route = plan.route(robot, stops)
-    way = route.points[min(1, route.stops[1]) :]  # without home, above which it climbs anyway
+    begin = min(1, int(route.stops[1]))
+    way = route.points[begin:]  # without home, above which it climbs anyway
     if way.shape[1] == 3:
         way = way + np.array([0.0, 0.0, vehicle.height - plan.vehicle.height])
     return missions_of(
@@ -109,6 +110,7 @@ def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, 
         rate=float(plan.rates[robot]),
         link=float(plan.footprints[robot]) * LINK,
         ways=plan.leg,
+        out=int(route.stops[1]) - begin,
         landing=landing if plan.landing is None else plan.landing[robot],
         **options,
     )

@@ -69,6 +69,7 @@ RULES: dict[str, Rule] = {
     "approach": Rule("error", "a fixed wing would have to dive to reach its landing point"),
     "turn-radius": Rule("error", "a turn is narrower than the turn radius of the vehicle"),
     "climb": Rule("error", "on a leg, a fixed wing would have to climb or sink faster than it can"),
+    "endurance": Rule("error", "a mission takes longer than the endurance of the vehicle without the reserve"),
     "airspace": Rule("error", "turns of a fixed wing leave the region farther than the airspace allows"),
     "speed": Rule("error", "a speed is 0 or less, or above 100 m/s"),
     "home-far": Rule("warning", "home is more than 5 km from the nearest waypoint"),
@@ -157,6 +158,8 @@ class Sheet:
     acceptance_radius: float | None = None
     speed: float | None = None
     geographic: bool = True
+    waypoints_out: int | None = None
+    waypoints_home: int | None = None
     decimals: int | None = None
     n_items: int | None = None
     diagnostics: list[Diagnostic] = field(default_factory=list)

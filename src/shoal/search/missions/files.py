@@ -64,7 +64,11 @@ FORMATS.add("csv", MissionFormat(table.SUFFIX, table.write, table.scan, metres=T
 
 
 def write_missions(
-    missions: Sequence[Mission], folder: str | os.PathLike[str], *, formats: Sequence[str] | None = None
+    missions: Sequence[Mission],
+    folder: str | os.PathLike[str],
+    *,
+    formats: Sequence[str] | None = None,
+    vehicle: Vehicle | None = None,
 ) -> list[Path]:
     """Write a file for each mission in each format, such as ``robot-01.plan``, or ``robot-01-2.plan`` for a second sortie.
 
@@ -80,6 +84,8 @@ def write_missions(
         Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`.
         By default, the function writes missions in all formats except third-party formats, but missions in metres only as "csv",
         because all other formats need positions on Earth.
+    vehicle : Vehicle, optional
+        Vehicle with which the file ``missions.json`` lists the duration of each mission, and its fraction of the usable seconds.
 
     Returns
     -------
@@ -121,9 +127,19 @@ def write_missions(
             stack.enter_context(atomic(path)).write_text(text, encoding="utf-8", newline="\n")
     for name in _listed(folder) - {path.name for path in texts}:
         (Path(folder) / name).unlink(missing_ok=True)
-    starts = {mission.name: mission.start for mission in missions if mission.start is not None}
-    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | ({"starts_s": starts} if starts else {}))
+    write_json(Path(folder) / MANIFEST, {"files": sorted(path.name for path in texts)} | _times(missions, vehicle))
     return [*named, *(path for path in texts if path not in named)]
+
+
+def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, dict[str, float]]:
+    """Return the known start times, durations and usable fractions of missions, each as a mapping from the mission's name."""
+    flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
+    told = {
+        "starts_s": {mission.name: mission.start for mission in missions if mission.start is not None},
+        "durations_s": {flight["mission"]: flight["duration_s"] for flight in flights},
+        "usable_fractions": {one["mission"]: one["usable_fraction"] for one in flights if one["usable_fraction"] is not None},
+    }
+    return {name: values for name, values in told.items() if values}
 
 
 def _beside(missions: Sequence[Mission]) -> dict[str, str]:

@@ -16,7 +16,7 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.flight.timing import leg_seconds
 from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.diagnostics import Diagnostic, Sheet
-from shoal.search.missions.files import mission_files, open_sheet, take_beside
+from shoal.search.missions.files import mission_files, mission_of, open_sheet, take_beside
 from shoal.search.missions.homes import near_homes
 from shoal.search.missions.rules import ROUNDING, check_elsewhere, check_place, check_sense, way_of
 from shoal.search.problem.mission_options import CAPS
@@ -100,6 +100,8 @@ def examine(
         if sheet.readable:
             check_sense(sheet, cap=cap, autopilot=autopilot)
             _check_curves(sheet, 0.0 if vehicle is None else vehicle.ground_radius)
+            if vehicle is not None:
+                _check_duration(sheet, vehicle)
             if vehicle is not None and vehicle.radius:
                 _check_climbs(sheet, vehicle)
             if region is not None:
@@ -136,6 +138,20 @@ def _check_curves(sheet: Sheet, radius: float) -> None:
         widest = radius * lengths[worst] / (needs[worst] + needs[worst + 1])
         place = sheet.places[min(int(numbers[worst]), len(sheet.places) - 1)]
         sheet.add("turn-radius", place, f"expected a radius of at least {radius:.4g} m, got at most {widest:.3g} m")
+
+
+def _check_duration(sheet: Sheet, vehicle: Vehicle) -> None:
+    """Add a diagnostic for a mission that takes longer than the vehicle's endurance without its reserve."""
+    try:
+        lasting = mission_of(sheet, sheet.file).duration(vehicle)
+    except InvalidInputError:
+        return  # other rules report what is invalid, and heights above ground give no climbs
+    if lasting > vehicle.usable_seconds:
+        said = (
+            f"expected a mission of at most {vehicle.usable_seconds / 60:.4g} min, the endurance without the reserve, "
+            f"got {lasting / 60:.4g} min"
+        )
+        sheet.add("endurance", "", said)
 
 
 def _check_climbs(sheet: Sheet, vehicle: Vehicle) -> None:
@@ -240,7 +256,7 @@ def _difference(one: Sheet, other: Sheet) -> str:
         return "another home"
     if (apart > same).any():
         return f"another place at {other.places[int(np.argmax(apart > same))]}"
-    for name in ("autopilot", "kind", "delay", "speed"):
+    for name in ("autopilot", "kind", "delay", "speed", "waypoints_out", "waypoints_home"):
         mine, theirs = getattr(one, name), getattr(other, name)
         if None not in (mine, theirs) and mine != theirs:
             return f"{theirs!r} as {name} instead of {mine!r}"

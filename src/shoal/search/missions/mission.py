@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from math import inf
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,8 @@ from shoal.core.checks import check_choice, check_integer, check_number
 from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.search.flight.flight import FRAMES
-from shoal.search.flight.timing import whole_way
+from shoal.search.flight.timing import trajectory, whole_way
+from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions.fence import Fence
 from shoal.search.problem.mission_options import CAPS
 from shoal.search.regions.outline_checks import Points, check_plane_points, text_of
@@ -85,6 +87,9 @@ class Mission:
     fence : Fence, optional
     rally : tuple of tuple of float
         Rally points for emergency landings, in the unit of the waypoints.
+    waypoints_out, waypoints_home : int, optional
+        Number of waypoints on the way out, before the first waypoint of the search, and number of waypoints on the way home, after
+        the last waypoint of the search. The camera takes images only in between. By default, both numbers are unknown.
 
     Raises
     ------
@@ -122,6 +127,8 @@ class Mission:
     start: float | None = None
     takeover: float | None = None
     take_off: float | None = None
+    waypoints_out: int | None = None
+    waypoints_home: int | None = None
 
     def __post_init__(self) -> None:
         points = check_plane_points(self.waypoints, what="mission waypoints").copy()
@@ -142,6 +149,14 @@ class Mission:
             _check_degrees(np.vstack([home, self.end, points]))
         for name in ("robot", "sortie"):
             object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=1))
+        for name in ("waypoints_out", "waypoints_home"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, check_integer(getattr(self, name), what=f"mission: {name}", least=0))
+        if self.searched.start >= self.searched.stop:
+            raise InvalidInputError(
+                f"mission: expected a waypoint between the way out and the way home, got {self.waypoints_out} and "
+                f"{self.waypoints_home} of {len(points)} waypoints"
+            )
         check_choice(self.kind, what="kind", choices=KINDS)
         check_choice(self.autopilot, what="autopilot", choices=CAPS)
         check_choice(self.altitude_frame, what="altitude_frame", choices=FRAMES)
@@ -164,6 +179,11 @@ class Mission:
         """Number of mission items that an autopilot stores: home, take-off, speed, camera items, waypoints and return."""
         extra = sum(n for name, n in EXTRA.items() if getattr(self, name) is not None)
         return len(self.waypoints) + OVERHEAD[self.kind] + extra + (self.delay > 0)
+
+    @property
+    def searched(self) -> slice:
+        """The slice of the waypoints from the first to the last waypoint of the search, or of all waypoints if it is unknown."""
+        return slice(self.waypoints_out or 0, len(self.waypoints) - (self.waypoints_home or 0))
 
     @property
     def end(self) -> tuple[float, float]:
@@ -223,6 +243,22 @@ class Mission:
         if self.heights is None or self.altitude_frame == "ground":
             return np.full(len(self.waypoints), self.altitude)
         return self.heights + self._base
+
+    def duration(self, vehicle: Vehicle) -> float:
+        """Return the time in seconds from take-off to landing, with the vehicle's turns, climbs and descents, in its wind.
+
+        Raises
+        ------
+        InvalidInputError
+            If heights above home are unknown, or if a waypoint is too far from home.
+        """
+        way = self.way_in(LocalFrame(*self.home) if self.geographic else None)
+        return trajectory(way, vehicle, rate=self.speed / vehicle.cruise).duration
+
+    def flight_report(self, vehicle: Vehicle) -> dict[str, Any]:
+        """Return the duration of the mission, and its fraction of the vehicle's usable seconds, as a mapping for JSON."""
+        lasting, usable = self.duration(vehicle), vehicle.usable_seconds
+        return {"mission": self.name, "duration_s": lasting, "usable_fraction": None if usable == inf else lasting / usable}
 
     def circle_in(self, frame: LocalFrame | None) -> Points:
         """Return the circle in which the vehicle loiters at the end, in metres of a local frame; float64, shape (k, 2).

@@ -5,10 +5,8 @@ The division removes unnecessary waypoints.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -18,7 +16,9 @@ from shoal.core.checks import check_choice, check_integer, check_number, check_p
 from shoal.core.errors import InvalidInputError
 from shoal.search.cells.routing import leg_lengths
 from shoal.search.flight.flight import ENDINGS, TERRAIN_ERROR, Flight
+from shoal.search.flight.merging import merged
 from shoal.search.flight.terrain import Terrain
+from shoal.search.flight.turning import NEAR
 from shoal.search.flight.vehicle import Vehicle, vehicle_of
 from shoal.search.missions.mission import EXTRA, OVERHEAD, SAME_LEVEL, Autopilot, Mission
 from shoal.search.problem.mission_options import CAPS
@@ -53,6 +53,7 @@ def missions_of(
     ways: Ways | None = None,
     landing: ArrayLike | None = None,
     ending: str | None = None,
+    out: int = 0,
 ) -> tuple[Mission, ...]:
     """Divide a robot's route into missions, one for each sortie.
 
@@ -94,6 +95,8 @@ def missions_of(
     ending : "return", "land" or "loiter", optional
         Ending of each sortie. By default, a sortie ends with a landing if ``landing`` is given, and with a return otherwise.
         Instead of landing, a rover stops and holds.
+    out : int
+        Number of points at the beginning of the route that belong to the way out from home. The search begins at the next point.
 
     Raises
     ------
@@ -125,8 +128,11 @@ def missions_of(
     beside = OVERHEAD[kept.kind] + sum(count for name, count in EXTRA.items() if told[name] is not None)
     most = CAPS[autopilot] if cap is None else cap
     room = check_integer(most, what="cap", least=2 + beside) - beside  # at least two waypoints
-    way = merged(points, check_number(tolerance, what="tolerance", least=0))
-    parts = _Splitter(way, flight, room, ways, robot).parts()
+    check_number(tolerance, what="tolerance", least=0)
+    check_integer(out, what="out", least=0, most=len(points) - 1)
+    led, way = merged(points[: out + 1], tolerance)[:-1], merged(points[out:], tolerance)
+    splitter = _Splitter(np.vstack([led, way]), flight, room, ways, robot, len(led))
+    parts = splitter.parts()
     placed = (lambda array: array) if frame is None else frame.to_degrees
     x, y = placed(base[None])[0].tolist()
     last = (x, y) if end is None else tuple(placed(end[None])[0].tolist())
@@ -138,10 +144,10 @@ def missions_of(
             placed(part[:, :2]), (x, y), robot, number, kept.kind, autopilot,  # type: ignore[arg-type]  # both were checked
             speed=speed, geographic=frame is not None, altitude_frame=altitude_frame,
             heights=part[:, 2] if np.ptp(part[:, 2]) else None, elevation=flight.elevation, landing=ends[number - 1],
-            loiter=loiter,
+            loiter=loiter, waypoints_out=before, waypoints_home=after,
             **told | {"altitude": kept.height} | _levels(part, flight, several=levels),
         )
-        for number, part in enumerate(parts, start=1)
+        for number, (part, before, after) in enumerate(parts, start=1)
     )  # fmt: skip
 
 
@@ -178,19 +184,24 @@ class _Splitter:
     To check battery and memory, the splitter computes each sortie exactly as the mission file will contain it.
     """
 
-    def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int) -> None:
+    def __init__(self, way: Points, flight: Flight, room: int, ways: Ways | None, robot: int, out: int) -> None:
         self.way, self.flight, self.room, self.ways, self.robot = way, flight, room, ways, robot
         self.home, self.limit = flight.home, (1 - _FLAT) * flight.vehicle.usable_seconds - _ROUNDING
         self.returning = replace(flight, landing=None)
         self.at = np.concatenate([[0.0], np.cumsum(leg_lengths(way))])
+        self.searching_from = float(self.at[out])
 
-    def parts(self) -> list[NDArray[np.float64]]:
-        """Return the waypoints of each sortie, with the columns of `Flight.waypoints`."""
+    def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
+        """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
+
+        Beside the waypoints, each element of the list contains the number of waypoints on the way out, and on the way home.
+        """
         begin, end = 0.0, float(self.at[-1])
-        found: list[NDArray[np.float64]] = []
+        found: list[tuple[NDArray[np.float64], int, int]] = []
         while True:
             until = self._latest(begin)
-            found.append(self._sortie(begin, until))
+            waypoints = self._sortie(begin, until)
+            found.append((waypoints, *self._beside(waypoints, begin, until)))
             if until >= end:
                 return found
             begin = until
@@ -227,6 +238,16 @@ class _Splitter:
         flight = self._flight(until)
         out, back = self._way_to(self.home, begin)[::-1], self._way_to(flight.end, until)
         return flight.waypoints(np.vstack([out[1:-1], self._between(begin, until), back[1:-1]]))
+
+    def _beside(self, waypoints: NDArray[np.float64], begin: float, until: float) -> tuple[int, int]:
+        """Return the number of waypoints before and after the section of the path that a sortie searches.
+
+        A fixed wing may pass the ends of the section on a leg. In this case, the whole leg counts as a part of the search.
+        """
+        way = waypoints[:, :2]
+        first, last = (self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until))
+        before = min(_passing(way, first), len(way) - 1)
+        return before, min(_passing(way[::-1], last), len(way) - 1 - before)
 
     def _flight(self, until: float) -> Flight:
         """Return the flight of a sortie. The last sortie ends at the robot's landing point, and all other sorties end at home."""
@@ -273,72 +294,11 @@ class _Splitter:
         )
 
 
-def merged(points: Points, tolerance: float) -> Points:
-    """Remove the points of a path that lie on straight legs between other points, in one pass over the points.
-
-    At each kept point, the algorithm starts a cone: the directions in which a straight leg passes all points since the kept point
-    within the tolerance. The leg may end at the next point if this point lies inside the cone, and is no nearer than the points
-    before it. For this reason, the function keeps points at which the path turns back. The algorithm is that of Reumann and Witkam,
-    1974. The exact form of the cone is that of Williams, "An efficient algorithm for the piecewise linear approximation of planar
-    curves", 1978.
-
-    Parameters
-    ----------
-    points : ndarray of float64, shape (k, 2) or (k, 3)
-        Path in metres. The function keeps points at which the altitude changes.
-    tolerance : float
-        Maximum distance in metres between a removed point and the leg that replaces it.
-
-    Returns
-    -------
-    ndarray of float64, shape (m, 2) or (m, 3)
-        The kept points of the path, including both ends.
-
-    Examples
-    --------
-    >>> merged(np.array([(0, 0), (1, 0.0005), (2, 0), (2, 0), (1, 0), (1, 1.0)]), 0.001).tolist()
-    [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]]
-    """
-    if len(points) < 2:
-        return points
-    if points.shape[1] == 3 and np.ptp(points[:, 2]):
-        borders = [0, *(np.flatnonzero(np.diff(points[:, 2])) + 1).tolist(), len(points)]
-        return np.concatenate([merged(points[begin:end], tolerance) for begin, end in pairwise(borders)])
-    way = points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
-    kept = [0]
-    cone = _Cone(way[0, :2], tolerance)
-    for index, (x, y) in enumerate(way[1:, :2].tolist(), start=1):
-        if not cone.takes(x, y):
-            kept.append(index - 1)
-            cone = _Cone(way[index - 1, :2], tolerance)
-            cone.takes(x, y)
-    if kept[-1] != len(way) - 1:
-        kept.append(len(way) - 1)
-    return np.asarray(way[kept])
-
-
-class _Cone:
-    """The directions from an apex in which a straight leg passes all added points within the tolerance."""
-
-    def __init__(self, apex: Points, tolerance: float) -> None:
-        self.x, self.y = apex.tolist()
-        self.tolerance = tolerance
-        self.far = 0.0
-        self.along: tuple[float, float] | None = None
-        self.low, self.high = -math.pi, math.pi
-
-    def takes(self, x: float, y: float) -> bool:
-        """Add a point to the cone if a leg from the apex may end at this point. Return whether the cone now contains the point."""
-        east, north = x - self.x, y - self.y
-        distance = math.hypot(east, north)
-        if distance < self.far:
-            return False
-        if self.along is None:
-            self.along = (east, north)
-        angle = math.atan2(self.along[0] * north - self.along[1] * east, self.along[0] * east + self.along[1] * north)
-        if not self.low <= angle <= self.high:
-            return False
-        self.far = distance
-        width = math.asin(self.tolerance / distance) if distance > self.tolerance else math.pi
-        self.low, self.high = max(self.low, angle - width), min(self.high, angle + width)
-        return True
+def _passing(way: Points, point: Points) -> int:
+    """Return the number of waypoints before a path first passes a point; 0 if the path passes the point nowhere."""
+    legs = np.diff(way, axis=0)
+    far = np.clip(((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0)
+    near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
+    if not len(near):
+        return 0
+    return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)

@@ -133,8 +133,8 @@ class SearchProblem(Problem):
         "10,000 with footprints wider than a cell.", names=ALLOCATIONS,
     )  # fmt: skip
     angle: float | str | None = option(
-        None, help="Angle of the rows of cells, counter-clockwise from east; by default auto for a region on Earth, else 0. With "
-        "auto, Shoal chooses the angle and shift of the rows for which one robot needs the least time, turns included.",
+        None, help="Angle of the rows, along which most of the tour runs, counter-clockwise from east; by default auto for regions "
+        "on Earth, else 0. With auto, Shoal takes the angle and shift of the rows for which one robot needs the least time.",
         unit="degrees", metavar="DEGREES|auto", parse=parse_angle, check=check_angle,
     )  # fmt: skip
     no_go: tuple[Any, ...] = option(

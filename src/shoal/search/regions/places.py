@@ -110,22 +110,27 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
     try:
         found = region.frame.to_metres(points)
     except InvalidInputError as error:
-        _refuse_swapped(points, region, where)
+        _refuse_swapped(points, region, where, far=True)
         raise InvalidInputError(f"{where}: {error}") from None
     if not region.contains(found).all():
-        _refuse_swapped(points, region, where)
+        _refuse_swapped(points, region, where, far=False)
     return found
 
 
-def _refuse_swapped(points: Points, region: SearchRegion, where: Any) -> None:
-    """Refuse points outside a region if they would lie inside the region with longitude and latitude swapped."""
+def _refuse_swapped(points: Points, region: SearchRegion, where: Any, *, far: bool) -> None:
+    """Refuse points outside a region if they would fit with longitude and latitude swapped.
+
+    Points that are too far away for the local frame fit if they are near the region when swapped. Other points fit only if they
+    are in the region when swapped.
+    """
     assert region.frame is not None
     try:
-        swapped = bool(region.contains(region.frame.to_metres(points[:, ::-1])).all())
+        swapped = region.frame.to_metres(points[:, ::-1])
     except InvalidInputError:
         return
-    if swapped:
+    inside = bool(region.contains(swapped).all())
+    if far or inside:
         raise InvalidInputError(
-            f"{where}: expected longitude and then latitude, got {text_of(points[0])}, which lies in the region "
-            "if the two numbers are swapped"
+            f"{where}: expected longitude first and then latitude, got {text_of(points[0])}, which lies "
+            f"{'in' if inside else 'near'} the region if the two numbers are swapped"
         )

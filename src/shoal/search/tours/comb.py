@@ -22,23 +22,38 @@ class CombTour(TourByOrder):
 
     On a shape that is not a rectangle, the tour is the shortest of three tours: the comb of the bounding rectangle without the
     cells outside the shape, a sweep back and forth along rows, and a sweep back and forth along columns.
+
+    Parameters
+    ----------
+    along_rows : bool, optional
+        Whether all lanes run along the rows of cells, or all across them. By default, their direction gives a short tour.
     """
 
     name = "comb"
 
+    def __init__(self, along_rows: bool | None = None) -> None:
+        self.along_rows = along_rows
+
     def _in_order(self, region: NDArray[np.bool_]) -> NDArray[np.int64]:
-        cells = closed_lanes(*region.shape)
+        rows, cols = region.shape
+        cells = closed_lanes(rows, cols, self.along_rows)
         if region.all():
             return cells
-        ways = (cells[region[tuple(cells.T)]], *_sweeps(region))
+        sweeps = _sweeps(region)
+        ways = [cells[region[tuple(cells.T)]], *(sweeps if self.along_rows is None else sweeps[1 - self.along_rows :][:1])]
         return min((component_after_component(way, region) for way in ways), key=_length)
 
 
-def closed_lanes(rows: int, cols: int) -> NDArray[np.int64]:
-    """Return the cells of a full rectangle in the order of the comb tour; int64, shape (rows * cols, 2)."""
+def closed_lanes(rows: int, cols: int, along_rows: bool | None = None) -> NDArray[np.int64]:
+    """Return the cells of a full rectangle in the order of the comb tour; int64, shape (rows * cols, 2).
+
+    By default, the lanes run in the direction that gives an even number of lanes, and of two such directions, long lanes.
+    """
+    if along_rows is None:
+        along_rows = min(rows, cols) == 1 or not (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1)
     grid = np.arange(rows * cols).reshape(rows, cols)[::-1]  # from the bottom up
-    if min(rows, cols) > 1 and (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1):
-        grid = grid.T  # an even number of lanes, preferably long lanes
+    if not along_rows and min(rows, cols) > 1:
+        grid = grid.T
     count, width = grid.shape
     if min(count, width) == 1:
         order = grid.ravel()

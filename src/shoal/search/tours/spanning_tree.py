@@ -25,10 +25,19 @@ class SpanningTreeTour:
     cycles of cells that are still separate, where a single cell counts as a cycle. To connect two cycles, the tour replaces one
     edge of each cycle by two steps from cycle to cycle. One step between two connected cycles leads to a neighbouring cell, and the
     other step may be longer: a diagonal to a single cell, or the way back from a narrow dead end.
+
+    Parameters
+    ----------
+    along_rows : bool, optional
+        Whether the corridors run along the rows of cells, and not across them. By default, the corridors run in the direction in
+        which more blocks are neighbours.
     """
 
     name = "spanning-tree"
     dimensions: tuple[int, ...] = (2,)
+
+    def __init__(self, along_rows: bool | None = None) -> None:
+        self.along_rows = along_rows
 
     def make(self, mask: NDArray[np.bool_]) -> Tour:
         """Return the tour through all True cells of the mask."""
@@ -40,7 +49,9 @@ class SpanningTreeTour:
         links = np.repeat(np.arange(region.size), 2).reshape(-1, 2)
         parent = np.arange(region.size)
         full, origin = _full_blocks(region)
-        along_rows = np.count_nonzero(full[:, 1:] & full[:, :-1]) >= np.count_nonzero(full[1:] & full[:-1])
+        along_rows = self.along_rows
+        if along_rows is None:
+            along_rows = bool(np.count_nonzero(full[:, 1:] & full[:, :-1]) >= np.count_nonzero(full[1:] & full[:-1]))
         cycles.tree_of_blocks(full, origin, region.shape[1], along_rows, links, parent)
         cycles.grow_everywhere(region, links, parent)
         attaching.attach(region, links, parent)

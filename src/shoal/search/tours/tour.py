@@ -137,6 +137,36 @@ class Tour:
         return position
 
     @cached_property
+    def runs_along_rows(self) -> bool:
+        """Whether at least half of the tour's length runs along the rows of cells, and not across them."""
+        return self._runs_along_rows(self.cells)
+
+    @staticmethod
+    def _runs_along_rows(cells: NDArray[np.int64]) -> bool:
+        across, along = np.abs(np.diff(cells[:, -2:], axis=0)).sum(axis=0).tolist()
+        return bool(along >= across)
+
+    def row_angle(self, angle: float, layer: int | None = None) -> float:
+        """Return the direction in which most of the tour's length runs, in degrees from 0 to below 180.
+
+        Parameters
+        ----------
+        angle : float
+            Angle of the rows of cells in degrees.
+        layer : int, optional
+            Number of the layer in which the function measures lengths, for a tour through several layers. By default, the function
+            measures lengths in all layers.
+
+        Examples
+        --------
+        >>> up_and_down = Tour(np.array([[0, 0], [1, 0], [2, 0], [2, 1], [1, 1], [0, 1]]), (3, 2), closed=True, name="round")
+        >>> up_and_down.row_angle(45.0)
+        135.0
+        """
+        cells = self.cells if layer is None or len(self.shape) == 2 else self.cells[self.cells[:, 0] == layer]
+        return (angle + 90.0 * (not self._runs_along_rows(cells))) % 180.0
+
+    @cached_property
     def steps(self) -> NDArray[np.float64]:
         """Length of each step of the tour in cell sides; float64, shape (N,) for a closed tour, (N - 1,) for an open tour."""
         from shoal.search.kernels.measures import squared_steps

@@ -50,7 +50,7 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
         "problem": None,
         "cells": made.grid.n_cells,
         "cell": made.grid.size,
-        "angle": made.grid.angle,
+        "angle": made.row_angle,
         "layers": made.altitudes,
         "tour": made.tour.name,
         "allocation": allocation.allocator,

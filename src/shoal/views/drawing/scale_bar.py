@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import floor, log10
+from math import cos, floor, log10, radians, sin
 from typing import TYPE_CHECKING, Any
 
 from shoal.views.drawing.charts import INK
@@ -10,6 +10,9 @@ from shoal.views.drawing.charts import INK
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+
+_ARROW = 6.0  # points: half the length of the north arrow
 
 
 def bar_length(most: float) -> float:
@@ -41,6 +44,7 @@ def draw_scale_bar(
     above : float, optional
         Position on the x axis at which a scale bar above the map ends. By default, the bar lies below the map, at its right end.
     """
+    from matplotlib.text import OffsetFrom
     from matplotlib.transforms import blended_transform_factory
 
     left, right = axes.get_xlim()
@@ -54,7 +58,9 @@ def draw_scale_bar(
     words = told if north is None else f"N    {told}"
     end = axes.annotate(words, (right - length / size, low), xycoords=place, xytext=(-5, 0), textcoords="offset points", **style)
     if north is not None:
+        lean = _ARROW * sin(radians(north)), _ARROW * cos(radians(north))
+        middle = OffsetFrom(end, (0.0, 0.5), unit="points")
         axes.annotate(
-            "\N{UPWARDS ARROW}", (0.0, 0.5), xycoords=end, xytext=(-6, 0), textcoords="offset points", rotation=-north,
-            **style | {"ha": "center"},
+            "", (lean[0] - 9, lean[1]), xycoords=middle, xytext=(-lean[0] - 9, -lean[1]), textcoords=middle, annotation_clip=False,
+            arrowprops={"arrowstyle": "-|>", "color": INK, "lw": 1.1, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7},
         )  # fmt: skip

@@ -56,18 +56,31 @@ def routes_figure(episode: SearchEpisode) -> Figure:
     axes.set(xlim=(left, right), ylim=(bottom, top))
     if history.panels.labels:
         axes.set(xticks=[], yticks=[])
-    axes.set_xlabel("metres" if not history.panels.labels else "\n\n", color=MUTED, fontsize=8)  # space for the scale bar
+    across, up = _axis_labels(history)
+    axes.set_xlabel(across, color=MUTED, fontsize=8)
+    axes.set_ylabel(up, color=MUTED, fontsize=8)
     bare_axes(axes)
     axes.set_title(
         _summary(episode), fontsize=9, color=MUTED, loc="left", parse_math=False, pad=17 if history.panels.labels else None
     )
-    draw_heading(figure, f"{episode.plan.grid.region.name}, {count_text(history.n_robots, 'robot')}")
+    draw_heading(figure, axes, f"{episode.plan.grid.region.name}, {count_text(history.n_robots, 'robot')}")
     _draw_legend(figure, history)
     figure.draw_without_rendering()  # fixes the positions of the axes, so that the numbers can be moved apart
     figure.set_layout_engine("none")
     _draw_robots(axes, history)
     draw_scale_bar(figure, axes, north=history.north)
     return figure
+
+
+def _axis_labels(history: SearchHistory) -> tuple[str, str]:
+    """Return the labels of the x and the y axis. For panels without axes, the labels only make space for the scale bar."""
+    panels, plan = history.panels, history.episode.plan
+    if panels.labels:
+        return "\n\n", ""
+    if panels.angle == 0:
+        return "metres", ""
+    along, across = "metres along the rows", "metres across the rows"
+    return (along, across) if plan.tour.runs_along_rows else (across, along)
 
 
 def _summary(episode: SearchEpisode) -> str:

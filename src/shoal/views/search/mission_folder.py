@@ -78,7 +78,7 @@ class MissionFolder:
         """
         if not self.missions:
             self.plan(plan)
-        written = write_missions(self.missions, self.folder, formats=self.given.format or None)
+        written = write_missions(self.missions, self.folder, formats=self.given.format or None, vehicle=plan.vehicle)
         save_figure(missions_figure(self.missions, plan.grid.region, self.approach), self.folder / MAP)
         return [*written, self.folder / MAP]
 
@@ -88,6 +88,7 @@ class MissionFolder:
         homes = None if kept is None else near_homes(homes_of(self.missions), kept.horizontal, frame)
         return {
             "sorties": len(self.missions),
+            "usable_s": None if plan.vehicle.endurance is None else plan.vehicle.usable_seconds,
             "recharge_s": plan.vehicle.recharge_seconds,
             "separation_m": None if kept is None else [kept.horizontal, kept.vertical],
             "delay_tolerance_s": None if kept is None else kept.delay,
@@ -96,7 +97,7 @@ class MissionFolder:
             "airspace_m": airspace_of(self.missions, plan.grid.region),
             "starts": [
                 {
-                    "mission": one.name,
+                    **one.flight_report(plan.vehicle),
                     "robot": one.robot,
                     "sortie": one.sortie,
                     "start_s": 0.0 if one.sortie == 1 else one.start,

@@ -12,6 +12,7 @@ from shoal.core.counts import count_text
 from shoal.search.episode import duration_text
 from shoal.search.missions.approach import MissionApproach
 from shoal.search.missions.mission import Mission
+from shoal.search.missions.rules import inside_of, searching
 from shoal.search.regions.region import SearchRegion
 from shoal.views.drawing.charts import INK, MUTED, bare_axes, new_figure
 from shoal.views.drawing.polygon_paths import path_of_rings, rings_of
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _LAND, _HOLE, _ZONE, _FENCE, _NEAR = "#f4f6ee", "#dfe3e8", "#d81b1b", "#39424e", "#000000"
+_BESIDE = 11.0  # points: distance of a label from its launch point
+_FREE = 16.0  # points: places at this distance do not disturb a label
 _PAD = 0.04  # relative to the longer side
 _LONG = 0.02  # relative to all paths: level stretches whose altitude has its own colour
 
@@ -61,8 +64,7 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     for ring in rings:
         axes.plot(*np.vstack([ring, ring[:1]]).T, color=_FENCE, lw=1.0, ls=(0, (1, 2)), zorder=1.5)
     levels = _main_levels(missions, ways)
-    _draw_ways(axes, missions, ways, circles, levels)
-    _draw_places(axes, missions, region)
+    _draw_ways(axes, missions, ways, circles, levels, region)
     if approach is not None:
         _draw_approach(axes, approach)
     axes.set(xlim=(left, right), ylim=(bottom, top))
@@ -70,10 +72,11 @@ def missions_figure(missions: Sequence[Mission], region: SearchRegion, approach:
     bare_axes(axes)
     axes.set_anchor("N")
     axes.set_title(_summary(missions, approach), fontsize=9, color=MUTED, loc="left", parse_math=False)
-    draw_heading(figure, f"{region.name}: missions")
+    draw_heading(figure, axes, f"{region.name}: missions")
     _draw_legend(figure, missions, region, levels, approach)
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
+    _draw_places(axes, missions, region)
     draw_scale_bar(figure, axes, north=None if region.frame is None else 0.0)
     return figure
 
@@ -126,21 +129,46 @@ def _main_levels(missions: Sequence[Mission], ways: Sequence[Any]) -> list[Any]:
     return [main[np.abs(ups[:, None] - main).argmin(axis=1)] for ups in levels]
 
 
-def _draw_ways(axes: Axes, missions: Sequence[Mission], ways: Sequence[Any], circles: Sequence[Any], levels: Sequence[Any]) -> None:
-    """Draw the mission paths: solid between waypoints, dashed from home and to the landing point, with circles for loitering."""
+def _draw_ways(
+    axes: Axes,
+    missions: Sequence[Mission],
+    ways: Sequence[Any],
+    circles: Sequence[Any],
+    levels: Sequence[Any],
+    region: SearchRegion,
+) -> None:
+    """Draw the mission paths: solid from the first to the last waypoint of the search, and dashed on the ways out and home.
+
+    Dashed circles show where vehicles loiter.
+    """
     heights = sorted({*np.concatenate(levels).tolist()})
     for mission, way, circle, ups in zip(missions, ways, circles, levels, strict=True):
         colour = robot_colour(mission.robot - 1)
-        axes.plot(*way[:3, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
-        axes.plot(*way[-3:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
+        searched = _searched(mission, way, region)
+        for beside in (way[: 3 + searched.start], way[: searched.stop : -1]):  # both from home, so that equal dashes coincide
+            axes.plot(*beside[:, :2].T, color=colour, lw=0.9, ls=(0, (3, 2)), zorder=2.5)
         axes.plot(*circle.T, color=colour, lw=1.1, ls=(0, (5, 1.5)), zorder=2.6)
-        first = int(np.allclose(way[2, :2], way[0, :2], atol=0.01))  # a first waypoint above home does not belong to the search
-        borders = [first, *(np.flatnonzero(np.diff(ups[first:])) + 1 + first).tolist(), len(ups)]
+        level = ups[searched]
+        borders = [0, *(np.flatnonzero(np.diff(level)) + 1).tolist(), len(level)]
         for begin, end in pairwise(borders):
-            stretch, rank = way[2 + begin : 2 + end, :2], heights.index(ups[end - 1])
-            under = len(heights) - 1 - rank if np.ptp(ups) else 0  # lower paths are wider, to be visible below higher ones
+            stretch, rank = way[2 + searched.start :][begin:end, :2], heights.index(level[end - 1])
+            under = len(heights) - 1 - rank if np.ptp(level) else 0  # lower paths are wider, to be visible below higher ones
             look: dict[str, Any] = {"color": colour, "lw": 1.3 + 1.6 * under, "zorder": 3 - 0.01 * under}
             axes.plot(*stretch.T, solid_joinstyle="round", **look)
+
+
+def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
+    """Return the slice of a mission's waypoints that belong to the search.
+
+    If a file does not tell these waypoints, the ways out and home are the waypoints outside the region, as in `searching`.
+    """
+    if mission.waypoints_out is not None:
+        return mission.searched
+    count = len(mission.waypoints)
+    over = np.vstack([way[:1], way[2 : 2 + count], way[-1:]])[:, :2]
+    here = searching(inside_of(region, over), mission.kind)
+    first = here.start + int(here.start == 0 and np.allclose(over[1], over[0], atol=0.01))  # a first waypoint above home
+    return slice(min(first, here.stop - 1), here.stop)
 
 
 def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) -> None:
@@ -149,12 +177,14 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
     starts: dict[tuple[float, float], list[int]] = {}
     for mission in missions:
         starts.setdefault(mission.home, []).append(mission.robot)
-    for home, robots in starts.items():
-        place = placed([home])[0]
+    homes = placed([*starts])
+    offsets = label_offsets(axes.transData.transform(homes) * 72 / axes.figure.dpi)
+    for place, offset, robots in zip(homes, offsets, starts.values(), strict=True):
         axes.plot(*place, "^", mfc=INK, mec="white", ms=9, zorder=6)
         axes.annotate(
-            _numbers(sorted({*robots})), place, xytext=(7, -9), textcoords="offset points", fontsize=7.5, color=INK, zorder=7,
-            bbox={"boxstyle": "round,pad=0.15", "fc": "white", "ec": "none", "alpha": 0.8},
+            _numbers(sorted({*robots})), place, xytext=offset, textcoords="offset points", fontsize=7.5, zorder=7, ha="center",
+            va="center", color=robot_colour(robots[0] - 1) if len({*robots}) == 1 else INK, fontweight="bold",
+            bbox={"boxstyle": "round,pad=0.1", "fc": "white", "ec": "none", "alpha": 0.8},
         )  # fmt: skip
     for end in {mission.end for mission in missions} - {*starts}:
         axes.plot(*placed([end])[0], "s", mfc=INK, mec="white", ms=7, zorder=6)
@@ -162,6 +192,22 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
         place = placed([point])[0]
         axes.plot(*place, "o", mfc="white", mec=INK, mew=1.2, ms=9, zorder=6)
         axes.plot(*place, "+", color=INK, ms=6, mew=1.2, zorder=6.1)
+
+
+def label_offsets(places: Any) -> list[tuple[float, float]]:
+    """Return the offset of a label from each place, in the direction in which other places and labels are farthest; in points.
+
+    Of equally good directions, the function prefers down, and then up.
+    """
+    angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
+    around = _BESIDE * np.column_stack([np.cos(angles), np.sin(angles)])
+    known, found = places, []
+    for number, place in enumerate(places):
+        others = np.delete(known, number, axis=0)
+        apart = np.hypot(*np.moveaxis((place + around)[:, None] - others, -1, 0)).min(axis=1, initial=_FREE)
+        found.append(tuple(around[int(np.argmax(np.round(apart, 1)))].tolist()))
+        known = np.vstack([known, place + found[-1]])
+    return found
 
 
 def _numbers(robots: list[int]) -> str:

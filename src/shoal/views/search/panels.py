@@ -122,10 +122,10 @@ class LayerPanels:
         """For each panel, its label and the x and y of its upper left corner in metres; an empty list for a single layer."""
         if len(self.layers) == 1:
             return []
-        ups, (left, _, _, top) = self.plan.altitudes, self.extent
+        ups, tour, (left, _, _, top) = self.plan.altitudes, self.plan.tour, self.extent
         words = [f"{up:.4g} m" for up in ups]
         if len({*ups}) < len(ups):
-            turned = [f"rows at {layer.angle:.4g}\N{DEGREE SIGN}" for layer in self.layers]
+            turned = [f"rows at {tour.row_angle(one.angle, k):.4g}\N{DEGREE SIGN}" for k, one in enumerate(self.layers)]
             words = [f"{word}, {rows}" if len({*ups}) > 1 else rows for word, rows in zip(words, turned, strict=True)]
         offsets = self._offsets(np.arange(len(ups)))
         return [(word, left + float(x), top + float(y)) for word, (x, y) in zip(words, offsets, strict=True)]

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 WAITING, LISTENING = "#d5dae0", "#eceff2"
 
 
-def draw_heading(figure: Figure, words: str) -> None:
-    """Write the heading ``words`` above a whole figure."""
-    figure.suptitle(words, fontsize=11, color=INK, x=0.012, ha="left", fontweight="bold", parse_math=False)
+def draw_heading(figure: Figure, axes: Axes, words: str) -> None:
+    """Write the heading ``words`` above a whole figure, beginning at the left edge of the axes."""
+    from matplotlib.transforms import blended_transform_factory
+
+    edge = blended_transform_factory(axes.transAxes, figure.transFigure)
+    figure.suptitle(words, fontsize=11, color=INK, x=0.0, ha="left", fontweight="bold", parse_math=False, transform=edge)
 
 
 def timeline_figure(episode: SearchEpisode) -> Figure:
@@ -54,7 +57,7 @@ def timeline_figure(episode: SearchEpisode) -> Figure:
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     axes.spines["left"].set_visible(False)
-    draw_heading(figure, f"{episode.plan.grid.region.name}: what each robot did")
+    draw_heading(figure, axes, f"{episode.plan.grid.region.name}: what each robot did")
     _draw_kinds(figure, history)
     return figure
 

@@ -16,7 +16,7 @@ from shoal.search.problem.mission_options import CAPS
 
 NAMES = ("robot", "sortie", "autopilot", "kind", "altitude_m", "altitude_frame", "speed_m_s")
 
-MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m")
+MORE = ("delay_s", "landing_x", "landing_y", "loiter_m", "start_s", "takeover_m", "waypoints_out", "waypoints_home")
 """Names of the optional attributes of a mission, such as its delay and its landing point."""
 
 ALTITUDES = "altitudes_m"
@@ -32,6 +32,8 @@ def attributes_of(mission: Mission) -> dict[str, str | int | float]:
         mission.loiter,
         mission.start,
         mission.takeover,
+        mission.waypoints_out,
+        mission.waypoints_home,
     ]
     named |= {name: value for name, value in zip(MORE, more, strict=True) if value is not None}
     levels = mission.levels
@@ -69,6 +71,13 @@ def take_attributes(sheet: Sheet, place: str, found: Mapping[str, Any]) -> None:
     for name in ("loiter_m", "start_s", "takeover_m"):
         if name in more:
             setattr(sheet, name.rpartition("_")[0], number_in(sheet, place, name, more))
+    for name in ("waypoints_out", "waypoints_home"):
+        if name in more:
+            number = _whole(more[name])
+            if number is None or number < 0:
+                sheet.add("wrong-value", place, f"expected a whole number of 0 or more as {name!r}, got {_short(more[name])}")
+            else:
+                setattr(sheet, name, number)
     words = str(found.get(ALTITUDES, "")).split()
     sheet.altitudes = [number_in(sheet, place, ALTITUDES, {ALTITUDES: word}) for word in words] or [
         number_in(sheet, place, "altitude_m", found)

@@ -44,8 +44,9 @@ def items_of(mission: Mission) -> list[Item]:
     """Return the mission items of a mission, without its home.
 
     The first items are the start delay and the take-off, because autopilots expect them first. The item after the take-off sets the
-    speed for the whole mission. The camera takes images from the first to the last waypoint. The take-off of a fixed wing has the
-    position of the first waypoint, because the vehicle climbs toward this waypoint.
+    speed for the whole mission. The camera takes images from the first to the last waypoint of the search, and none on
+    the ways out and home. The take-off of a fixed wing has the position of the first waypoint, because the vehicle climbs toward
+    this waypoint.
     """
     frame, wing = _WRITTEN[mission.altitude_frame], mission.kind == "fixed-wing"
     above = mission.elevation or 0.0 if frame == 0 else 0.0  # altitude of home in this frame
@@ -62,8 +63,9 @@ def items_of(mission: Mission) -> list[Item]:
     if mission.gimbal_pitch is not None:
         items.append(_placeless(GIMBAL, mission.gimbal_pitch, 0.0, 0.0, 0.0, 0.0, 0.0, _BY_ANGLES))
     if mission.trigger_distance is not None:
-        points[1:1] = [_placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0)]  # take the first image immediately
-        points.append(_placeless(TRIGGER))
+        searched = mission.searched
+        points.insert(searched.stop, _placeless(TRIGGER))
+        points.insert(searched.start + 1, _placeless(TRIGGER, mission.trigger_distance, 0.0, 1.0))  # first image immediately
     take_off = [Item(TAKE_OFF, frame, start)] if mission.kind != "rover" else []
     wait = [_placeless(DELAY, mission.delay, -1.0, -1.0, -1.0)] if mission.delay else []
     end = _placeless(RETURN)
@@ -107,6 +109,14 @@ def read_items(sheet: Sheet, items: Sequence[Item]) -> None:
         value = next((_number(item.params[parameter])[0] for item in items if item.command == command), None)
         if value is not None:
             setattr(sheet, name, value)
+    numbers = np.cumsum([item.command == WAYPOINT for item in items])
+    images = [
+        (int(number), _number(item.params[0])[0] > 0)
+        for item, number in zip(items, numbers, strict=True)
+        if item.command == TRIGGER
+    ]
+    if [begins for _, begins in images] == [True, False] and images[0][0] > 0:
+        sheet.waypoints_out, sheet.waypoints_home = images[0][0] - 1, len(waypoints) - images[1][0]
     for item in items:
         _check_frame(sheet, item)
         if item.command not in _KNOWN:
