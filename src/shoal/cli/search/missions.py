@@ -251,12 +251,12 @@ def area_text(area: float) -> str:
 
 
 def zones_text(count: int) -> str:
-    """Return the number of no-go zones as a part of a region's description; an empty text without no-go zones."""
+    """Return the number of no-go zones as text, to append to the description of a region. For no zones, the text is empty."""
     return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return the margin from the border and the unseen area as a part of a region's description; an empty text for margin 0."""
+    """Return a text, to append to the description of a region, with the area that cannot be seen because of the margin."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 

@@ -47,7 +47,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def times_text(result: dict[str, Any]) -> str:
-    """Return the time of a search, its planned time and its lower bound as text, each as a duration and in cells."""
+    """Return the actual time, the planned time and the minimum time of a search as text, each as a duration and in cells."""
     from shoal.search.episode import duration_text
 
     if result["makespan_s"] is None:
