@@ -282,7 +282,7 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the diagnostics to print: the first few of each kind for each mission, and the number of omitted diagnostics."""
+    """Return the lines to print: for each mission and kind of mistake, the first few diagnostics, and the number of the others."""
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
