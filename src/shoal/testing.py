@@ -173,7 +173,7 @@ def _place(workspace: GridWorkspace, rule: str) -> str:
 
 
 def _check_episodes(problem: SwarmProblem, trial: int) -> None:
-    """Check the first decision of a problem's policy, and check that three episodes end and are equal."""
+    """Check the first decision of a problem's policy, and check that three runs of one trial end and send equal commands."""
     policy, place, limit = problem.chosen_policy, _place(problem.place, problem.rule), problem.max_moves
     _check_view(policy, problem.place, problem.start, problem.rule)
     changed = problem.replaced(policy=copy.deepcopy(policy))

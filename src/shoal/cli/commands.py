@@ -51,7 +51,7 @@ GROUPS = {
     "sweep": "Run sweeps of trials that can be continued after any interruption, and examine their results.",
 }
 PANELS = {"swarm": "Swarm", "steering": "Steering", "search": "Search", "sweep": "Experiments", "reproduce": "Experiments"}
-"""Headings of the commands in the list of all commands, by the first word of a command's module."""
+"""Headings in the list of all commands. A command appears under the heading for the first word of its module's name."""
 SETTINGS: dict[str, Any] = {"help_option_names": ["-h", "--help"]}
 
 
@@ -81,7 +81,7 @@ def command(name: str) -> TyperCommand:
 
 
 def _summary(name: str) -> str:
-    """Read the first paragraph of a command's help from the source file of the command. Do not import the file."""
+    """Return the first paragraph of a command's help, read from the command's source file without importing the file."""
     module, function, _ = COMMANDS[name]
     place = Path(__file__).parent.joinpath(*module.split("."))
     source = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")

@@ -201,7 +201,7 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value of a field that a text on the command line describes."""
+    """Return the value of a field, converted from the text on the command line, or the default for a missing text."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
     if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):

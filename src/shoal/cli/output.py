@@ -221,7 +221,7 @@ FIGURES: dict[str, dict[str, str | None]] = {
     "steering": {"plan.png": None},
     "search": {"region.png": None, "timeline.png": "timeline"},
 }
-"""For each part with one episode per command, the files of its figures and their kinds (see `shoal.views.figure`)."""
+"""The figures of a steering or search episode: the name of each file, and the kind of its figure (see `shoal.views.figure`)."""
 
 SHORT_FILM = 200  # frames; the progress of shorter films is not shown
 

@@ -67,7 +67,7 @@ def replay(
 
 
 def _functions_of(episode: Any) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
-    """Return three functions for an episode: the first reports its result, the second writes its files, the third prints it."""
+    """Return three functions for an episode: to get the result as a dict, to write the output files, and to print the result."""
     if episode.part == "search":
         from shoal.cli.search.texts import print_search
 

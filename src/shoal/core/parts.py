@@ -81,9 +81,9 @@ def load_problem(path: str | os.PathLike[str], *, trust: bool = False) -> Proble
 
 
 def problem_for(place: Any, fields: Mapping[str, Any]) -> Problem:
-    """Make a problem of the first part, in the order swarm, search, steering, whose problem class has all given fields.
+    """Make a problem of the first part whose problem class has all given fields.
 
-    ``place`` is the map, the region or the workspace of the problem.
+    The order of the parts is swarm, search, steering. ``place`` is the map, the region or the workspace of the problem.
 
     Raises
     ------

@@ -47,9 +47,9 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
-"""For each id of an environment, its class, and the options that differ from the defaults of their fields.
+"""The class of each environment, by id, and the options for which the environment has another default than the problem.
 
-Each option can be changed in `gymnasium.make`.
+A call of `gymnasium.make` can change each option.
 """
 
 for _name, (_entry, _options) in REGISTERED.items():

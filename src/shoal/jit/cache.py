@@ -113,9 +113,9 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return the environments of a kernel that hold constants.
+    """Return those of a kernel's environments (Numba's objects for global data) that hold constants.
 
-    The function omits environments without constants, because loading them has no use but takes time for imports.
+    Environments without constants are useless, and loading them would take time for imports.
     """
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 

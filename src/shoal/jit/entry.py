@@ -67,7 +67,7 @@ class Kernel:
 def _named_apart(function: Callable[..., Any]) -> None:
     """Make the name of a kernel unique if the kernel is defined inside a function.
 
-    The unique name contains the names of the objects that the kernel encloses. The linker finds machine code by name. For kernels
+    The unique name contains the names of the objects in the kernel's closure. The linker finds machine code by name. For kernels
     with equal names, Numba adds a number that starts again in each process. Without unique names, the linker could confuse a kernel
     from the cache with a kernel that the process has compiled.
     """

@@ -1,4 +1,4 @@
-"""Folders for compiled kernels: beside the sources, the user's cache folder, the folder SHOAL_CACHE, or a private folder."""
+"""Folders for compiled kernels: the folder in SHOAL_CACHE, a folder beside the sources, the user's cache, or a private folder."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Archives of lowered kernels, one archive for each part of Shoal. Lowered means translated to LLVM code, but not optimized.
+"""Archives of lowered kernels, one for each folder ``kernels``. Lowered means translated to LLVM code, but not optimized.
 
 Type inference and translation to LLVM code take three quarters of the compilation time, and do not depend on the processor. LLVM
-optimizes the lowered code for the user's processor. Shoal uses an archive only if its kernels, the version of Numba and the
-platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal compiles a kernel from its
-source at the kernel's first call. The file docs/adr/0013-kernels-lowered-ahead.md contains the measurements of the compilation
+optimizes the lowered code for the user's processor. Shoal uses an archive only if the sources of the kernels, the version of Numba
+and the platform have not changed since ``make kernels`` wrote the archive. Without a usable archive, Shoal compiles a kernel from
+its source at the kernel's first call. The file docs/adr/0013-kernels-lowered-ahead.md contains the measurements of the compilation
 time.
 """
 
@@ -21,7 +21,7 @@ from shoal.jit.folders import stamp
 
 NAME = "lowered.zip"
 noted: dict[Path, dict[str, bytes]] | None = None
-"""Lowered code of the kernels compiled so far, by part and name. The value is None, except while ``make kernels`` runs."""
+"""Lowered code of the kernels compiled so far, by folder and name. The value is None, except while ``make kernels`` runs."""
 
 
 def _fitting(part: Path) -> bytes:
@@ -35,18 +35,18 @@ def _opened(part: Path) -> zipfile.ZipFile | None:
 
 
 def fits(part: Path) -> bool:
-    """Return whether the archive of a part matches the part's sources, this version of Numba and this platform."""
+    """Return whether the archive in a folder ``kernels`` matches the folder's sources, this version of Numba and this platform."""
     archive = _opened(part)
     return archive is not None and archive.comment == _fitting(part)
 
 
 def find(part: Path, kernel: str) -> bytes:
-    """Return the lowered code of a kernel from the archive of a part.
+    """Return the lowered code of a kernel from the archive in a folder ``kernels``.
 
     Raises
     ------
     LookupError
-        If the part has no archive, or if its archive is out of date or does not contain the kernel.
+        If the folder has no archive, or if the archive is out of date or does not contain the kernel.
     """
     archive = _opened(part)
     if archive is None or noted is not None or not fits(part):
@@ -61,7 +61,7 @@ def note(part: Path, kernel: str, content: bytes) -> None:
 
 
 def write(part: Path) -> Path:
-    """Write the archive of a part (swarm, steering or search) from the recorded kernels. Return the path of the archive."""
+    """Write the recorded kernels of a folder ``kernels`` to the folder's archive. Return the path of the archive."""
     with zipfile.ZipFile(part / NAME, "w", zipfile.ZIP_LZMA) as archive:
         for kernel, content in sorted((noted or {}).get(part, {}).items()):
             archive.writestr(zipfile.ZipInfo(kernel), content, zipfile.ZIP_LZMA)

@@ -127,7 +127,7 @@ def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
 
 @cache
 def _maker() -> tuple[Any, ...]:
-    """Return the data that determine machine code in addition to the kernels: versions, settings and the processor."""
+    """Return everything but the kernels' sources that determines machine code: versions, settings and the processor."""
     versions = (_folder_of_numba() / "_version.py").read_bytes(), llvmlite.__version__, sys.implementation.cache_tag
     settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
     return *versions, settings, binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()

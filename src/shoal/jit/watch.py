@@ -1,4 +1,4 @@
-"""A stopwatch without the time for compiling and loading kernels. The message that Shoal compiles kernels."""
+"""A stopwatch that does not count the time for loading and compiling kernels, and the text of the notice about compiling."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ _times = threading.local()
 
 
 class Compiling:
-    """A ``with`` block that loads or compiles kernels. The time of a block inside another block counts only once."""
+    """A context manager that measures the time for loading or compiling kernels. The time of nested blocks counts only once."""
 
     def __enter__(self) -> None:
         _times.depth = getattr(_times, "depth", 0) + 1

@@ -79,7 +79,7 @@ class Folder:
         return found
 
     def check_fields(self, data: Mapping[str, Any]) -> None:
-        """Refuse fields of a problem that name files outside the folder or pictures that are too large.
+        """Refuse a problem if one of its fields names a file outside the folder, or a picture that is too large.
 
         Raises
         ------

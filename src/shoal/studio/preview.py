@@ -32,7 +32,7 @@ class Preview:
         self._numbers = count()
 
     async def ask(self, what: str, about: dict[str, Any]) -> Any:
-        """Return the answer to a question of a page. `shoal.studio.answers` contains all questions.
+        """Return the answer to a question of a page. `shoal.studio.answers.ANSWERS` lists the questions.
 
         Raises
         ------

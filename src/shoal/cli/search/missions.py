@@ -259,12 +259,12 @@ def area_text(area: float) -> str:
 
 
 def zones_text(count: int) -> str:
-    """Return the number of no-go zones as a part of a region's description; an empty text without no-go zones."""
+    """Return the number of no-go zones as text, to append to the description of a region. For no zones, the text is empty."""
     return f", {count} no-go zone{'s' * (count > 1)}" if count else ""
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return the margin from the border and the unseen area as a part of a region's description; an empty text for margin 0."""
+    """Return a text, to append to the description of a region, with the area that cannot be seen because of the margin."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
@@ -307,7 +307,7 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the diagnostics to print: the first few of each kind for each mission, and the number of omitted diagnostics."""
+    """Return the lines to print: for each mission and kind of mistake, the first few diagnostics, and the number of the others."""
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()

@@ -50,7 +50,7 @@ def print_search(episode: SearchEpisode, result: dict[str, Any], written: list[P
 
 
 def times_text(result: dict[str, Any]) -> str:
-    """Return the time of a search, its planned time and its lower bound as text.
+    """Return the actual time, the planned time and the minimum time of a search as text.
 
     Examples
     --------

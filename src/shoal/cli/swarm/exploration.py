@@ -137,7 +137,7 @@ def print_trials(episodes: list[SwarmEpisode], result: dict[str, Any], written: 
 
 
 def _policy_text(episode: SwarmEpisode) -> str:
-    """Return the name of an episode's policy; for the policy that ``best`` means, the text is ``best (NAME)``."""
+    """Return the name of an episode's policy. If the name ``best`` is an alias of the policy, return ``best (NAME)``."""
     from shoal.swarm.policies import POLICIES
 
     best: str = vars(POLICIES.get("best"))["kind"]

@@ -177,7 +177,7 @@ def schedule(
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
-    """Return the data of a scan schedule: name, moves and scans at the largest distance, and worst case over all distances."""
+    """Return the data of a schedule: its name, the moves and scans for the largest distance, and its worst ratio."""
     cost = schedule.cost(best.max_distance)
     worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
     return {
@@ -200,7 +200,7 @@ def _float(ratio: Any) -> float | None:
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
     """Return all positions at which a schedule scans, or None if it has too many positions to list.
 
-    The steps of a schedule with too many positions to list are all equal.
+    In a schedule with too many positions, the distances between successive scans are all equal.
     """
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None

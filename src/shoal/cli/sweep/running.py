@@ -95,8 +95,8 @@ def run(
 def live(name: str) -> Iterator[Callable[[SweepProgress], None] | None]:
     """Show the progress of a sweep on stderr while the ``with`` block runs: finished trials, rate, remaining time and failures.
 
-    On a terminal, the progress is one line that changes. Elsewhere, the function prints a line after every tenth of the trials,
-    but not more often than every four seconds, and after a minute without a line.
+    On a terminal, the progress is one line that changes. Elsewhere, the function prints a line after every tenth of the trials (but
+    at most one line in four seconds), and also after a minute without a line.
     """
     if sys.stderr is None:
         yield None

@@ -17,7 +17,7 @@ MAX_POINTS = 100_000
 
 
 class RangeForm(BaseModel):
-    """An axis as a range, given by the fields from, to and step, or by the fields from, to and count.
+    """An axis as a range, given by its ends ``from`` and ``to``, and by either ``step`` or ``count``.
 
     The range includes its end ``to`` if the steps reach it.
     """

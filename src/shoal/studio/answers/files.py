@@ -1,4 +1,4 @@
-"""Answers to requests of every page of the studio: the folder's episodes, and a problem as Python code, command or file."""
+"""Answers that all pages of the studio use: episodes for the player, and a problem as Python code, command or file."""
 
 from __future__ import annotations
 

@@ -65,13 +65,13 @@ def plan(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 class _Canvas:
-    """The coordinates in which a page draws: metres in the frame of the region, or around another position on Earth."""
+    """The coordinates in which a page draws: metres in the region's own local frame, or in the frame around another position."""
 
     def __init__(self, own: LocalFrame | None, shown: LocalFrame | None) -> None:
         self.own, self.shown = own, own if shown is None or own is None else shown
 
     def points(self, metres: Any) -> list[Any]:
-        """Return points in the page's coordinates in metres, rounded to a centimetre."""
+        """Convert points from metres in the region's frame to the page's coordinates, and round to a centimetre."""
         given = np.asarray(metres, dtype=np.float64).reshape(-1, 2)
         if self.own is not None and self.shown is not None and self.shown != self.own and len(given):
             given = self.shown.to_metres(self.own.to_degrees(given))

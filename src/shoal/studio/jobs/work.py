@@ -173,7 +173,7 @@ def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, 
 
 
 def reproduce_figures(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Reproduce one figure of the papers, or all figures of the papers and the page of results."""
+    """Reproduce one figure of the papers; or, without the name of a figure, reproduce all figures and write a page of results."""
     from shoal.papers.reproduce import recipes, reproduce, reproduce_all
 
     name, quick, out = spec.get("name"), spec.get("quick") is not False, folder.path(PAPERS)
