@@ -158,8 +158,7 @@ def decide_tilts(field, mapping, policy_state):
 def follow(field, policy_state, command):
     """Update the cell of the driven particle (the particle that the policy guides) after a command.
 
-    If the cell ahead now holds a particle, this particle is the driven particle from now on. Return whether the cell ahead holds a
-    particle.
+    If the cell ahead now holds a particle, this particle is driven from now on. Return whether the cell ahead holds a particle.
     """
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
@@ -322,10 +321,7 @@ def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
 
 @in_place_kernel
 def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy closest-frontier, a given plan, or commands drawn in advance.
-
-    The arguments are those of ``play`` in `player`.
-    """
+    """Play closest-frontier, a given plan, or commands drawn in advance. The arguments are those of ``play`` in `player`."""
     return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
