@@ -137,7 +137,7 @@ class NoisyBelief:
     def spread(self, command: str) -> None:
         """Update the belief after a command without a scan.
 
-        Spread the probable positions of the particles, and leave the log-odds of all cells unchanged.
+        Spread the probability of each particle over the cells that the particle may have entered. The log-odds stay unchanged.
         """
         self.spread_code(encode(command, ndim=self.layout.ndim)[0])
 

@@ -49,7 +49,9 @@ def make_policy(policy: str | Policy) -> Policy:
 
 
 def shown_name(policy: Policy, given: str | Policy) -> str:
-    """Return the name of a policy for people. If ``given`` is a text "module:attribute:options", the name ends with the options.
+    """Return the name of a policy for output that people read.
+
+    If ``given`` is a text "module:attribute:options", the name ends with the options.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ class Field(NamedTuple):
 
 @in_place_kernel
 def segments(field, command):
-    """Return (lines, words between their starts, first word, words per line, words to the next row) for a command across rows.
+    """Return (lines, words from line to line, first word, words per line, words to the next row) for a command across rows.
 
     A line consists of consecutive words that have a next row. For the commands u and i, the next row has a negative distance, and
     kernels process a line from its first word. For the commands d and o, kernels process a line from its last word.
@@ -87,8 +87,9 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
     Of the cells that particles try to enter, write to ``tried`` the cells that ``board`` contains if ``flip`` is 0, and the cells
-    that ``board`` does not contain if ``flip`` is ALL. Return the union of all words of ``tried`` as one word, and the number of
-    moved particles. If ``counted`` is None, the kernel saves the time for counting, and returns 0 as the number of moved particles.
+    that ``board`` does not contain if ``flip`` is ALL. Return a word that is nonzero if ``tried`` contains a cell, and the number
+    of moved particles. If ``counted`` is None, the kernel saves the time for counting, and returns 0 as the number of moved
+    particles.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):

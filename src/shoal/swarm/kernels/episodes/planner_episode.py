@@ -15,7 +15,7 @@ from shoal.swarm.kernels.prediction.lookahead import copy
 from shoal.swarm.kernels.prediction.occupancy_prior import learn_from_command
 
 GREEDY, ROLLOUT = 6, 7  # codes of planners, which continue the policy codes of `policy_episode`
-FADING = 8  # number of moves that classify cells: the moving average of prediction errors covers about so many moves
+FADING = 8  # the moving average of prediction errors covers about this many moves that find free cells
 
 
 @in_place_kernel
@@ -28,10 +28,7 @@ def choose(code, field, mapping, planner):
 
 @in_place_kernel
 def measure_surprise(field, planner):
-    """Count the new free cells and the surprises, which are new free cells that were not predicted to be free.
-
-    ``memory.surprise`` is the moving average of the share of surprises.
-    """
+    """Update ``memory.surprise``: the moving average of the share of new free cells that were not predicted to be free."""
     memory, before, predicted = planner.memory, planner.prior.before, planner.prediction.open
     found, surprises = 0, 0
     for i in range(before.shape[0]):

@@ -156,9 +156,9 @@ def decide_tilts(field, mapping, policy_state):
 
 @in_place_kernel
 def follow(field, policy_state, command):
-    """Make the particle in the cell ahead the driven particle, which is the particle that the policy guides.
+    """Update the cell of the driven particle (the particle that the policy guides) after a command.
 
-    Return whether the cell ahead holds a particle.
+    If the cell ahead now holds a particle, this particle is driven from now on. Return whether the cell ahead holds a particle.
     """
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
@@ -228,7 +228,7 @@ def end_run(field, policy_state, scan_planner, given):
 
 
 def player(decide, notice):
-    """Return the kernels begin_run and play for one policy, compiled with only the kernels ``decide`` and ``notice`` of the policy.
+    """Return the kernels begin_run and play for one policy, compiled with only this policy's kernels ``decide`` and ``notice``.
 
     Each policy of this module has its own ``play``. The codes MANUAL (a given plan) and RANDOM (commands drawn in advance) work
     with every ``play``.
@@ -321,29 +321,29 @@ def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
 
 @in_place_kernel
 def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy closest-frontier, a given plan, or commands drawn in advance. See `player` for the arguments."""
+    """Play closest-frontier, a given plan, or commands drawn in advance. The arguments are those of ``play`` in `player`."""
     return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy closest-frontier under the rule tilt. See `player` for the arguments."""
+    """Play the policy closest-frontier under the rule tilt. The arguments are those of ``play`` in `player`."""
     return _play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_elect(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy elect-particle. See `player` for the arguments."""
+    """Play the policy elect-particle. The arguments are those of ``play`` in `player`."""
     return _play_elect(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy depth-first. See `player` for the arguments."""
+    """Play the policy depth-first. The arguments are those of ``play`` in `player`."""
     return _play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy sweep. See `player` for the arguments."""
+    """Play the policy sweep. The arguments are those of ``play`` in `player`."""
     return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)

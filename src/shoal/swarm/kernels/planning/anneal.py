@@ -1,7 +1,8 @@
 """Simulated annealing of a plan for a known map.
 
-Annealing keeps a random change if the plan becomes shorter or only a little longer. To judge a change, the kernel simulates only
-the moves after the change, because it stores intermediate states at regular intervals.
+Annealing keeps a random change if the plan becomes shorter, and often also if the plan becomes only a little longer. The kernel
+stores the states along the plan at regular intervals. To judge a change, the kernel simulates the plan only from the last stored
+state before the change.
 
 Source: Kirkpatrick, Gelatt and Vecchi, Optimization by simulated annealing, Science 220 (1983). The kinds of changes are an
 addition by Shoal (docs/concepts/planners.md).
@@ -26,7 +27,7 @@ _FINENESS = 1 << 30  # number of different random numbers between 0 and 1
 
 
 class AnnealedPlan(NamedTuple):
-    """The plans during annealing, and the states along the current plan."""
+    """The current, the changed and the shortest plan during annealing, and the stored states along the current plan."""
 
     plan: NDArray[np.int8]  # the current plan
     trial: NDArray[np.int8]  # a changed copy of the current plan
@@ -40,7 +41,7 @@ def change(planner, plans, length):
     """Write a changed copy of the current plan to the trial plan.
 
     The place and the kind of the change are random. The kinds are: replace one command; insert 1, 2, 4 or 8 equal commands; remove
-    1, 2, 4 or 8 commands; overwrite 1, 2, 4 or 8 commands with equal commands; or replace up to four commands by one command.
+    1, 2, 4 or 8 commands; overwrite 1, 2, 4 or 8 commands with one repeated command; or replace up to four commands by one command.
     Return the index of the first changed move and the length of the trial plan.
     """
     plan, trial = plans.plan, plans.trial
@@ -72,7 +73,7 @@ def finish(planner, state, plan, at, length, limit):
     """Simulate a plan from move ``at`` on, beginning with ``state``, and append commands until no frontier cell is left.
 
     The greedy base policy chooses the appended commands. Return the number of moves in the whole plan, and the number of simulated
-    moves. If the plan needs more than ``limit`` moves, the number of moves in the plan is given as ``limit + 1``.
+    moves. If the whole plan needs more than ``limit`` moves, the first number is ``limit + 1``.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)
@@ -113,10 +114,10 @@ def keep_states(planner, plans, at, length):
 
 @in_place_kernel
 def anneal(planner, plans, length, fewest, heat, budget):
-    """Change the plan, which begins at ``planner.root``, at random until the kernel has simulated ``budget`` moves.
+    """Change the current plan at random until the kernel has simulated ``budget`` moves.
 
-    The kernel accepts a plan that is longer by x moves with the probability exp(-x / heat). Return the lengths of the current plan
-    and of the shortest plan, and the number of simulated moves.
+    The plan begins at the state ``planner.root``. The kernel accepts a plan that is longer by x moves with the probability
+    exp(-x / heat). Return the lengths of the current plan and of the shortest plan, and the number of simulated moves.
     """
     plan, trial, room = plans.plan, plans.trial, plans.plan.shape[0] - 2 * LONGEST_CHANGE
     copy_state(planner.root, plans.kept[0])

@@ -57,9 +57,9 @@ def lowest_value(values, size):
 
 @in_place_kernel
 def search_beam(scene, root, beam, gains, discount, width, depth):
-    """Search from the state ``root``. Return (half of ``beam`` with the leaves, number of leaves, number of simulated moves).
+    """Search from the state ``root``. Return (index of the half of ``beam`` with the leaves, number of leaves, simulated moves).
 
-    The search ranks states by the discounted number of classified cells.
+    The leaves are the states at the last depth. The search ranks states by the discounted number of classified cells.
     """
     copy_state(root, beam.states[0, 0])
     beam.values[0, 0], beam.marks[0, 0] = 0.0, digest(root)
@@ -98,7 +98,7 @@ def search_beam(scene, root, beam, gains, discount, width, depth):
 
 @in_place_kernel
 def take_best(values, size):
-    """Return the index of the best leaf, and clear the leaf's value, so that the next call returns the next best leaf."""
+    """Return the index of the best leaf, and clear the value of this leaf, so that the next call returns the next best leaf."""
     best = 0
     for i in range(1, size):
         if values[i] > values[best]:

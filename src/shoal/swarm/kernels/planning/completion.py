@@ -1,9 +1,9 @@
 """Completion of a simulated plan by a base policy: commands that classify cells, or the path to the nearest frontier cell.
 
-The base policy has two styles. The greedy style chooses the command that classifies most cells with one move. The careful style
-subtracts a charge for each frontier cell that a command leaves behind. A frontier cell is left behind if it is beside a particle
-before the command, and beside no particle after the command. In a corridor, the careful style probes both walls before the
-particles move on.
+The base policy has two styles. The greedy style chooses the command that classifies the most cells with one move. The
+careful style subtracts a charge for each frontier cell that a command leaves behind. A frontier cell is left behind if it is beside
+a particle before the command, and beside no particle after the command. In a corridor, the careful style probes both walls before
+the particles move on.
 
 The kernel keeps states at regular intervals of the plan. If a plan begins like the best plan so far, the simulation starts from the
 last kept state before the first different command.
@@ -26,12 +26,15 @@ from shoal.swarm.kernels.records import record_type
 GREEDY, CAREFUL = np.int64(0), np.int64(1)  # NumPy numbers, because Numba would compile a kernel again for each literal argument
 EVERY = 8  # number of moves between two kept states
 BEST, TRIAL = 0, 1  # the plans with kept states: the best plan so far, and the plan in simulation
-LEAD, BEHIND = 16, 2.0  # moves after the first changed command, and missing cells, from which a plan is behind the best plan
+LEAD, BEHIND = 16, 2.0  # `is_behind` applies from LEAD moves after the first changed command on; BEHIND counts cells
 PROGRESS = record_type(np.float64, "value", "weight", "last", "finished", "total")  # results up to a kept state
 
 
 class KeptStates(NamedTuple):
-    """The states of two plans after each ``EVERY`` moves. Place 0, for the beginning of a plan, is not used."""
+    """The states that two plans reach after ``EVERY``, 2 ``EVERY``, 3 ``EVERY``, ... moves, and the results up to these states.
+
+    Place k holds the state after k ``EVERY`` moves. Place 0 is not used.
+    """
 
     states: NDArray[np.uint64]  # (2, places, boards, words)
     progress: Any  # (2, places) records of PROGRESS
@@ -48,7 +51,7 @@ def keep_best(kept, begin, length):
 
 @in_place_kernel
 def most(gains, last):
-    """Return the command that classifies most cells, or -1 if no command classifies a cell.
+    """Return the command that classifies the most cells, or -1 if no command classifies a cell.
 
     Among equally good commands, prefer ``last``, which is the previous command of the plan.
     """
@@ -101,7 +104,11 @@ def left_behind(scene, occupied, at_hand, still):
 
 @in_place_kernel
 def is_behind(trial, best):
-    """Return whether a plan has classified over ``BEHIND`` cells fewer than the best plan, and has a smaller discounted number."""
+    """Return whether a plan is clearly worse than the best plan after the same number of moves.
+
+    The plan is clearly worse if it has classified over ``BEHIND`` cells fewer than the best plan, and if the discounted number of
+    its classified cells is also smaller.
+    """
     return trial.total < best.total - BEHIND and trial.value < best.value
 
 

@@ -32,9 +32,9 @@ def begin_waves(scene, state, planes):
 def spread(scene, planes, frontier, level):
     """Add the cells at the path length ``level``, including rim cells, to their plane.
 
-    Return two words: the union of the words of all added cells, and the union of the words of the added frontier cells. Three
-    planes hold all path lengths in turn, so the plane of the previous path length may hold cells at smaller path lengths. The
-    search has already reached all neighbours of cells at smaller path lengths.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
+    frontier cell. Three planes hold all path lengths in turn, so the plane of the previous path length may also hold cells at
+    smaller path lengths. These cells have no effect, because the search has already reached all their neighbours.
     """
     wave, mark, unreached = planes[MOD + (level - 1) % 3], planes[MOD + level % 3], planes[UNREACHED]
     width, layer, size, some, hits = scene.width, scene.width * scene.rows, wave.shape[0], ZERO, ZERO
@@ -62,7 +62,8 @@ def spread(scene, planes, frontier, level):
 def join(near, unreached, mark, frontier):
     """Add the unreached cells among ``near`` to the plane ``mark``.
 
-    Return two words: the union of the words of all added cells, and the union of the words of the added frontier cells.
+    Return two words: the first is nonzero if the kernel has added a cell, and the second is nonzero if the kernel has added a
+    frontier cell.
     """
     some, hits = ZERO, ZERO
     for i in range(mark.shape[0]):
@@ -76,7 +77,10 @@ def join(near, unreached, mark, frontier):
 
 @in_place_kernel
 def trace(scene, state, planes, index, level, plan, at):
-    """Write the path to a frontier cell in word ``index``, at path length ``level``. Where possible, the path goes straight on."""
+    """Write to ``plan[at:]`` the path to the first frontier cell in word ``index`` of the boards.
+
+    The path has ``level`` commands and goes straight on wherever possible.
+    """
     hits = planes[MOD + level % 3, index] & state[FRONTIER, index]
     row, column = index // scene.width, 64 * (index % scene.width) + lowest(hits)
     last = 0

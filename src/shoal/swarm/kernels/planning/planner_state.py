@@ -20,9 +20,9 @@ from shoal.swarm.kernels.records import record_type
 WHOLE = 1 << 20  # denominator of fractions that records store as whole numbers
 MEMORY = record_type(
     np.int64,
-    "plan_at", "plan_length",  # index of the next command in the incumbent; length of the incumbent
+    "plan_at", "plan_length",  # index of the next command in the incumbent (the best plan so far); length of the incumbent
     "quiet",  # number of moves since the last classification
-    "forced",  # number of commands left of a path that the planner sends completely
+    "forced",  # number of commands left to send, while the planner sends a whole path
     "random",  # state of the generator of random numbers
     "simulated",  # number of moves simulated so far
     "remaining",  # number of frontier cells
@@ -68,7 +68,7 @@ def draw(planner, limit):
 
 @in_place_kernel
 def next_command(planner):
-    """Return the next command of the incumbent, or -1 at the end of the incumbent."""
+    """Return the next command of the incumbent (the best plan so far), or -1 at the end of the plan."""
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:
         return -1
@@ -78,7 +78,10 @@ def next_command(planner):
 
 @in_place_kernel
 def force(field, planner):
-    """Set the incumbent to the path to the nearest frontier cell. A whole path always classifies a cell, so every episode ends."""
+    """Replace the incumbent (the best plan so far) by the path to the nearest frontier cell.
+
+    A whole path always classifies a cell, so every episode ends.
+    """
     memory = planner.memory
     take_state(field, planner.root)
     for i in range(field.open.shape[0]):
@@ -90,9 +93,9 @@ def force(field, planner):
 
 @in_place_kernel
 def take_greedily(field, planner):
-    """Set the incumbent to the command that classifies most cells with one move, or to the path to the nearest frontier cell.
+    """Replace the incumbent (the best plan so far) by the command that classifies the most cells with one move.
 
-    The function uses the path to the nearest frontier cell only if no single command classifies a cell.
+    If no single command classifies a cell, the new incumbent is the path to the nearest frontier cell.
     """
     memory = planner.memory
     take_state(field, planner.root)
@@ -105,9 +108,10 @@ def take_greedily(field, planner):
 
 @in_place_kernel
 def choose_greedy(field, planner):
-    """Return the next command of the policy greedy-classify, or -1 without a command.
+    """Return the next command of the policy greedy-classify, or -1 if no command is left.
 
-    The policy sends the command that classifies most cells with one move, or the commands of the path to the nearest frontier cell.
+    The policy sends the command that classifies the most cells with one move. If no single command classifies a cell, the policy
+    sends the commands of the path to the nearest frontier cell.
     """
     memory = planner.memory
     if memory.plan_at >= memory.plan_length:

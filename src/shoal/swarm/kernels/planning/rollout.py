@@ -47,13 +47,13 @@ def is_brief(planner):
 
 @in_place_kernel
 def evaluate(planner, shared, length, best, few, style):
-    """Complete the trial plan, and make it the incumbent if its value is above ``best``.
+    """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent (the best plan so far).
 
     Return the value of the trial plan or ``best``, whichever is higher. The trial plan begins with the first ``shared`` commands of
-    the incumbent. If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify.
-    If the planner simulates plans only up to a near horizon, ``few`` is 0. If ``few`` is 0, the value of a plan is the discounted
-    number of classified cells. If ``few`` is above 0, the value of a plan is a weight times the discounted number of classified
-    cells, minus the number of moves.
+    the incumbent. If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify,
+    and the value of a plan is a weight times the discounted number of classified cells, minus the number of moves. With reliable
+    predictions, the number of moves includes an estimate of the moves for cells that are left at the horizon. If the planner
+    simulates plans only up to a near horizon, ``few`` is 0, and the value of a plan is the discounted number of classified cells.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
@@ -95,7 +95,7 @@ def evaluate(planner, shared, length, best, few, style):
 
 @in_place_kernel
 def search_plans(planner):
-    """Replace the incumbent by the best plan that the search finds."""
+    """Replace the incumbent (the plan that the planner follows) by the best plan that the search finds."""
     memory, trial, options = planner.memory, planner.trial, planner.options
     remaining = count(planner.root[FRONTIER])
     few = 0.0
@@ -152,7 +152,7 @@ def run(planner, command):
 
 @in_place_kernel
 def try_leaves(planner, best, few):
-    """Complete the best leaves of the beam search. Return the value of the best plan."""
+    """Complete the plans that end at the best leaves of the beam search. Return the value of the best plan so far."""
     options, beam, trial = planner.options, planner.beam, planner.trial
     if options.beam_leaves == 0:
         return best
@@ -173,11 +173,10 @@ def try_leaves(planner, best, few):
 def vary(planner):
     """Write a random variation of the incumbent to the trial plan.
 
-    Each variation begins like the incumbent up to a random place. The first kind of variation continues with one random command,
-    and drops the rest of the incumbent. The second to the fourth kind of variation are possible only with ``run_candidates`` above
-    0. The second kind of variation continues with 1, 2, 4 or 8 equal commands, and drops the rest of the incumbent. The third kind
-    of variation inserts 1, 2, 4 or 8 equal commands. The fourth kind of variation removes 1, 2, 4 or 8 commands. Return the number
-    of commands before the first change, and the length of the variation.
+    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function replaces the rest
+    of the incumbent by one random command, replaces the rest by 1, 2, 4 or 8 equal commands, inserts 1, 2, 4 or 8 equal commands,
+    or removes 1, 2, 4 or 8 commands. If ``run_candidates`` is 0, only the first of these four changes is possible. Return the
+    number of commands before the change, and the length of the variation.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)
@@ -203,7 +202,7 @@ def vary(planner):
 
 @in_place_kernel
 def choose_rollout(field, mapping, planner):
-    """Return the next command of the policies rollout and beam-rollout, or -1 without a command."""
+    """Return the next command of the policy rollout or beam-rollout, or -1 if no command is left."""
     memory, options = planner.memory, planner.options
     saved = SAVINGS if options.budget < BRIEF else 1.0
     memory.credit = int(min(memory.credit + options.budget, saved * options.budget))

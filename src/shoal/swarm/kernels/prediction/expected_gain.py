@@ -1,9 +1,9 @@
-"""Expected number of cells that a run of equal commands classifies, with the learned probability that free space continues.
+"""Expected number of cells that a run of equal commands classifies, computed from learned probabilities of free cells.
 
 For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
-unknown cell on the path. The run classifies a later unknown cell only if all cells before it on the path are free. The scan rule
-learns the probability of a free cell only from the present episode. The probability of a free cell is the fraction of free cells
-among the classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
+unknown cell on the path. The run classifies a later unknown cell only if all cells before it on the path are free. The adaptive
+scan rule learns the probability of a free cell only from the present episode. The probability of a free cell is the fraction of
+free cells among the classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def learn_from_run(field, gain, command):
             cell = 64 * i + lowest(new)
             number = around(field.open, prior.before, cell, step, side)
             if number < BEHIND and is_free(field.open, cell - 2 * step):
-                number += BEHIND  # the particle has passed the cell two steps behind in the present run
+                number += BEHIND  # the particle has passed the cell two steps behind in this run, so that cell is free
             learn(prior, number, cell, is_free(field.open, cell))
             new &= new - ONE
 
@@ -64,7 +64,7 @@ def on_rim(field, columns, row, column):
 
 @in_place_kernel
 def look_ahead(field, gain, row, column, command):
-    """Add the expected classifications of one particle on its path to ``gain.gains``.
+    """Add to ``gain.gains`` the expected number of cells that one particle classifies with each step of a run.
 
     The path ends at the next particle, which classifies the cells beyond it.
     """
@@ -84,7 +84,7 @@ def look_ahead(field, gain, row, column, command):
             return
         cell = 64 * width * row + column
         number = around(field.open, field.known, cell, step, side)
-        if moves >= 3 and number < BEHIND:  # the cell two steps behind is unknown, but the path has passed the cell
+        if moves >= 3 and number < BEHIND:  # the path has passed the unknown cell two steps behind, so that cell counts as free
             number += BEHIND
         likely *= chance(gain.prior, 0, number, cell)
         if likely < _LEAST:
@@ -93,7 +93,7 @@ def look_ahead(field, gain, row, column, command):
 
 @in_place_kernel
 def gains_of_runs(field, gain, command):
-    """Write the expected number of cells that each step of a run in one direction classifies."""
+    """Write to ``gain.gains`` the expected number of cells that each step of a run in the direction ``command`` classifies."""
     gains = gain.gains[command]
     for step in range(gains.shape[0]):
         gains[step] = 0.0
@@ -107,7 +107,7 @@ def gains_of_runs(field, gain, command):
 
 @in_place_kernel
 def best_length(gain, command, least):
-    """Return (number of steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
+    """Return (number of steps, classified cells per cost) of the best run in one direction that has ``least`` steps or more."""
     gains = gain.gains[command]
     classified, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):

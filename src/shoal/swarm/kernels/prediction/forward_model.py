@@ -1,7 +1,8 @@
 """Forward model: simulation of commands on the predicted map, without any effect on the running episode.
 
-A state consists of three boards (sets of cells): particles, frontier cells, and unseen cells. In mapping and in coverage, the
-forward model classifies a frontier cell when a particle tries to enter it. In coverage, a particle that tries to enter a frontier
+A state consists of three boards (sets of cells): the cells of the particles, the frontier cells, and the unseen cells, which are
+the unknown cells outside the frontier. In mapping and in coverage, the forward model classifies a frontier cell when a particle
+tries to enter it. In coverage, a particle that tries to enter a frontier
 cell always succeeds, because a frontier cell is free and holds no particle.
 """
 
@@ -102,7 +103,7 @@ def advance(scene, state, command):
 def push(scene, occupied, frontier, command):
     """Move the particles in place. Write to ``scene.tried`` the frontier cells that a particle tries to enter.
 
-    Return the union of all words of ``scene.tried`` as one word.
+    Return a word that is nonzero if ``scene.tried`` contains a cell.
     """
     if command == LEFT or command == RIGHT:
         return shift_along(occupied, scene.ground, frontier, ZERO, scene.tried, scene.moving, command, scene.rule, None)[0]
@@ -169,7 +170,7 @@ def count(board):
 
 @in_place_kernel
 def directions(scene):
-    """Return the number of commands: 4 in two dimensions, 6 in three dimensions."""
+    """Return the number of different commands: 4 in two dimensions, 6 in three dimensions."""
     return 4 if scene.layers == 1 else 6
 
 

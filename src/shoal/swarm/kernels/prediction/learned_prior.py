@@ -62,7 +62,7 @@ def part_of_row(board, begin, width, column):
 
 @in_place_kernel
 def look(learned, opened, known, cell, command):
-    """Cut out the window around a cell that a command enters. Return a hash of the window."""
+    """Cut out the window around a cell that a particle would enter with ``command``. Return a hash of window and command."""
     width = learned.width
     row, column = (cell >> 6) // width - RADIUS, (cell >> 6) % width * 64 + (cell & 63) - RADIUS
     mark = np.uint64(command)
@@ -111,7 +111,7 @@ def add_weights(learned, size):
 
 @in_place_kernel
 def log_odds(learned, command):
-    """Return the log-odds that the network computes for the present window, in units of 1 / ODDS nat."""
+    """Return the log-odds that the network computes for the window that `look` has cut out, in units of 1 / ODDS nat."""
     sums, none = learned.sums, np.int16(0)
     for i in range(sums.shape[0]):
         sums[i] = learned.first_bias[i]
@@ -133,7 +133,7 @@ def log_odds(learned, command):
 
 @in_place_kernel
 def learned_chance(learned, opened, known, cell, command):
-    """Return the probability that a cell is free if a command moves a particle into the cell."""
+    """Return the network's probability that a cell is free. A particle would enter the cell with the command ``command``."""
     mark = look(learned, opened, known, cell, command)
     if learned.marks[cell] != mark:
         learned.marks[cell] = mark

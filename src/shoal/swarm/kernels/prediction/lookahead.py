@@ -1,8 +1,8 @@
-"""Search for a path through known cells, after which one more command and a scan classify most cells.
+"""Search for the path through known cells after which one more command and a scan classify the most cells per cost.
 
-If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search looks for two shifts, in
-perpendicular directions, that bring many particles beside unknown cells. After the two shifts, many particles try to enter unknown
-cells with one command.
+If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search looks for two shifts (runs
+of equal commands), in perpendicular directions, that bring many particles beside unknown cells. After the two shifts, many
+particles try to enter unknown cells with one command.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Lookahead(NamedTuple):
 
 @in_place_kernel
 def tried(field, occupied, command):
-    """Return the number of unknown cells that the particles in the cells ``occupied`` would try to enter."""
+    """Return the number of unknown cells that particles in the cells ``occupied`` would try to enter with one command."""
     known, size = field.known, field.known.shape[0]
     total = 0
     if command == LEFT:
@@ -80,7 +80,7 @@ def shift(field, predicted_field, command, rule):
 
 @in_place_kernel
 def best_last_command(field, lookahead, occupied, prices, steps, rate):
-    """Return the best last command for the shifted particles, and its rate of classified cells per cost.
+    """Return the best last command for particles in the cells ``occupied``, and its rate of classified cells per cost.
 
     If no command has a higher rate than ``rate``, return -1 and ``rate``.
     """

@@ -1,4 +1,4 @@
-"""Prediction of the unknown cells behind the frontier by the experts of `occupancy_prior`, in layers of cells.
+"""Prediction of free cells on and behind the frontier, layer by layer, by the experts of `occupancy_prior`.
 
 The first layer is the frontier. Each later layer consists of the unknown neighbours of cells that are predicted to be free.
 """
@@ -15,7 +15,7 @@ from shoal.swarm.kernels.dynamics.bits import ONE, ZERO, lowest
 from shoal.swarm.kernels.prediction.learned_prior import learned_chance
 from shoal.swarm.kernels.prediction.occupancy_prior import LEARNED, LEAST, MODELS, PAIRS, around, counted_chance, place, steps_of
 
-UNLIKELY = 0.25  # probability below which the kernel predicts a wall before it predicts free cells
+UNLIKELY = 0.25  # probability of a free cell below which the kernel predicts a wall
 FEWEST = 4  # minimum number of classified cells with similar surroundings for the prediction of a wall
 UNDECIDED, WALL, FREE = 0, 1, 2
 NOT_ASKED = -1.0
@@ -89,9 +89,9 @@ def ask_learned(prediction, learned, cell):
 
 @in_place_kernel
 def find_walls(prediction, prior, learned, size):
-    """Predict as walls the cells of the layer that are hardly ever free, before `find_free` predicts free cells.
+    """Predict a wall in each cell of the layer that is probably not free.
 
-    With predicted walls, the experts recognize the corridors between the walls.
+    The kernel predicts walls before `find_free` predicts free cells, because the experts recognize corridors between known walls.
     """
     opened, known, seen, share = prediction.open, prediction.known, prior.tallies[1:], prior.weights[LEARNED]
     directions = 4 if prediction.layers == 1 else 6

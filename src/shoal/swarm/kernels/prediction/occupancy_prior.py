@@ -1,14 +1,14 @@
-"""Probability that a cell is free: a mean of several experts, weighted by their predictions in the episode so far.
+"""Probability that a cell is free: a mean over several experts, weighted by their success in the episode so far.
 
 The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. The
-fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. The surroundings of a cell are five cells:
-the cell behind the free neighbour from which a particle enters, the two cells beside this neighbour, and the two cells beside the
-cell itself. Model m > 0 uses the surroundings and the position of the cell modulo 2 to the power m, because corridors of mazes,
-trees and chips often lie on a lattice. In each episode, the count experts start without counts. The last expert is a network
-trained on maps (`learned_prior`).
+fine surroundings of a cell are five cells: the cell behind the free neighbour from which a particle enters, the two cells beside
+this neighbour, and the two cells beside the cell itself. The coarse surroundings are the first three of these five cells. The
+fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0 uses the surroundings and the
+position of the cell modulo ``2**m``, because corridors of mazes, trees and chips often lie on a lattice. In each episode, the count
+experts start without counts. The last expert is a network trained on maps (`learned_prior`).
 
-When a cell is classified, every expert estimates the probability of a free cell before it learns the result. The weight of an
-expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
+When a cell is classified, every expert estimates the probability of a free cell before the expert learns the result. The weight of
+an expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
 weight is distributed evenly, so that another expert can gain weight again.
 
 Sources: docs/concepts/prediction.md; Dawid, Statistical theory: the prequential approach, Journal of the Royal Statistical Society
@@ -45,7 +45,7 @@ class OccupancyPrior(NamedTuple):
     # (places, 2): number of classified cells, number of free cells among the classified cells; row 0 is for all cells
     tallies: NDArray[np.int64]
     weights: NDArray[np.float64]  # (EXPERTS,): weights with sum 1; 0 for an unused expert
-    told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last cell is free
+    told: NDArray[np.float64]  # (EXPERTS,): each expert's probability that the last classified cell is free
     before: NDArray[np.uint64]  # the cells known before the last command
     layers: int
     rows: int  # rows per layer
@@ -53,7 +53,7 @@ class OccupancyPrior(NamedTuple):
 
 
 def size_of(layers: int) -> int:
-    """Return the number of tallies that the count experts need for a map with ``layers`` layers."""
+    """Return the number of tallies (pairs of counts) that the count experts need for a map with ``layers`` layers."""
     axes = 2 if layers == 1 else 3
     return 1 + sum((COARSE + FINE) << (model * axes) for model in range(MODELS))
 
@@ -68,7 +68,7 @@ def state_of(opened, known, cell):
 
 @in_place_kernel
 def steps_of(rows, width, command):
-    """Return two offsets in cell numbers: a step along a command, and a step at right angles to the command."""
+    """Return two offsets in cell numbers: a step in the direction of a command, and a step at right angles to it."""
     row = 64 * width
     if command == LEFT or command == RIGHT:
         return (-1 if command == LEFT else 1), row
@@ -80,7 +80,7 @@ def steps_of(rows, width, command):
 
 @in_place_kernel
 def pair_at(opened, known, cell, side):
-    """Return a number from 0 to 5 for the unordered pair of states of the two cells on both sides of a cell."""
+    """Return a number from 0 to 5 that identifies the states of the two cells beside a cell, regardless of their order."""
     one, other = state_of(opened, known, cell - side), state_of(opened, known, cell + side)
     low, high = min(one, other), max(one, other)
     return high * (high + 1) // 2 + low
@@ -88,7 +88,7 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
+    """Return the number that identifies the surroundings of a cell, which a particle enters by ``step`` from a free cell.
 
     The free cell from which the particle comes is not on the rim of the board, so all surrounding cells are on the board.
     """
@@ -99,7 +99,7 @@ def around(opened, known, cell, step, side):
 
 @in_place_kernel
 def place(prior, model, cell):
-    """Return (index of a cell's position modulo 2 to the power ``model``, number of possible positions)."""
+    """Return (index of the cell's position modulo ``2**model``, number of possible positions)."""
     mask = (np.int64(1) << model) - 1
     row = (cell >> 6) // prior.width
     if prior.layers == 1:
@@ -164,7 +164,7 @@ def learn(prior, number, cell, free):
 def weigh(prior, free):
     """Multiply each expert's weight by the probability that the expert gave to the result.
 
-    After the multiplication of the weights, distribute a small fraction of all weight evenly over the experts.
+    Then distribute a small fraction of all weight evenly over the experts.
     """
     weights, total, having = prior.weights, 0.0, 0
     for expert in range(EXPERTS):

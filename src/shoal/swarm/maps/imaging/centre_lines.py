@@ -133,7 +133,7 @@ def centre_lines(mask: Mask) -> CentreLines:
 
 
 def _links(skeleton: Mask, at: Indices) -> Links:
-    """Return the neighbours of each skeleton pixel, with diagonal neighbours only if no skeleton pixel is beside both pixels."""
+    """Return the neighbours of each skeleton pixel. A diagonal neighbour counts only if no third pixel is beside both pixels."""
     index = np.full(skeleton.shape, -1)
     index[tuple(at.T)] = np.arange(len(at))
     links: Links = [[] for _ in at]

@@ -19,8 +19,8 @@ FIELD = 540
 CLOSE = 0.25  # a photograph is not resized if the logarithm of the scale is smaller than this, because resizing blurs
 LUMA = (0.2125, 0.7154, 0.0721)
 SURROUND = 0.08  # a surround differs from black or white by at most this fraction of the brightness range
-# width in pixels of the border of the field of view that a mirror image replaces, and of the inner part of this border in which
-# vessels are searched
+# RIM: width in pixels of the border of the field of view that a mirror image replaces. MIRRORED: width of the inner part of this
+# border, in which vessels are searched.
 RIM, MIRRORED = 6, 2
 
 

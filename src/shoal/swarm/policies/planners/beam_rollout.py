@@ -58,10 +58,10 @@ class BeamRollout(Budgeted):
         """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
 
         For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
-        random variations of plans. For more than 1000 particles, the beam search is wider and deeper than for 1000 particles.
-        For more than 1000 particles, the planner simulates plans to the end even if the frontier is large, because many
-        particles classify all cells in few moves. For more than 1000 particles, the planner gives less weight to early
-        classification than for 1000 particles.
+        random variations of plans. For more than 1000 particles, the beam search is also wider and deeper, and early
+        classification has less weight. The planner then simulates plans to the end even if the frontier is large, because many
+        particles classify all cells in few moves. With a limit on computing time, the number of variations and the size of the
+        beam search do not depend on the number of particles.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)
         tuning, many = self.tuning, max(1.0, more)

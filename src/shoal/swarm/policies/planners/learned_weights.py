@@ -1,4 +1,4 @@
-"""Weights of the learned occupancy prior, in the form for kernels. The learned prior is a neural network trained on maps."""
+"""Weights of the learned occupancy prior, a neural network trained on maps, in the form that kernels expect."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shoal.swarm.kernels.prediction.learned_prior import SPAN, LearnedPrior
 
 WEIGHTS = Path(__file__).with_name("learned_weights.npz")
 TURNS = (3, 0, 1, 2)  # anticlockwise quarter turns that bring the entry side to the bottom, for l, u, r, d
-CHANCES = 2**16  # for certain
+CHANCES = 2**16  # stored value for the probability 1
 
 
 @cache

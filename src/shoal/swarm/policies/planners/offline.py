@@ -29,15 +29,15 @@ from shoal.swarm.policies.protocol import Decision, View
 
 PLAN_BUDGET = 32_000.0  # default number of simulated moves per command, large because no robot waits between two commands
 FIRST_SHARE = 0.25  # fraction of the budget for the initial plan of the annealing
-HEAT, COOL = 3.0, 0.1  # accepted increase of the plan length in moves, at the first and the last temperature
-LEAST = 200  # minimum number of commands in the budget's calculation, because short plans are cheap
-PIECES = 60  # annealing steps at one temperature; Python can be interrupted between two of them
+HEAT, COOL = 3.0, 0.1  # typical accepted increase of the plan length, in moves, at the first and at the last temperature
+LEAST = 200  # a plan of fewer commands gets the budget of a plan with this number of commands
+PIECES = 60  # number of calls of the annealing kernel, one for each temperature; Python can be interrupted between two calls
 PLACES = 64  # states stored along a plan
 
 
 @dataclass(frozen=True)
 class FirstPlan(BeamRollout):
-    """A variant of the planner beam-rollout with a wider search. The policy offline shortens its plan by simulated annealing."""
+    """The planner beam-rollout with a wider search, for the initial plan of the policy offline."""
 
     kind: ClassVar[str] = "offline"
     tuning: ClassVar[Tuning] = BeamRollout.tuning._replace(beam_width=24, beam_depth=12, beam_leaves=6, variations=12)

@@ -81,7 +81,7 @@ class Budgeted(PlannerPolicy):
     """
 
     budget: float = UNLIMITED
-    milliseconds: float = 0.0  # type: ignore[misc]  # an option here, no choice in the base class
+    milliseconds: float = 0.0  # type: ignore[misc]  # an option of this class, but not of the base class
 
     def __post_init__(self) -> None:
         if not 0 < self.budget <= 1e12:

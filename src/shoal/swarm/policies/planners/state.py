@@ -22,9 +22,9 @@ from shoal.swarm.policies.planners.learned_weights import learned_prior_of
 from shoal.swarm.policies.planners.tuning import Tuning
 
 OPTIONS = record_type(np.float64, "budget", *Tuning._fields)  # budget: mean number of simulated moves per move sent
-# number of states of a beam on any board; for wider beams, number of words of all its boards of one kind
+# number of states that a beam may keep on any board; limit on the words of all boards of one kind in a wider beam
 BEAM_WIDTH, BEAM_WORDS = 24, 2**20
-KEPT_PLACES, KEPT_WORDS = 64, 2**21  # most states kept of a plan, and most words of all their boards of one kind
+KEPT_PLACES, KEPT_WORDS = 64, 2**21  # maximum number of kept states of a plan; maximum number of words of their boards of one kind
 KEPT_RESULTS = 128  # number of places for which the results of a plan are kept
 LONGEST_PLAN = 2_000
 FIRST_RATE = 200.0  # simulated moves per millisecond, before the machine's speed has been measured
@@ -145,8 +145,7 @@ class Pace:
         rate = self.simulated / self.spent if self.simulated else FIRST_RATE
         budget = max(1.0, self.milliseconds * rate)
         planner.options.budget = budget
-        # The time saved or overdrawn by earlier moves is known in milliseconds. It replaces the planner's own count of simulated
-        # moves.
+        # The time that earlier moves have saved or overdrawn, converted into simulated moves, replaces the planner's own count.
         saved = (self.milliseconds * (self.moves + ADVANCE) - self.spent) * rate
         planner.memory.credit = int(min(SAVINGS * budget, saved))
         before, began = int(planner.memory.simulated), time.perf_counter()

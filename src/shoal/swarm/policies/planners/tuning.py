@@ -17,7 +17,7 @@ class Tuning(NamedTuple):
     beam_depth: float  # depth of the beam, in commands
     beam_leaves: float  # number of leaves of the beam that are completed
     variations: float  # number of variations of the incumbent
-    left_behind_cost: float  # number of classified cells that outweighs one cell left behind; 0 means greedy completions only
+    left_behind_cost: float  # charge for one cell left behind, in classified cells; 0 means greedy completions only
     free_threshold: float  # probability from which a cell is predicted to be free
     prediction_layers: float  # range of predictions, in cells
     run_candidates: float  # 1: runs in one direction are also candidates
@@ -30,5 +30,5 @@ class Tuning(NamedTuple):
     far_surprise: float  # prediction error below which the next two numbers limit plans to the end
     far_horizon: float
     far_discount: float
-    lattices: float  # lattices that may contain the free cells, of periods 2, 4, ...
+    lattices: float  # number of lattice models, which have the periods 2, 4, ...
     learned: float  # 1: the trained network contributes to the prediction

@@ -15,7 +15,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.errors import InvalidInputError
 from shoal.swarm.theory.one_dimension.exact import Line
 
-_DRAWS, _CELLS = 2**21, 2**28  # maximum random numbers and cells per block of placements; the sample of a seed depends on them
+_DRAWS, _CELLS = 2**21, 2**28  # maximum random numbers and cells per block of placements; both affect the samples
 MAX_TRIALS = 100_000_000  # placements of 28 bytes each
 MAX_DRAWS = 10_000_000  # maximum number of random numbers for one placement
 
