@@ -130,10 +130,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Return ``weight`` times the smoothed length of the vector ``work.span[0]``.
-
-    With ``order`` 1, add the derivatives of the result to ``work.derivatives``.
-    """
+    """Return ``weight`` times the smoothed length of ``work.span[0]``. With ``order`` 1, update ``work.derivatives``."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -157,12 +154,10 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 
 @in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
-    """Return ``-log(value + slack)``, or infinity if this logarithm is undefined.
+    """Return ``-log(value + slack)``, or infinity if this logarithm is undefined. With ``order`` 1, update ``derivatives``.
 
-    If ``slack`` is NaN, the function uses ``-log(value)`` instead; otherwise, ``slack`` is the last unknown. With ``order`` 1, the
-    function adds the derivatives of the result to ``derivatives``. The function uses the second derivatives ``second`` only if
-    ``curved`` is true. For a value that depends on no unknown, the result is 0 if the value is at least about ``-forgiven``, and
-    otherwise infinity.
+    If ``slack`` is NaN, it counts as 0; otherwise, it is the last unknown. The second derivatives ``second`` count only if
+    ``curved`` is true. If the value depends on no unknown, the result is 0 if the value is at least about ``-forgiven``, else infinity.
     """
     steep = 0.0
     for u in range(used):
