@@ -1,4 +1,4 @@
-"""Recipe: a figure or theorem of a paper as sweeps, a drawing of their results, published data, and claims with verdicts."""
+"""Recipe: how Shoal reproduces a figure or theorem of a paper, from sweeps to a drawing, and to claims with verdicts."""
 
 from __future__ import annotations
 

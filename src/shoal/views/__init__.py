@@ -87,7 +87,7 @@ def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[
 
 
 def notebook_page(episode: Episode) -> str:
-    """Return an episode as HTML for a notebook: its figure, one sentence, and (unless it is too large) its player."""
+    """Return an episode as HTML for a notebook: its figure, one sentence, and its player unless the player is too large."""
     from shoal.views.drawing.notebook_figure import encode_figure  # needs matplotlib, which is slow to import
 
     encoded, name = base64.b64encode(encode_figure(figure(episode))).decode(), html.escape(repr(episode).strip("<>"))

@@ -123,7 +123,7 @@ class PolygonFractions:
 
     @property
     def moves(self) -> int | None:
-        """The smallest number of moves that reach the fraction `FULL` of all position differences, or None if no set does."""
+        """The smallest number of moves to reach the fraction `FULL` of all position differences, or None if no set is so large."""
         full = np.flatnonzero(self.fractions >= FULL)
         return self.sets[full[0]].moves if full.size else None
 

@@ -126,10 +126,10 @@ def _polygon_crossings(workspace: ConvexWorkspace, before: Points, after: Points
 
 
 def toucher_shares(workspace: ConvexWorkspace, shifts: Sequence[Points]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the part of each side from whose points every vector of ``shifts`` leads to a point of the polygon.
+    """Return the part of each side of a polygon from which every vector of ``shifts`` leads to a point of the polygon.
 
     The two arrays of the result hold the starts and the ends of the parts, as fractions of the sides' lengths. For a side without
-    such a point, the end is smaller than the start.
+    such a part, the end is smaller than the start.
     """
     corners = workspace.vertices
     along = np.roll(corners, -1, axis=0) - corners

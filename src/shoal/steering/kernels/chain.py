@@ -174,9 +174,9 @@ def descend(phase, sharpness, blur, kind, work, enough):
 
 @in_place_kernel
 def worst_limit(x, kind, work):
-    """Return a slack: a number that makes all limits of a chain with the unknowns x positive when it is added to each limit.
+    """Return a slack for the chain with the unknowns x: a number that, added to each limit, makes all limits positive.
 
-    The slack is 0 if the chain satisfies all limits, and -inf if it violates a limit that depends on no unknown.
+    The slack is 0 if the chain satisfies all limits, and -inf if the chain violates a limit that depends on no unknown.
     """
     for tenth in range(-8, 5):
         slack = 0.0 if tenth == -8 else 10.0**tenth

@@ -1,4 +1,4 @@
-"""The unknowns of a chain of wall contacts, and its limits (constraints) and its length with their derivatives.
+"""The limits (constraints) and the length of a chain of wall contacts, with derivatives with respect to the chain's unknowns.
 
 In cycle m = 0, ..., M-1 of a chain, the particle ``touchers[m]`` (the toucher) moves to the contact c[m] on the wall ``walls[m]``.
 The wall then holds the toucher while a move of the other particle changes the position difference from D[m] to D[m+1]. D[0] is the
@@ -49,7 +49,7 @@ def new_work(cycles: int, d: int) -> Work:
 
 @in_place_kernel
 def put(x, kind, work):
-    """Write the contacts and position differences of the chain with the unknowns x to ``work``."""
+    """Write to ``work`` the contacts and position differences of the chain that has the unknowns x."""
     contacts, delta, walls, start, goal = work.contacts, work.delta, kind.walls, kind.start, kind.goal
     frames, circle = kind.shape.frames, kind.shape.circle
     cycles, d = contacts.shape[0], contacts.shape[2]
@@ -130,7 +130,7 @@ def rows_dot(one, i, other, k):
 
 @in_place_kernel
 def add_length(work, used, one, a, other, b, blur, weight, order):
-    """Return ``weight`` times the smoothed length of the vector ``work.span[0]``. With ``order`` 1, add the derivatives."""
+    """Return ``weight`` times the smoothed length of ``work.span[0]``. With ``order`` 1, update ``work.derivatives``."""
     contacts, span, index, first, derivatives = work.contacts, work.span, work.index, work.first, work.derivatives
     length = sqrt(blur * blur + rows_dot(span, 0, span, 0))
     if order == 0:
@@ -154,10 +154,10 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 
 @in_place_kernel
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
-    """Return ``-log(value + slack)``, or infinity if this logarithm is undefined. With ``order`` 1, add the derivatives.
+    """Return ``-log(value + slack)``, or infinity if this logarithm is undefined. With ``order`` 1, update ``derivatives``.
 
-    If ``slack`` is not NaN, it is the last unknown. The function uses the second derivatives ``second`` only if ``curved`` is true.
-    For a value that depends on no unknown, the result is 0 if the value is at least about ``-forgiven``, and otherwise infinity.
+    If ``slack`` is NaN, it counts as 0; otherwise, it is the last unknown. The second derivatives ``second`` count only if
+    ``curved`` is true. For a value without unknowns, the result is 0 if the value is at least about ``-forgiven``, else infinity.
     """
     steep = 0.0
     for u in range(used):
@@ -190,7 +190,7 @@ def add_limit(index, first, second, derivatives, value, used, curved, forgiven, 
 
 @in_place_kernel
 def add_flat(kind, work, used, skipped, forgiven, slack, order):
-    """Return the sum of -log(distance - margin) over the flat walls, for the distance of the point ``work.span[0]`` from each wall.
+    """Return the sum of -log(distance - margin) over the flat walls, for the distance from each wall to the point ``work.span[0]``.
 
     If ``skipped`` is not negative, the sum contains only the walls near the wall with the index ``skipped``.
     """
@@ -244,7 +244,7 @@ def is_constant(normals, wall, span, used):
 
 @in_place_kernel
 def add_through(work, used, ones, squares, phase):
-    """Convert derivatives with respect to a point (``sums``) to derivatives with respect to the unknowns.
+    """Convert the derivatives with respect to a point, in ``work.sums``, to derivatives with respect to the unknowns.
 
     Add the results to ``work.derivatives``. ``ones`` and ``squares`` are the sums of 1 / limit and 1 / limit^2, which give the
     derivatives with respect to the slack.

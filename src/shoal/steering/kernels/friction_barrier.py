@@ -60,10 +60,10 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return the largest length of the position difference after wall reactions have turned it by one step, and before this turn.
+    """Return two lengths of the position difference Δ: the largest after wall reactions turn Δ by one step, and the largest before.
 
-    The length is at most ``radius`` at first. Wall reactions may increase it even before the turn, but not if all possible wall
-    reactions point into one half-plane.
+    At first, the length of Δ is at most ``radius``. Before the turn, wall reactions may already increase this length, but not if
+    all possible wall reactions point into one half-plane.
     """
     rows = ends.shape[0]
     before = radius

@@ -80,7 +80,7 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return the largest length by which one cycle can change a position difference along a direction, or 0 without a cycle.
+    """Return the largest length by which one cycle can change a position difference along a direction, or 0 if no cycle can.
 
     The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with ``delta``.
     """

@@ -28,7 +28,7 @@ ENOUGH = 1e-6  # fraction of the workspace size: `repair` ends when the shortage
 
 @kernel
 def lengths_along(points, direction, shares, walls, lengths):
-    """Write to ``lengths`` trial lengths of a move in a direction. Return the number of trial lengths.
+    """Write trial lengths of a move in a given direction to ``lengths``. Return the number of trial lengths.
 
     The shortest trial length brings one particle to a wall, and the longest trial length brings both particles to walls. A shorter
     move would not change the position difference. A particle that a wall already holds counts as brought to a wall by a move of
@@ -243,9 +243,10 @@ def repair(start, goal, walls, trial):
 
 @kernel
 def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
-    """Write to ``trial`` a random move for each row of ``picks``: two random numbers that choose the direction and the length.
+    """Write to ``trial`` a random move for each row of ``picks``.
 
-    Return whether a move exists for every row of ``picks``.
+    The two random numbers in a row of ``picks`` choose the direction and the length of the move. Return whether a move exists for
+    every row of ``picks``.
     """
     copy(start, state)
     for m in range(picks.shape[0]):

@@ -1,10 +1,10 @@
-"""Improvement of plans for two particles: simulated annealing makes random changes of the plan's steps.
+"""Improvement of plans for two particles: simulated annealing changes the steps of a plan at random.
 
 Each step has a target, and makes the move that leads from the present positions of the particles to this target. The target of a
-contact is the point on a wall to which one particle moves. The target of an adjustment is a position difference, which the
-particles reach while a wall holds one of them. The target of a translation is the midpoint between the two particles. Without
-noise, the last adjustment has the position difference of the goals as its target, and the cost of a plan is its length. With noise,
-the cost of a plan is the mean number of moves.
+contact is a point on a wall, or behind a wall, towards which one particle moves. The target of an adjustment is a position
+difference, which the particles reach while a wall holds one of them. The target of a translation is the midpoint between the two
+particles. Without noise, the last adjustment has the position difference of the goals as its target, and the cost of a plan is its
+length. With noise, the cost of a plan is the mean number of moves.
 """
 
 from __future__ import annotations
@@ -111,8 +111,8 @@ def moves_left(state, goal, tolerance, noise, world, move):
 def expected_moves(steps, count, goal, tolerance, noise, world, state, move):
     """Return the mean number of moves over all noise scenarios.
 
-    In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the moves that are necessary after
-    the plan.
+    In each scenario, the kernel counts the simulated moves of the plan, and adds an estimate of the number of moves that are
+    necessary after the plan.
     """
     total, scenarios = 0.0, noise.starts.shape[0]
     for s in range(scenarios):
@@ -195,7 +195,11 @@ def play_before(steps, k, start, world, state, move):
 
 @kernel
 def aim_near(steps, k, width, rng, state):
-    """Give the new step ``k`` a random target near the present position difference (adjustment) or midpoint (translation)."""
+    """Give the new step ``k`` a random target.
+
+    For an adjustment, the target is near the present position difference of the particles; for a translation, the target is near
+    their present midpoint.
+    """
     for i in range(2):
         here = state[1, i] - state[0, i] if steps.kinds[k] == ADJUSTMENT else (state[0, i] + state[1, i]) / 2
         steps.targets[k, i] = here + width * rng.normal()

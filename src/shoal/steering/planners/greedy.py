@@ -26,8 +26,10 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 class Greedy:
     """A planner whose every cycle brings the position difference of the particles as near as possible to that of the goals.
 
-    Among equally good cycles, the planner chooses the cycle in which the touching particle has the shortest path via the contact to
-    its goal. In three dimensions, the planner first makes a plan in the plane and then adds vertical components.
+    In a cycle, one particle (the touching particle) moves to a point of a wall (the contact), and then the wall holds it while the
+    other particle moves. Among equally good cycles, the planner chooses the cycle in which the touching particle has the shortest
+    path via the contact to its goal. In three dimensions, the planner first makes a plan in the plane and then adds vertical
+    components.
 
     Notes
     -----
@@ -57,10 +59,10 @@ def misses(task: SteeringTask, moves: Points) -> bool:
 
 
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
-    """Return the chain of algorithm 1 of paper W, or the chain of another search if the progress is too slow, or None.
+    """Return the chain that algorithm 1 of paper W finds, or a chain that another search finds if algorithm 1 progresses slowly.
 
     The chain of algorithm 1 ends when its position difference is within ``tolerance`` of the goals' difference, or when it has as
-    many cycles as ``cycles`` allows. The result is None if algorithm 1 makes no progress and a search for another chain finds none.
+    many cycles as ``cycles`` allows. The result is None if algorithm 1 makes no progress and the other search finds no chain.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -130,7 +132,7 @@ def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
 def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points] | None:
     """Return the cycle that comes nearest to the position difference of the goals, and the contact of this cycle.
 
-    Among equally good cycles, the function returns the cycle with the shortest path.
+    Among equally good cycles, the function returns the cycle in which the touching particle has the shortest path to its goal.
     """
     cycles = nearest_cycles(query, state[1] - state[0], query.after)
     nearest = min((cycle.distance for cycle in cycles), default=inf)

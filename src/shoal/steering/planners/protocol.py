@@ -19,9 +19,9 @@ class Planner(Protocol):
     Notes
     -----
     A planner may have four optional attributes: ``general``, ``obstacles``, ``prefers`` and ``control``. The attribute ``general``
-    is true if the planner supports regions with obstacles and more than two particles. The attribute ``obstacles`` is true if the
-    planner supports two particles in a region with obstacles. A planner without ``general`` and ``obstacles`` gets only problems
-    with two particles in a convex workspace.
+    is true if the planner supports any number of particles, also in regions with obstacles. The attribute ``obstacles`` is true if
+    the planner supports two particles in a region with obstacles. A planner with neither attribute gets only problems with two
+    particles in a convex workspace.
 
     The attribute ``prefers`` is "length" or "moves", the measure by which Shoal compares the plans for different assignments of
     interchangeable goals. The method ``control(task, apparatus)`` runs a closed loop: it sends moves and observes the particles

@@ -1,4 +1,4 @@
-"""Random changes that shorten plans for two particles around obstacles: first changes of many plans, then of the shortest plans."""
+"""Random changes that shorten plans for two particles around obstacles; they first change many plans, then only the shortest."""
 
 from __future__ import annotations
 

@@ -19,8 +19,9 @@ class Shortest:
 
     The plan is not longer than the plan of the planner greedy, unless rounding errors could make the plan of greedy fail.
 
-    The planner tries all chains of one, two or three cycles, that is, all sequences of touching particles and walls. From the
-    shortest chains, the planner makes shorter chains by inserting and removing cycles.
+    In a cycle, one particle touches a wall, and then the other particle moves (adjustment) while the wall holds the first. The
+    planner tries all chains of one, two or three cycles, that is, all sequences of touching particles and walls. From the shortest
+    chains, the planner makes shorter chains by inserting and removing cycles.
 
     Notes
     -----

@@ -16,7 +16,7 @@ _OFF_CAPS = 1e-4  # relative to the height: minimum distance of the particles fr
 
 
 def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
-    """Return the plan that a planner makes in the plane, with added vertical components, or None without a plan."""
+    """Return the plan that a planner makes in the plane, with added vertical components, or None if no such plan is found."""
     below = planar_task(task)
     if why_unreachable(below) is not None:
         return None

@@ -27,8 +27,8 @@ class NormalizedWalls:
         For each side wall, half of its largest extent along its unit vectors in ``frames``; for the end caps, 1.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
     near : ndarray of bool, shape (walls + 1, walls)
-        Whether the flat wall of each column may interfere with a contact on the wall of each row. The last row is for the round
-        wall.
+        For each wall (row) and each flat wall (column), whether the flat wall may interfere with a contact on the wall of the row.
+        The last row is for the round wall.
     circle : ndarray of float64, shape (3,)
         Centre (x, y) and radius of the round wall; the radius is 0 if the workspace has no round wall.
     height : float

@@ -43,7 +43,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
 
 
 def film_size(height: int, width: int, side: int | None) -> tuple[int, int]:
-    """Return (width, height) in pixels of a film of ``height`` × ``width`` cells whose longer side has at most ``side`` pixels.
+    """Return (width, height) of a film of ``height`` × ``width`` cells, such that its longer side has at most ``side`` pixels.
 
     Width and height are even, as video requires. If ``side`` permits, a cell is a whole number of pixels wide. If ``side`` is None,
     a cell is one pixel.

@@ -42,7 +42,8 @@ def draw_scale_bar(
     north : float, optional
         Direction of north in the drawing, in degrees clockwise from up. If ``north`` is None, the function draws no north arrow.
     above : float, optional
-        Position on the x axis at which a scale bar above the map ends. By default, the bar lies below the map, at its right end.
+        If given, the bar lies above the map, and ``above`` is the x coordinate of the bar's right end. By default, the bar lies
+        below the map, at the map's right end.
     """
     from matplotlib.text import OffsetFrom
     from matplotlib.transforms import blended_transform_factory

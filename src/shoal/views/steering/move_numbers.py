@@ -1,4 +1,4 @@
-"""Numbers of moves beside the end points of the moves, where the numbers cover no path, wall or mark."""
+"""The number of each move in a chart, written beside the end point of the move, where it covers no path, wall or mark."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _MOST = 3  # numbers at one end point
 
 
 class MoveNumbers:
-    """The numbers of moves on the axes of a chart.
+    """A writer that puts the numbers of moves at free places on the axes of a chart.
 
     Parameters
     ----------
     axes : Axes
-        The axes, on which everything else is drawn.
+        The axes, on which everything else is already drawn.
     lines : list of ndarray of float64, shape (n, 2)
         The paths and walls that no number may cover, in the coordinates of the axes.
     marks : ndarray of float64, shape (n, 2)
@@ -39,7 +39,7 @@ class MoveNumbers:
         self._taken = np.concatenate([*(_dense(line * self._scale) for line in lines), rings])
 
     def write(self, place: NDArray[np.float64], numbers: list[str], colour: str) -> None:
-        """Write the numbers of the moves that end at a place, where they cover the least."""
+        """Write the numbers of the moves that end at ``place`` beside this place, where the text covers the least."""
         text = ", ".join(numbers[:_MOST]) + ("…" if len(numbers) > _MOST else "")
         half = SIZE * np.array([0.3 * len(text), 0.4])
         offsets = [apart * way + half * way / np.abs(way).max() for apart in _APART for way in _WAYS]
@@ -59,7 +59,7 @@ class MoveNumbers:
         )
 
     def _space(self, middle: NDArray[np.float64], half: NDArray[np.float64]) -> float:
-        """Return the distance in points between a box and what is drawn, or a negative number if the box covers a point."""
+        """Return the distance between a box and the nearest thing drawn, in points; negative if the box covers something."""
         apart = np.abs(self._taken - middle) - half
         inside = apart.max(axis=1)
         outside = np.hypot(*np.maximum(apart, 0.0).T)

@@ -76,7 +76,7 @@ def map_panels(shown: Sequence[tuple[SwarmEpisode, int]], *, columns: int, chart
     Parameters
     ----------
     shown : sequence of (SwarmEpisode, int)
-        Episodes, each with the number of moves after which a map shows the episode.
+        For each map, an episode and the number of moves after which the map shows it.
     columns : int
         Number of maps side by side in one row.
     chart : callable, optional

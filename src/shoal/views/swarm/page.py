@@ -15,7 +15,7 @@ from shoal.views.swarm.cell_colours import FRONTIER_TINT
 from shoal.views.swarm.recording import packed_moments
 
 LARGEST = 2_000_000_000
-"""Maximum number of cells times moves that a page plays smoothly."""
+"""Maximum product of the numbers of cells and moves with which a page plays smoothly."""
 
 
 def player_page(episode: SwarmEpisode) -> str:

@@ -79,7 +79,7 @@ def _bars(axes: Axes, values: NDArray[np.int32], low: int, high: int, colour: st
 
 
 def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[float] = ()) -> Figure:
-    """Return a figure of two distributions: the moves to find both ends, and the moves to cover all cells (paper M, figure 6).
+    """Return a figure of two distributions: the numbers of moves to find both ends, and to cover all cells (paper M, figure 6).
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio, drawn against the largest distance 10^k.
+    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio, against the wall's largest distance 10^k.
 
     The move ratio is the number of moves divided by the smallest possible number, and the scan ratio is the same for scans.
 

@@ -43,7 +43,7 @@ class Slices:
 
 @dataclass(frozen=True)
 class Fit:
-    """The visible part of a 3-D map in a rotated view, which contains the drawn cells for every direction of view.
+    """The extent of a rotated view of a 3-D map, large enough to show all drawn cells from every direction.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Fit:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, elevation: float = ELEVATION) -> Fit:
-        """Return the visible part of a 3-D map, which contains all free cells and the walls around the free cells."""
+        """Return an extent large enough to show all free cells of a 3-D map, and the walls around these cells."""
         sizes = _sizes(workspace.spacing)
         margin = 1.5 * float(sizes.max())
         places = (workspace.cells + 1.5) * sizes  # the rim contains the first cell
@@ -109,7 +109,7 @@ def turned_view(
     palette : CellPalette
         The colour of each colour code.
     fit : Fit
-        The visible part of the 3-D map.
+        The extent of the view.
     """
     sizes = _sizes(spacing)
     background, cells = BACKGROUND, _surface(codes, palette)

@@ -110,7 +110,7 @@ class ChainQuery(StartAndGoal):
     push : float
         Minimum component of each adjustment into the wall that holds the touching particle, in the units of `NormalizedWalls`.
     rounds : ndarray of float64
-        Sharpness of the barrier function, which keeps a chain inside its limits, in each round of the optimization. A few rounds
+        For each round of the optimization, the sharpness of the barrier function that keeps a chain inside its limits. A few rounds
         with low sharpness give a chain far from all limits.
     deadline : float
         Time at which the search stops, in seconds on the clock `time.monotonic`.

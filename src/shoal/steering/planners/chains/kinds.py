@@ -3,8 +3,8 @@
 The path of a particle via some walls is at least as long as the distance from its start to the mirror image of its goal in these
 walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the length of
 the total change of the position difference, from the start to the goals. If only one particle touches walls, the chain is at least
-as long as the path of this particle plus c. If both particles touch walls, the length of the chain is at least half of the sum of
-the two paths and c.
+as long as the path of this particle plus c. If both particles touch walls, the length of the chain is at least half of the sum of c
+and the lengths of both paths.
 """
 
 from __future__ import annotations

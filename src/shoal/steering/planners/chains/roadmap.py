@@ -31,11 +31,11 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
     Notes
     -----
     The method is a probabilistic roadmap in the space of the position differences, and an addition by Shoal. A link of the roadmap
-    from one position difference to another means that two moves can change the first into the second. Besides random position
-    differences, the nodes of the roadmap are, in each direction, the longest position difference that cycles can reach from the
-    start, and the shortest position difference from which cycles can reach the goals. With friction, every path from the start to
-    the goals may have to follow these extreme position differences. In a polygon with many corners, the roadmap uses only a few
-    sides of the polygon.
+    from one position difference to another means that two moves can change the first into the second. Some nodes are random
+    position differences. The other nodes are, for each range of directions, the longest position difference that cycles can reach
+    from the start, and the shortest position difference from which cycles can reach the goals. With friction, every path from the
+    start to the goals may have to follow these extreme position differences. In a polygon with many corners, the roadmap uses only
+    a few sides of the polygon.
     """
     few = between_few_sides(query)
     if few is not query:
@@ -64,8 +64,8 @@ def roadmap_chain(query: ChainQuery, *, maps: tuple[tuple[int, int, float, int],
 def _extreme(query: ChainQuery, model: CycleModel, count: int, bins: int, gain: float) -> Points:
     """Return extreme position differences as nodes of the roadmap; float64, shape (nodes, 2).
 
-    In about each direction, these are the longest position difference that cycles can reach from the start, and the shortest
-    position difference from which cycles can reach the goals.
+    For each narrow range of directions, the nodes are the longest position difference that cycles can reach from the start, and the
+    shortest position difference from which cycles can reach the goals.
     """
     walls = query.walls
     if walls.round and query.friction < inf:

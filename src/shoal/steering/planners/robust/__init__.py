@@ -46,8 +46,8 @@ class Robust:
         """Run the closed loop, and return the moves that were sent and the resulting positions of the particles.
 
         In a world without noise, the method first sends a short plan. If this plan fails, the method puts the particles back at
-        their starts and runs the closed loop with a small assumed noise. In both cases, it stores in ``apparatus.remark`` how much
-        noise the closed loop would tolerate.
+        their starts and runs the closed loop with a small assumed noise. Whether or not the short plan fails, the method stores in
+        ``apparatus.remark`` how much noise the closed loop would tolerate.
         """
         if apparatus.problem.noisy:
             _loop(task, apparatus, apparatus.problem, slight=SLIGHT).run()

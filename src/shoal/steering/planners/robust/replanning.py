@@ -117,7 +117,7 @@ class Replanning:
             yield from (copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves)
 
     def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
-        """Yield new plans for a world without noise, and the same plans with contacts that aim behind their walls."""
+        """Yield new plans for a world without noise, and the same plans with moves to contacts that aim behind the walls."""
         task = shortening.task
         whole = None if isinstance(self.room, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]
