@@ -105,7 +105,7 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return the largest distance in metres of a grid cell's corner from the plane through its other three corners."""
+        """Return the largest deviation, in metres, of the ground in a grid cell from the plane through three corners of this cell."""
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]

@@ -1,4 +1,4 @@
-"""The progress of robots along a tour in a given time, for a bisection over the makespan (when the last robot finishes).
+"""The progress of robots along a tour in a given time, for a bisection over the time at which the last robot finishes.
 
 A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
 in the given time. The array ``borders`` receives the tour index of the first cell of each robot.
@@ -137,7 +137,7 @@ def both_ways(tour, team, robot, at, low, budget):
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """Make a pass in which each robot searches the cells behind and ahead of its start, in the order in which it gets further.
+    """Make a pass in which each robot searches cells behind and ahead of its start, in whichever order it gets further.
 
     Return whether the robots search all cells of the tour in the given time.
     """
