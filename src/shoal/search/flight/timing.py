@@ -116,7 +116,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Return the points and altitudes of a path, with vertical climbs before its legs and vertical descents after its legs.
+    """Return the points and altitudes of a path with level legs: a vertical climb is before a leg, and a vertical descent after it.
 
     Examples
     --------

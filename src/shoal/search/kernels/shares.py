@@ -206,7 +206,7 @@ def hop_pass(tour, team, time, first, turn, borders):
 
 @kernel
 def hop_costs(tour, team, firsts, latest):
-    """Write to ``latest`` the completion times of all cuts of the tour into arcs of equal search times, one arc for each robot.
+    """Write to ``latest`` the completion time of each cut of the tour into arcs of equal search times, one arc for each robot.
 
     Each robot goes straight to its arc. The first arc of row k begins at cell ``firsts[k]``. In column j, robot j gets the first
     arc, and the other robots follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5 times as

@@ -85,7 +85,7 @@ def in_sight(cells, beside, one, other):
 
 @in_place_kernel
 def reverse(order, place, first, last):
-    """Reverse the tour between two places, around the closing link if the first place is after the last."""
+    """Reverse the tour from place ``first`` to place ``last``, across the end of ``order`` if ``first`` is after ``last``."""
     n = len(order)
     count = (last - first) % n + 1
     if 2 * count > n:
