@@ -61,7 +61,7 @@ def best_allocation(
     energy: float = inf,
     recharge: float = 0.0,
 ) -> tuple[Allocation, dict[str, float]]:
-    """Return the fastest allocation, and a mapping from the name of each compared allocator to its completion time.
+    """Return the fastest allocation, and a mapping from the name of each compared allocator to the time until all robots finish.
 
     The mapping begins with the fastest allocation. The unit of all times is the time in which a robot of speed 1 searches one cell.
 

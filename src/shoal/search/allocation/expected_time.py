@@ -28,7 +28,7 @@ class ExpectedTime(NamedTuple):
 
 
 def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_000, seed: int = 0) -> ExpectedTime:
-    """Return the expected search time of robots that search from their own start to the next working robot's start.
+    """Return the expected search time if each robot searches from its own start to the start of the next working robot.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Distance in metres that a robot flies level in the mean time of a climb of one metre and a descent of one metre.
+        Distance in metres that a robot flies level while it would climb one metre or descend one metre, averaged over both.
     """
 
     layers: tuple[CellGrid, ...]
@@ -94,7 +94,7 @@ class LayeredGrid:
         return np.concatenate([*found, before[-1:]])
 
     def ordinals(self, cells: ArrayLike) -> Numbers:
-        """Return the indices in `LayeredGrid.cells` of cells that are given as (layer, row, column); int64, shape (n,)."""
+        """Return, for cells given as (layer, row, column), their indices in `LayeredGrid.cells`; int64, shape (n,)."""
         array = np.asarray(cells)
         return np.asarray(self._ordinal[array[:, 0], array[:, 1], array[:, 2]])
 
@@ -305,7 +305,7 @@ class LayeredDistances:
 
 
 def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
-    """Convert a grid to a layer for `CellDistances`.
+    """Return the cells of a grid, and the possible steps between them, in the form that `CellDistances` needs.
 
     Parameters
     ----------

@@ -327,7 +327,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
 
 
 def _chords(area: Any, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for each horizontal line, the number, the outer ends (or NaN) and the total length of its parts inside an area."""
+    """Return, for each horizontal line, the number of its parts inside an area, their outer ends (or NaN) and total length."""
     import shapely
 
     points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)

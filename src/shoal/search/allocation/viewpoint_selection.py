@@ -3,7 +3,7 @@
 The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The robot always
 stops next in the cell with the largest ratio of newly visible cells to the cost of the path there. The robot prefers stops along
 the border of the searched area, because a narrow strip that it leaves unsearched costs as much time later as a wide strip.
-Therefore the robot's path runs in circles inside its part, whatever the tour.
+Therefore the robot's path runs in circles inside its part, for every kind of tour.
 """
 
 from __future__ import annotations

@@ -186,7 +186,7 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Convert whole cells to pieces unless a robot may be at the centre of the cell.
+    """Convert each whole cell to a piece if robots may not be at the centre of the cell.
 
     The argument ``free`` is the area where robots may be, in the lattice's frame. If ``free`` is None, robots may be in the whole
     region.
@@ -207,7 +207,7 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Keep only the polygons of each shape, because a region that only touches a block leaves lines or points."""
+    """Return the polygons of each shape. A cut also gives lines or points if the region touches a block only from outside."""
     import shapely
 
     kinds = shapely.get_type_id(shapes)

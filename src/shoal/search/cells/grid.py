@@ -47,7 +47,7 @@ class CellGrid:
     viewpoint_starts : ndarray of int64, shape (cells + 1,)
         Index of each cell's first viewpoint, followed by the number of all viewpoints.
     own : ndarray of int64, shape (H, W)
-        Number of each cell's own piece, counted as in `Portals`. Positions without a cell have the number -1.
+        Number of each cell's own piece, numbered as in `Portals`. Positions without a cell have the number -1.
     """
 
     region: SearchRegion
@@ -106,7 +106,7 @@ class CellGrid:
         return np.asarray(self.viewpoints[self.viewpoint_starts[:-1]])
 
     def ordinals(self, cells: ArrayLike) -> NDArray[np.int64]:
-        """Return the indices in `CellGrid.cells` of cells that are given as (row, column); int64, shape (n,).
+        """Return, for cells given as (row, column), their indices in `CellGrid.cells`; int64, shape (n,).
 
         Raises
         ------
@@ -271,7 +271,7 @@ def cells_of(
 
 
 def _own_pieces(clipped: Clipped) -> NDArray[np.int64]:
-    """Return the number of each cell's own piece, counted as in `Portals`; int64, shape (H, W)."""
+    """Return the number of each cell's own piece, numbered as in `Portals`; int64, shape (H, W)."""
     import shapely
 
     height, width = clipped.whole.shape

@@ -62,7 +62,7 @@ def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
 
 
 def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
-    """Return the sides of pieces that lie on grid lines: on vertical grid lines for axis 0, on horizontal ones for axis 1."""
+    """Return the sides of pieces that are parts of grid lines: of vertical lines for axis 0, of horizontal lines for axis 1."""
     start, end, piece = _segments(clipped)
     found: list[Stretch] = []
     for shift in (0, 1):

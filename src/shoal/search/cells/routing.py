@@ -156,7 +156,7 @@ class RegionPaths:
     def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
 
-        The vehicle does so in two consecutive cells if the first viewpoint of the one cell is the last viewpoint of the next cell.
+        The order is reverse in two consecutive cells if the first viewpoint of one cell is the last viewpoint of the next cell.
         """
         grid = self.grid
         first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
@@ -234,7 +234,7 @@ class RegionPaths:
         return int(np.argmin(shapely.distance(np.array(parts, dtype=object), shapely.points(point)))) if len(parts) > 1 else 0
 
     def _far(self, start: Points, end: Points) -> Points:
-        """Return a shortened path through portals, or around all corners if rounding errors have closed a portal."""
+        """Return a shortened path through portals, or the shortest path around corners if rounding errors have closed a portal."""
         region = self.grid.region
         stops = self._portal_graph.through(start, end)
         if stops is None:

@@ -16,7 +16,7 @@ _MOST = 3  # maximum number of viewpoints of a piece before the vehicle follows 
 
 
 def viewpoints_on_rows(clipped: Clipped, lattice: Lattice, own: NDArray[np.int64], *, footprint: float, free: Any = None) -> Any:
-    """Return, for each piece, a point on the centre line of its row of cells from which the whole piece is visible.
+    """Return, for each piece, a point from which the whole piece is visible, on the centre line of its row of cells.
 
     The viewpoint of a piece may lie in the previous or the next cell of the row. Of several possible points, the function chooses
     the point farthest towards the neighbouring cell that contains more of the region. If both neighbouring cells contain equally
@@ -174,7 +174,7 @@ def _square(place: Points, half: float) -> Any:
 
 
 def _within(piece: Any, room: Any, center: Points, half: float, speck: float, most: float = np.inf) -> tuple[Points, Any]:
-    """Return viewpoints for a piece in the area ``room``, not more than ``most``, and the part of the piece that remains unseen."""
+    """Return at most ``most`` viewpoints in ``room`` for a piece, and the part of the piece that no viewpoint sees."""
     import shapely
 
     chosen: list[Points] = []

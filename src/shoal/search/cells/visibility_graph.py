@@ -89,7 +89,8 @@ class VisibilityGraph:
     def _shortest(self, start: Points, end: Points, candidates: NDArray[np.int64]) -> Points | None:
         """Find the shortest path that bends only at candidate corners, with the algorithm A*. If no path exists, return None.
 
-        The function tests in growing groups which corners are visible from the start, beginning with the most promising corners.
+        To find the corners visible from the start, the function tests one group of corners after another. The first group contains
+        the most promising corners, and each group is larger than the previous group.
         """
         allowed = np.zeros(len(self.corners), dtype=np.bool_)
         allowed[candidates] = True

@@ -285,7 +285,7 @@ class Flight:
         )
 
     def _free(self, low: Points, high: Points, course: Points) -> bool:
-        """Return whether a leg avoids blocked areas, and whether the vehicle has room to turn at the upper end of the leg."""
+        """Return whether a leg avoids blocked areas and also leaves the vehicle room to turn at the upper end of the leg."""
         return self._passes(low, high) and bool(self._sense(np.append(high, atan2(course[1], course[0]))))
 
     def _passes(self, one: Points, other: Points) -> bool:

@@ -183,7 +183,7 @@ def _clipped(normals: Floats, limits: Floats, edge: int) -> tuple[Floats, Floats
 
 
 def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float]) -> tuple[float, Any]:
-    """Return the smallest horizontal distance in metres of vehicles on any pair of legs, and its times and positions."""
+    """Return the smallest horizontal distance in metres on any pair of legs, and the times and positions at this distance."""
     normals, limits = _planes(mine, theirs, level, shift)
     start = mine.points[:, :2] - theirs.points[:, :2]
     found = [_crossing(start, mine.velocities, theirs.velocities, normals, limits)]
@@ -208,7 +208,10 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return, for each pair of legs, when each vehicle is where the two horizontal lines cross, and whether these lines cross."""
+    """Return, for each pair of legs, the times at which the two vehicles are where the legs cross on a map, and whether they cross.
+
+    Here the legs count as endless straight lines.
+    """
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
     there = np.abs(cross) > _HAIR * scale
@@ -281,7 +284,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
 
 def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Return the ends of the part of an interval along a line in which two vehicles are closer than the horizontal separation."""
+    """Shorten intervals of a line to the part where two vehicles are closer than the horizontal separation; return both ends."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -296,7 +299,7 @@ def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most:
 def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats, horizontal: Floats) -> Floats:
     """Return, for each pair of legs, the smallest and largest start time difference for which the vehicles come too close.
 
-    Where a constraint does not allow such a difference, the result is infinite.
+    If a difference would violate a constraint, the result is infinite instead.
     """
     middle, there = _solved(start, mine, theirs)
     # |M x| <= horizontal with M = [mine, -theirs]: the extremes of x0 - x1 lie in the direction M^-T (1, -1).

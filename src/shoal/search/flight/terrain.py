@@ -105,7 +105,10 @@ class Terrain:
         return np.asarray(found, dtype=np.float64)
 
     def twist(self, places: Points) -> float:
-        """Return the largest distance in metres of a grid cell's corner from the plane through its other three corners."""
+        """Return the largest deviation from a plane, in metres, of the grid cells that contain the given points.
+
+        The deviation of a grid cell is the vertical distance of one corner from the plane through the other three corners.
+        """
         column, row = self._cells(places)
         one = np.minimum(column + 1, self.heights.shape[1] - 1), np.minimum(row + 1, self.heights.shape[0] - 1)
         bends = self.heights[row, column] - self.heights[row, one[0]] - self.heights[one[1], column] + self.heights[one[1], one[0]]

@@ -116,7 +116,7 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Return the points and altitudes of a path, with vertical climbs before its legs and vertical descents after its legs.
+    """Return the points and altitudes of a path with level legs: a vertical climb is before a leg, and a vertical descent after it.
 
     Examples
     --------
@@ -137,8 +137,8 @@ def whole_way(
     """Return a complete path: up from the ground at home, along the waypoints, and down at home or at the landing point.
 
     The vehicle climbs vertically to the height ``climb``, and then flies straight to the first waypoint. By default, ``climb`` is
-    the height of the first waypoint. The vehicle descends during the last leg if ``glides`` is true, or else vertically at the end
-    of the path.
+    the height of the first waypoint. If ``glides`` is true, the vehicle descends during the last leg. Otherwise, the vehicle
+    descends vertically at the end of the path.
 
     Examples
     --------

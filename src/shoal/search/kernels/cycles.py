@@ -1,4 +1,4 @@
-"""Cycles of cells, merged into one tour: the cycle around a spanning tree of blocks, and the cells of partial blocks.
+"""A tour from merged cycles of cells: first the cycles of whole 2 x 2 blocks, along a spanning tree, and then all other cells.
 
 A cycle has no direction. Row k of ``links`` (H * W, 2) contains the two neighbours of cell k in its cycle. A single cell is a cycle
 that links to itself twice. Two cells form a cycle in which each cell links to the other cell twice. To merge two cycles, the kernel
@@ -111,7 +111,7 @@ def border(mask, parent, listed):
 
 @kernel
 def grow(mask, links, parent, queue, queued, head, count, touched):
-    """Merge into a cycle all cells beside edges of queued cells, if the merge does not lengthen the tour.
+    """Merge the cycles of queued cells with the cells beside their edges, as long as no merge makes the tour longer.
 
     The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
     array ``queue`` is a ring buffer. The kernel writes the changed cells to ``touched``, as far as they fit, and returns their
@@ -152,9 +152,9 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 
 @kernel
 def beside(c, d, side, height, width):
-    """Return the cells beside c and d on one side of the edge c-d, given by ``side``.
+    """Return the cell beside c and the cell beside d, on one of the two sides of the edge c-d. The sides are -1 and 1.
 
-    If c and d are not neighbours, or if a cell beside them is outside the grid, return (-1, -1).
+    If c and d are not neighbours, or if that side of the edge is outside the grid, return (-1, -1).
     """
     row, col = c // width, c % width
     if abs(c - d) == 1 and row == d // width:
@@ -172,7 +172,7 @@ def beside(c, d, side, height, width):
 
 @kernel
 def grow_everywhere(mask, links, parent):
-    """Grow the cycles from all cells, make cycles of the remaining squares of 2 x 2 single cells, and grow all cycles again."""
+    """Grow all cycles, make a cycle of each square of 2 x 2 cells that are still single, and then grow all cycles again."""
     height, width = mask.shape
     queue, queued = np.empty(mask.size, dtype=np.int64), np.zeros(mask.size, dtype=np.bool_)
     nothing = np.empty(0, dtype=np.int64)
@@ -205,8 +205,8 @@ def chains(links, width, members, starts, order):
 
     ``members`` are the cells, sorted by cycle. ``starts`` contains the index in ``members`` of the first cell of each cycle, and
     then the number of all cells. The first cycle begins at its first cell in ``members``. Each later cycle begins at its cell
-    nearest to the end of the previous cycle. At the cell where a cycle begins, the kernel opens the longer of the cell's two edges.
-    If only one cycle exists, the kernel opens the shorter edge.
+    nearest to the end of the previous cycle. At the cell where a cycle begins, the kernel removes the longer of the cell's two
+    edges. If only one cycle exists, the kernel removes the shorter edge.
     """
     at, row, col = 0, -1, -1
     for number in range(len(starts) - 1):

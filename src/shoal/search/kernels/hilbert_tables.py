@@ -58,7 +58,7 @@ def _turn(rank: int, dimensions: int) -> int:
 
 
 def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np.uint16], NDArray[np.int64]]:
-    """Return the tables (decoding, encoding, begin) for look-ups that convert ``levels`` levels each.
+    """Return the tables (decoding, encoding, begin). One look-up converts ``levels`` levels of the curve at once.
 
     The entry ``decoding[state << dimensions * levels | digits]`` contains the shifted next state, and in its lower bits the
     coordinates. In an entry, the bits from j * levels on contain the coordinate of axis j. In the table ``encoding``, digits and

@@ -1,4 +1,4 @@
-"""Back and forth over any mask: runs of cells, chains of runs in consecutive rows, and the path from chain to chain.
+"""A path back and forth over any mask: runs of cells, chains of runs in consecutive rows, and the order of the chains.
 
 A *run* consists of the cells of a row between two gaps. Where the region neither splits nor joins, each run touches one run of the
 next row, and the runs form a *chain*. The path sweeps each chain back and forth. Choset calls a chain a "cell" ("Coverage of known
@@ -178,7 +178,7 @@ def sweep_all(mask, cells):
 
 @kernel
 def choose(runs, first, last, offsets, others, visited, pointer, here, row, col):
-    """Return (chain, from_last, from_right) of the end nearest to (row, col) among unvisited chains that touch chain ``here``.
+    """Among the unvisited chains that touch chain ``here``, return (chain, from_last, from_right) of the end nearest to (row, col).
 
     If all chains that touch chain ``here`` are visited, the first number is -1.
     """

@@ -74,7 +74,7 @@ def exchange_link(ends, order, backwards, active, k):
 
 @in_place_kernel
 def move_runs(ends, order, backwards, active, rest, i, count):
-    """Move ``count`` runs from place i on to another place of the order, if the tour becomes shorter (Or-opt).
+    """Move the ``count`` runs that begin at place i of the order to another place, if the tour becomes shorter (Or-opt).
 
     Return whether the tour has changed.
     """

@@ -1,4 +1,4 @@
-"""The progress of robots along a tour in a given time, for a bisection over the makespan (when the last robot finishes).
+"""The progress of robots along a tour in a given time, for a bisection over the time at which the last robot finishes.
 
 A pass goes once around the tour, beginning with the first robot. A pass assigns to each robot as many cells as the robot can search
 in the given time. The array ``borders`` receives the tour index of the first cell of each robot.
@@ -137,7 +137,7 @@ def both_ways(tour, team, robot, at, low, budget):
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """Make a pass in which each robot searches the cells behind and ahead of its start, in the order in which it gets further.
+    """Make a pass in which each robot searches cells behind and ahead of its start, in whichever order it gets further.
 
     Return whether the robots search all cells of the tour in the given time.
     """
@@ -206,7 +206,7 @@ def hop_pass(tour, team, time, first, turn, borders):
 
 @kernel
 def hop_costs(tour, team, firsts, latest):
-    """Write to ``latest`` the completion times of all cuts of the tour into arcs of equal search times, one arc for each robot.
+    """Write to ``latest`` the completion time of each cut of the tour into arcs of equal search times, one arc for each robot.
 
     Each robot goes straight to its arc. The first arc of row k begins at cell ``firsts[k]``. In column j, robot j gets the first
     arc, and the other robots follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5 times as

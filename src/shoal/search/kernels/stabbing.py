@@ -31,7 +31,7 @@ def clip(from_x, from_y, step_x, step_y, boxes, k):
 
 @kernel
 def fewest_links(points, starts, boxes, turn, reach, banned, before):
-    """Write to ``before`` the previous point of each point on the cheapest path to it.
+    """For each point, find the cheapest path to the point, and write the previous point on this path to ``before``.
 
     A path costs its length plus ``turn`` for each link. ``points`` (K, 2) contains the points of all windows. The points of window
     k have the indices from ``starts[k]`` to ``starts[k + 1] - 1``. The array ``boxes`` (M, 4) contains the left, low, right and

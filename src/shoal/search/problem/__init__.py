@@ -326,7 +326,7 @@ class SearchProblem(Problem):
         return bytes(self.place.area.wkb)
 
     def check_at_place(self) -> None:
-        """Refuse regions of several parts if robots must stay inside, and altitudes above the top of a volume.
+        """Refuse a region of several parts if robots must stay inside it, and refuse altitudes above the top of a volume.
 
         Raises
         ------

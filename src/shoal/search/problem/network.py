@@ -150,8 +150,8 @@ def network_of(text: str = "", *, loss: float = 0.0) -> RadioNetwork:
     - ``bursts:WORSEN:MEND``: the model of Gilbert and Elliott, in which a bad link loses every message. With each message, a good
       link becomes bad with probability WORSEN, and a bad link becomes good with probability MEND.
     - ``range:CELLS``: messages are lost if sender and receiver are more than CELLS cells apart.
-    - ``partition:SINCE:UNTIL``: between two times, no message passes between a robot with an even number and a robot with an odd
-      number.
+    - ``partition:SINCE:UNTIL``: between the times SINCE and UNTIL, no message passes between a robot with an even
+      number and a robot with an odd number.
     - ``delay:MEAN``: each copy of a message has a random delay, from 0 to twice the mean. A later message may overtake an earlier
       message.
     - ``duplicates:P``: with probability P, a copy of a message arrives a second time, at most one unit of time later.

@@ -22,7 +22,7 @@ _SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
     """Return the cost, in cells, of moving from the cell ``here`` to the cell ``cell`` and searching ``cell``.
 
-    The argument ``fresh`` tells that the robot has arrived in the cell ``here`` but has not searched it. The bitset ``closed``
+    The argument ``fresh`` tells whether the robot has arrived in the cell ``here`` but has not searched it. The bitset ``closed``
     contains the blocked cells.
     """
     return 1.0 + tour_cost.way(here, cell, fresh=fresh, closed=closed)

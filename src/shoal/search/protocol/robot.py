@@ -164,7 +164,7 @@ def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) ->
 
 
 def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], ...]) -> Mapping[int, int]:
-    """Return the known set of cells of each robot, extended by the cells that a beacon reports for this robot."""
+    """Return one set of cells for each robot: the set ``known``, extended by the cells that a beacon reports for this robot."""
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:

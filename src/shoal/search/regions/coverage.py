@@ -139,7 +139,7 @@ def _legs(ways: list[Points]) -> tuple[Points, Points]:
 
 
 def _bends(way: Points) -> Points:
-    """Remove points on straight legs from a route. Small deviations count as straight, because files store rounded coordinates."""
+    """Return a route without the points at which it is straight. Tiny bends count as straight, because files round coordinates."""
     import shapely
 
     if len(way) < 2 or np.all(way == way[0]):
@@ -178,7 +178,7 @@ def footprints_along(starts: Points, ends: Points, half: float, angle: float) ->
 
 
 def _without(area: Any, shapes: Any, footprint: float) -> Any:
-    """Subtract many shapes from an area, one small block of the area after another. One large union of shapes would be slow."""
+    """Subtract shapes from an area, separately in each small block of the area. One large union of all shapes would be slow."""
     import shapely
 
     if len(shapes) == 0:

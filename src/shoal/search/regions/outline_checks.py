@@ -202,7 +202,7 @@ def check_metres(ring: Ring) -> None:
 
 
 def check_degrees(ring: Ring) -> None:
-    """Refuse a ring with invalid longitudes or latitudes, at a pole, or across the 180° meridian.
+    """Refuse a ring that has an invalid longitude or latitude, comes near a pole, or crosses the 180° meridian.
 
     Raises
     ------

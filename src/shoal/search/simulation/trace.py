@@ -67,7 +67,7 @@ class SearchTrace:
     ----------
     robots : tuple of RobotLog
     covered_at : float
-        Time at which the required number of robots had searched every reachable cell, or infinity if too few robots searched a
+        Time at which the required number of robots had searched each reachable cell, or infinity if too few robots searched a
         cell. The unit of time is the time in which a robot of speed 1 searches one cell.
     declared : dict of int to float
         Time at which each robot declared completion, by the number of the robot (from 1).
@@ -108,7 +108,7 @@ class SearchTrace:
 
     @classmethod
     def from_dict(cls, data: Any, *, robots: int, cells: int) -> SearchTrace:
-        """Return the trace that a mapping from `to_dict` describes. The mapping must suit the numbers of robots and cells.
+        """Return the trace that a mapping from `to_dict` describes. The mapping must fit the numbers of robots and cells.
 
         Raises
         ------
@@ -231,8 +231,8 @@ def simulated_trace(plan: SearchPlan, scenario: Scenario) -> SearchTrace:
 def searched_at(scenario: Scenario, logs: Sequence[RobotLog]) -> NDArray[np.float64]:
     """Return the time at which the required number of robots had searched each reachable cell; float64, shape (n,).
 
-    The required number of robots is the multiplicity, or less if fewer robots can reach the cell. At least one of the required
-    robots must not be a liar. A cell that too few robots searched gets an infinite time.
+    The required number of robots is the multiplicity, or less if fewer robots can reach the cell. Liars count as robots that
+    search, but at least one robot must be honest. A cell that too few robots searched gets an infinite time.
     """
     tour_cost, count = scenario.brief.tour_cost, scenario.brief.multiplicity
     liars = {fault.robot for fault in scenario.faults if isinstance(fault, Liar)}

@@ -232,7 +232,7 @@ class SearchWorld:
         self._do_event(vehicle, Sensed(self.time, cell, found, beside))
 
     def _finds(self, vehicle: SimulatedRobot, cell: int) -> bool:
-        """Decide at random, by the rates of the sensor, whether a robot reports a target in a cell."""
+        """Decide at random whether a robot reports a target in a cell. The probability is a sensor rate, or 0.5 for a liar."""
         chance = self.scenario.detection if cell in self.scenario.targets else self.scenario.false_alarm
         return bool(self.rng.random() < (0.5 if vehicle.liar else chance)) if chance or vehicle.liar else False
 

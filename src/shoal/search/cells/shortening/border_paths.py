@@ -75,7 +75,7 @@ class _Course:
         return own_piece(self._grid.clipped, self._grid.lattice, self._grid.own, tuple(self._cells[k].tolist()))
 
     def chains(self, free: Flags) -> list[list[int]]:
-        """Return the runs of consecutive free cells on the closed tour, as tour indices. At least one cell must not be free."""
+        """Return the runs of consecutive cells for which ``free`` is true, as tour indices. At least one value must be false."""
         fixed = np.flatnonzero(~free)
         n = len(free)
         found = []
@@ -126,7 +126,7 @@ class _Course:
 
 
 class _Look:
-    """An area that the footprint must sweep on a part of the tour, and tests whether a path does so."""
+    """An area that the footprint must sweep on a part of the tour, with methods that find a shorter path for this purpose."""
 
     def __init__(self, grid: CellGrid, wanted: Any, path: Points) -> None:
         import shapely

@@ -19,8 +19,8 @@ MOST = 30_000
 def exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[Tour, float]:
     """Return a tour shortened by exchanges of its links and moves of its cells, and its estimated cost in cells.
 
-    After the exchanges, the closing path and the links between distant rows follow the ends of the rows. Therefore a robot searches
-    cells even on these ways.
+    After the exchanges, the links between distant rows, and the link from the last cell to the first, lead along the ends of the
+    rows. Therefore a robot searches cells even on these links.
 
     Parameters
     ----------

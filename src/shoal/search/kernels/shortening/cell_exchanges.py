@@ -71,7 +71,7 @@ def added_cost(points, order, place, bent, turn, cut, new, count, most):
 
 @in_place_kernel
 def in_sight(cells, beside, one, other):
-    """Return whether a vehicle can move straight from one cell to another, as far as the cells between them show."""
+    """Return whether a vehicle can move from one cell to another along the cells on the straight line between the two cells."""
     rows, cols = cells[other, 0] - cells[one, 0], cells[other, 1] - cells[one, 1]
     steps, here = max(abs(rows), abs(cols)), one
     for k in range(1, steps + 1):
@@ -85,7 +85,7 @@ def in_sight(cells, beside, one, other):
 
 @in_place_kernel
 def reverse(order, place, first, last):
-    """Reverse the tour between two places, around the closing link if the first place is after the last."""
+    """Reverse the tour from place ``first`` to place ``last``, across the end of ``order`` if ``first`` is after ``last``."""
     n = len(order)
     count = (last - first) % n + 1
     if 2 * count > n:
@@ -98,7 +98,7 @@ def reverse(order, place, first, last):
 
 @in_place_kernel
 def move(order, place, first, count, behind, backwards, moved):
-    """Move the ``count`` cells from the place ``first`` on, so that they follow the cell ``behind``.
+    """Move ``count`` consecutive cells, beginning with the cell at place ``first``, so that they follow the cell ``behind``.
 
     The kernel shifts the cells that lie between the old and the new place on the shorter way round the tour.
     """

@@ -86,7 +86,7 @@ def read_positions(path: Path, *, what: str) -> tuple[Points, bool]:
 
 
 def _geometries(data: Any, where: str, no_go: bool = False) -> Iterator[tuple[str, dict[str, Any], bool]]:
-    """Yield each geometry of a GeoJSON object, with its place in the file and a flag that marks it as a no-go zone."""
+    """Yield each geometry of a GeoJSON object, with its place in the file, and whether it is marked as a no-go zone."""
     if not isinstance(data, dict):
         raise InvalidInputError(f"{where}: expected a GeoJSON object, got {_short(data)}")
     kind = data.get("type")

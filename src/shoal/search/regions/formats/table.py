@@ -148,7 +148,7 @@ def _rings(rows: list[Vertex | None], path: Path) -> list[Ring]:
 
 
 def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, bool]]:
-    """Yield the indices of two overlapping polygons, whether the second covers the first, and whether the first covers it."""
+    """Yield, for overlapping polygons i and j: the indices i and j, whether j covers i, and whether i covers j."""
     import shapely
 
     tree, every = shapely.STRtree(shapes), np.array(shapes)

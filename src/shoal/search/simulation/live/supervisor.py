@@ -57,7 +57,7 @@ def run_live(
     port : int
         Port of the multicast group 239.83.72.76, or 0 for a free port.
     key : bytes
-        Secret of the search. From this secret, the tour and the start cells, Shoal computes the key that signs messages. By
+        Secret of the search. The secret, the tour and the start cells together determine the key that signs messages. By
         default, Shoal creates a new random secret.
     timeout : float, optional
         Time limit in seconds after the start of the search, at which the supervisor kills all running processes.

@@ -23,8 +23,8 @@ _STATES = {status: status for status in get_args(Status)} | dict.fromkeys(("kill
 def live_trace(scenario: Scenario, *, live: float, key: bytes = b"") -> tuple[Scenario, SearchTrace]:
     """Run a live search, in which a robot of speed 1 searches ``live`` cells per second.
 
-    Live robots listen for at least 0.3 s, and send beacons at least 0.05 s apart. The result is the scenario with this listening
-    time and this interval of beacons, and the trace of the search.
+    Live robots listen for at least 0.3 s, and send beacons at least 0.05 s apart. The first result is the scenario with these
+    times. The second result is the trace of the search.
 
     Raises
     ------
