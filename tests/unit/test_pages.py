@@ -7,8 +7,7 @@ from pathlib import Path
 
 import markdown
 import pytest
-import yaml
-from docs.page_hooks import on_page_content
+from docs.page_hooks import on_page_content, on_post_template
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
@@ -20,3 +19,50 @@ def test_lists_are_lists(page):
     """A list directly after a paragraph, or after a paragraph that is not indented by four, becomes a part of it."""
     built = markdown.markdown(page.read_text(), extensions=EXTENSIONS)
     assert re.findall(r"<p>(?:(?!</p>).)*?\n *- ", built, re.S) == []
+
+
+def test_pictures_lead_to_themselves():
+    assert on_page_content('<p><img alt="A map" src="../a.png" width="9" /></p>') == (
+        '<p><a href="../a.png"><img alt="A map" src="../a.png" width="9" /></a></p>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("<code>max_moves</code>", "<code>max_<wbr>moves</code>"),
+        ("vessels:5000", "vessels:<wbr>5000"),
+        ("<code>a.b</code>", "<code>a.<wbr>b</code>"),
+        ("<code>shoal.swarm</code> 0.5 2,500", "<code>shoal.<wbr>swarm</code> 0.5 2,500"),
+        ("kill=3 crash:2@20 3:4 a/b docs/errata list[int]", "kill=<wbr>3 crash:<wbr>2@<wbr>20 3:4 a/b docs/<wbr>errata list<wbr>[int]"),
+        ('<a href="docs/a.html">x</a>', '<a href="docs/a.html">x</a>'),
+    ],
+)
+def test_names_in_tables_break_at_good_places(text, expected):
+    assert on_page_content(f"<p>{text}</p><td>{text}</td>") == f"<p>{text}</p><td>{expected}</td>"
+
+
+def test_options_stay_in_one_piece():
+    code = "<pre><code>$ shoal -n 3 --scan-every=2 wall-clock -1</code></pre> --film"
+    spans = code.replace("-n", '<span class="option">-n</span>').replace("--scan-every", '<span class="option">--scan-every</span>')
+    assert on_page_content(code) == spans
+
+
+def test_numbers_stay_with_their_units():
+    text = "<p>0.81 ± 0.05, 13 % of 1.8\nms, 5 m/s, 3 moves</p><code>2 m</code>"
+    expected = "<p>0.81\xa0±\xa00.05, 13\xa0% of 1.8\xa0ms, 5\xa0m/s, 3 moves</p><code>2 m</code>"
+    assert on_page_content(text) == expected
+
+
+def test_no_dash_stands_before_an_empty_description():
+    item = '<li><b>a</b>\n –\n <div class="doc-md-description">\n{}</div></li>'
+    assert on_page_content(item.format("")) == "<li><b>a</b></li>"
+    assert on_page_content(item.format("A")) == item.format("A")
+
+
+def test_the_page_for_missing_pages_asks_nothing_of_the_network():
+    built = '<script src="https://unpkg.com/iframe-worker/shim"></script><h1>404</h1>'
+    mended = on_post_template(built, template_name="404.html", config=None)
+    assert "://" not in mended
+    assert 'href="/index.html"' in mended
+    assert on_post_template(built, template_name="sitemap.xml", config=None) == built
