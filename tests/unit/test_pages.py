@@ -11,6 +11,7 @@ from docs.page_hooks import on_page_content, on_post_template
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+LINE = 84  # characters
 EXTENSIONS = ["admonition", "attr_list", "tables", "toc", "pymdownx.highlight", "pymdownx.superfences"]  # those of mkdocs.yml
 
 
@@ -19,6 +20,13 @@ def test_lists_are_lists(page):
     """A list directly after a paragraph, or after a paragraph that is not indented by four, becomes a part of it."""
     built = markdown.markdown(page.read_text(), extensions=EXTENSIONS)
     assert re.findall(r"<p>(?:(?!</p>).)*?\n *- ", built, re.S) == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_lines_of_code_fit_the_page(page):
+    """Commands may be longer: the built page wraps them."""
+    blocks = re.findall(r"^```(?!console)\S.*\n((?:(?!```).*\n)*)", page.read_text(), re.M)
+    assert [line for block in blocks for line in block.splitlines() if len(line) > LINE] == []
 
 
 def test_pictures_lead_to_themselves():
