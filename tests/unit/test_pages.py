@@ -39,10 +39,11 @@ def test_pictures_lead_to_themselves():
     ("text", "expected"),
     [
         ("<code>max_moves</code>", "<code>max_<wbr>moves</code>"),
-        ("vessels:5000", "vessels:<wbr>5000"),
+        ("<code>vessels:5000</code> vessels:5000", "<code>vessels:<wbr>5000</code> vessels:5000"),
         ("<code>a.b</code>", "<code>a.<wbr>b</code>"),
         ("<code>shoal.swarm</code> 0.5 2,500", "<code>shoal.<wbr>swarm</code> 0.5 2,500"),
-        ("kill=3 crash:2@20 3:4 a/b docs/errata list[int]", "kill=<wbr>3 crash:<wbr>2@<wbr>20 3:4 a/b docs/<wbr>errata list<wbr>[int]"),
+        ("<code>a=3 crash:2@20 3:4 a/b</code>", "<code>a=<wbr>3 crash:<wbr>2@<wbr>20 3:4 a/b</code>"),
+        ("docs/errata and list[int,str,float]", "docs/errata and list<wbr>[int,<wbr>str,<wbr>float]"),
         ('<a href="docs/a.html">x</a>', '<a href="docs/a.html">x</a>'),
     ],
 )
@@ -60,6 +61,14 @@ def test_numbers_stay_with_their_units():
     text = "<p>0.81 ± 0.05, 13 % of 1.8\nms, 5 m/s, 3 moves</p><code>2 m</code>"
     expected = "<p>0.81\xa0±\xa00.05, 13\xa0% of 1.8\xa0ms, 5\xa0m/s, 3 moves</p><code>2 m</code>"
     assert on_page_content(text) == expected
+
+
+def test_formulas_have_indices_and_powers():
+    text = "<p>p_1 + R_{k+2} of goal_x, p'_i, c_i²: 10^100, (k-1)^(k-1), 2^order, (2r)^(1/2^m)</p><code>p_1</code>"
+    expected = text.replace("p_1 ", "p<sub>1</sub> ").replace("R_{k+2}", "R<sub>k+2</sub>").replace("c_i", "c<sub>i</sub>")
+    expected = expected.replace("'_i", "'<sub>i</sub>").replace("^100", "<sup>100</sup>").replace("^(k-1)", "<sup>k-1</sup>")
+    expected = expected.replace("^order", "<sup>order</sup>")
+    assert on_page_content(text) == expected.replace("^(1/2^m)", "<sup>1/2<sup>m</sup></sup>")
 
 
 def test_no_dash_stands_before_an_empty_description():
