@@ -57,18 +57,26 @@ def command_section(name: str, one: TyperCommand) -> str:
     for parameter in shown:
         heading = ARGUMENTS if is_argument(parameter) else parameter.rich_help_panel or OPTIONS
         tables.setdefault(heading, []).append(parameter_row(parameter))
-    arguments = [(parameter.metavar or parameter.name.upper(), parameter.required) for parameter in shown if is_argument(parameter)]
+    arguments = [(names_of(parameter)[0], parameter.required) for parameter in shown if is_argument(parameter)]
     usage = " ".join(["shoal", name, *(text if required else f"[{text}]" for text, required in arguments), "[OPTIONS]"])
     example = f"Example: `{one.epilog.removeprefix('Example: ')}`"
     parts = [f"## shoal {name}", f"`{usage}`", *said(one.help), example]
     for heading, rows in tables.items():
-        parts += [f"**{heading}**", f"| name | type | default | meaning |\n|---|---|---|---|\n{''.join(rows)}".rstrip()] if rows else []
+        if rows:
+            parts += [f"**{heading}**", f"| name | type | default | meaning |\n|---|---|---|---|\n{''.join(rows)}".rstrip()]
     return "\n" + "\n\n".join(parts) + "\n"
 
 
 def is_argument(parameter: Any) -> bool:
     """Return whether a parameter of a command is an argument, which has no name on the command line."""
     return not parameter.opts[0].startswith("-")
+
+
+def names_of(parameter: Any) -> list[str]:
+    """Return the names of an option, or the name of an argument in the help."""
+    if is_argument(parameter):
+        return [parameter.metavar or parameter.name.upper()]
+    return [*parameter.opts, *parameter.secondary_opts]
 
 
 def said(help_: str) -> list[str]:
@@ -78,12 +86,11 @@ def said(help_: str) -> list[str]:
 
 def parameter_row(parameter: Any) -> str:
     """Return the row of one argument or option."""
-    names = [parameter.metavar or parameter.name.upper()] if is_argument(parameter) else [*parameter.opts, *parameter.secondary_opts]
     typed = parameter.metavar or TYPES.get(parameter.type_descriptor.annotation, "value")
     shown = parameter.default if parameter.show_default is True else parameter.show_default
     without = shown is None or shown is False or shown == ""
     default = "required" if parameter.required else "" if without else f"`{shown}`"
-    return cells(", ".join(f"`{name}`" for name in names), typed, default, " ".join(parameter.help.split()))
+    return cells(", ".join(f"`{name}`" for name in names_of(parameter)), typed, default, " ".join(parameter.help.split()))
 
 
 def cells(*texts: str) -> str:

@@ -19,15 +19,15 @@ _TOGETHER = re.compile(rf"\s(?=±\s)|(?<=±)\s|(?<=\d)\s(?=(?:{_UNIT})(?!\w))")
 _INDEX = re.compile(r"(?<!\w)([^\W\d_]'?)_(?:\{([^{}]+)\}|(\w)(?![^\W²]))")
 _POWER = re.compile(r"(?<=[\w)])\^(?:\(([^()]+)\)|(\d+\.\d+|\w+))")
 _LONG = re.compile(r"\S{16,}")
-_EMPTY = re.compile(r'\s*–\s*<div class="doc-md-description">\s*</div>')
+_EMPTY = re.compile(r'\s*\N{EN DASH}\s*<div class="doc-md-description">\s*</div>')
 
 
 def on_page_content(html: str, **_: Any) -> str:
     """Return the page with lines that break at good places, and pictures that lead to themselves, where a phone can enlarge them.
 
     In tables, names may break after ``_``, ``.``, ``:``, ``=``, ``@`` or ``/``, and before ``[``. An option such as ``--film`` may
-    not break, and a number may not break from its unit or its uncertainty. Formulas such as ``p_1`` and ``k^(n+1)`` have indices and
-    powers. In lists of parameters, no dash stands before an empty description.
+    not break, and a number may not break from its unit or its uncertainty. Formulas such as ``p_1`` and ``k^(n+1)`` get indices
+    and powers. In lists of parameters, no dash stands before an empty description.
     """
     html = _EMPTY.sub("", _PICTURE.sub(r'<a href="\2">\1</a>', html))
     html = _PROSE.sub(lambda piece: piece[0] if piece[0][0] == "<" else _formulas(piece[0]), html)

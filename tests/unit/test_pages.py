@@ -72,7 +72,7 @@ def test_formulas_have_indices_and_powers():
 
 
 def test_no_dash_stands_before_an_empty_description():
-    item = '<li><b>a</b>\n –\n <div class="doc-md-description">\n{}</div></li>'
+    item = '<li><b>a</b>\n \N{EN DASH}\n <div class="doc-md-description">\n{}</div></li>'
     assert on_page_content(item.format("")) == "<li><b>a</b></li>"
     assert on_page_content(item.format("A")) == item.format("A")
 
