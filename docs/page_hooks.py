@@ -25,7 +25,7 @@ _EMPTY = re.compile(r'\s*\N{EN DASH}\s*<div class="doc-md-description">\s*</div>
 def on_page_content(html: str, **_: Any) -> str:
     """Return the page with lines that break at good places, and pictures that lead to themselves, where a phone can enlarge them.
 
-    In tables, names may break after ``_``, ``.``, ``,``, ``:``, ``=``, ``@`` or ``/``, and before ``[``. An option such as ``--film``
+    In tables, names may break after one of ``_.,:=@/``, and before ``[``. An option such as ``--film``
     may not break, and a number may not break from its unit or its uncertainty. Formulas such as ``p_1`` and ``k^(n+1)`` get indices
     and powers. In lists of parameters, no dash stands before an empty description.
     """
