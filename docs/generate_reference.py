@@ -1,18 +1,19 @@
-"""Write docs/reference/ from the code: commands from their --help, problems from their
-declarations, rules of the linter from their table. A test fails if these files are not up to date.
+"""Write docs/reference/ from the code: commands and problems from their declarations, rules of the linter from their table.
+
+A test fails if these files are not up to date.
 
 Run: python docs/generate_reference.py
 """
 
 from __future__ import annotations
 
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
+from typing import Any
 
-from shoal.cli.commands import COMMANDS
+from typer.core import TyperCommand
+
+from shoal.cli.commands import COMMANDS, command
 from shoal.core.problem import Declaration, Problem
 from shoal.envs import REGISTERED
 from shoal.envs.options import ENVIRONMENTS, EnvOptions
@@ -21,9 +22,8 @@ from shoal.search.flight.vehicle import Vehicle
 from shoal.search.missions import RULES
 
 TARGET = Path(__file__).parent / "reference"
-WIDTH = "84"  # what fits the page
-COLOURED = ("FORCE_COLOR", "PY_COLORS", "GITHUB_ACTIONS", "TTY_COMPATIBLE")  # each would put escape codes into the text
-HELP = "```{ .text .frame }"  # on a phone, the lines of a frame do not wrap
+OPTION = re.compile(r"(?<![`\w-])--[a-z][a-z-]*")
+TYPES = {int: "whole number", float: "number", bool: "true or false", str: "text"}
 INTRO = """# Commands
 
 Shoal's commands print results on stdout, and messages and progress on stderr. A command ends with one of four exit codes:
@@ -33,34 +33,70 @@ Shoal's commands print results on stdout, and messages and progress on stderr. A
 - Exit code 2 means that the input is wrong, or that Shoal could not write a result. After wrong input or a failed
   write, a command prints an error message of one sentence on stderr, and leaves no incomplete file.
 - Exit code 130 means that the user interrupted the command.
+
+Each command has the option `--help`, in short `-h`, which prints the help of the command. The command `shoal --version` prints the
+version of Shoal.
+
+| command | what it does |
+|---|---|
 """
-
-
-EACH = """
-import sys
-from shoal.cli import run
-for command in sys.argv[1:]:
-    run([*command.split(), "--help"])
-    print(end="\\f")
-"""
-
-
-def helps_of(commands: list[str]) -> list[str]:
-    """Return the help of each command, as a narrow terminal without colours shows it."""
-    environment = {name: value for name, value in os.environ.items() if name not in COLOURED}
-    environment |= {"COLUMNS": WIDTH, "TERMINAL_WIDTH": WIDTH, "TERM": "dumb", "NO_COLOR": "1", "PYTHONUTF8": "1"}
-    arguments = [sys.executable, "-c", EACH, *commands]
-    text = subprocess.run(arguments, env=environment, check=True, capture_output=True, text=True).stdout
-    return ["\n".join(line.rstrip() for line in one.strip().splitlines()) for one in text.split("\f")[:-1]]
+ARGUMENTS, OPTIONS = "Arguments", "Options"  # headings of tables; other options have the heading of their fields
 
 
 def commands() -> str:
     """Return the text of docs/reference/commands.md."""
-    names = ["", *COMMANDS]
-    sections = [
-        f"\n## shoal{' ' * bool(name)}{name}\n\n{HELP}\n{text}\n```\n" for name, text in zip(names, helps_of(names), strict=True)
-    ]
-    return INTRO + "".join(sections)
+    made = {name: command(name) for name in COMMANDS}
+    rows = (cells(f"[`shoal {name}`](#shoal-{name.replace(' ', '-')})", said(one.help)[0]) for name, one in made.items())
+    return INTRO + "".join(rows) + "".join(command_section(name, one) for name, one in made.items())
+
+
+def command_section(name: str, one: TyperCommand) -> str:
+    """Return how a command is written, what it does, an example, and the tables of its arguments and options."""
+    tables: dict[str, list[str]] = {ARGUMENTS: [], OPTIONS: []}
+    shown = [parameter for parameter in one.params if not getattr(parameter, "hidden", False)]
+    for parameter in shown:
+        heading = ARGUMENTS if is_argument(parameter) else parameter.rich_help_panel or OPTIONS
+        tables.setdefault(heading, []).append(parameter_row(parameter))
+    arguments = [(names_of(parameter)[0], parameter.required) for parameter in shown if is_argument(parameter)]
+    usage = " ".join(["shoal", name, *(text if required else f"[{text}]" for text, required in arguments), "[OPTIONS]"])
+    example = f"Example: `{one.epilog.removeprefix('Example: ')}`"
+    parts = [f"## shoal {name}", f"`{usage}`", *said(one.help), example]
+    for heading, rows in tables.items():
+        if rows:
+            parts += [f"**{heading}**", f"| name | type | default | meaning |\n|---|---|---|---|\n{''.join(rows)}".rstrip()]
+    return "\n" + "\n\n".join(parts) + "\n"
+
+
+def is_argument(parameter: Any) -> bool:
+    """Return whether a parameter of a command is an argument, which has no name on the command line."""
+    return not parameter.opts[0].startswith("-")
+
+
+def names_of(parameter: Any) -> list[str]:
+    """Return the names of an option, or the name of an argument in the help."""
+    if is_argument(parameter):
+        return [parameter.metavar or parameter.name.upper()]
+    return [*parameter.opts, *parameter.secondary_opts]
+
+
+def said(help_: str) -> list[str]:
+    """Return the paragraphs of a help, each on one line."""
+    return [" ".join(paragraph.split()) for paragraph in help_.split("\n\n")]
+
+
+def parameter_row(parameter: Any) -> str:
+    """Return the row of one argument or option."""
+    typed = parameter.metavar or TYPES.get(parameter.type_descriptor.annotation, "value")
+    shown = parameter.default if parameter.show_default is True else parameter.show_default
+    without = shown is None or shown is False or shown == ""
+    default = "required" if parameter.required else "" if without else f"`{shown}`"
+    return cells(", ".join(f"`{name}`" for name in names_of(parameter)), typed, default, " ".join(parameter.help.split()))
+
+
+def cells(*texts: str) -> str:
+    """Return a row of a table, with the names of options as code."""
+    row = " | ".join(OPTION.sub(r"`\g<0>`", text.replace("|", " or ")) for text in texts)
+    return f"| {row} |\n"
 
 
 PROBLEMS = """# Problems
@@ -125,7 +161,7 @@ def environment(options: type[EnvOptions]) -> str:
 def row(declared: Declaration) -> str:
     """Return the row of one field."""
     option = declared.option
-    kind = {int: "whole number", float: "number", bool: "true or false", str: "text"}.get(declared.type, option.metavar or "value")
+    kind = TYPES.get(declared.type, option.metavar or "value")
     default = "" if declared.required else "none" if declared.default is None else f"`{declared.default}`"
     limits = [
         f"one of {', '.join(f'`{choice}`' for choice in option.choices)}" if option.choices else "",
@@ -134,8 +170,7 @@ def row(declared: Declaration) -> str:
     ]
     told = "; ".join(filter(None, limits))
     meaning = re.sub(r"\.( |$)", lambda end: f" ({told}){end[0]}", option.help, count=1) if told else option.help
-    cells = [f"`{declared.name}`", kind, default, meaning]
-    return f"| {' | '.join(cell.replace('|', ' or ') for cell in cells)} |\n"
+    return cells(f"`{declared.name}`", kind, default, meaning)
 
 
 LINTER = """# Rules of the mission linter

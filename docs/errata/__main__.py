@@ -18,6 +18,8 @@ the papers that are wrong or need a remark. For each statement, a program checks
 "Result". The folder `docs/errata` of the repository contains the programs that check the statements. The command
 `shoal reproduce --all` runs all programs of this folder. The command `python -m docs.errata` writes this page.
 
+An erratum of two papers is listed under the first paper.
+
 | letter | paper | errata |
 |---|---|---|
 """
@@ -32,13 +34,32 @@ PAPERS = {
 def page(errata: Iterable[Erratum]) -> str:
     """Return the Markdown text of the page of errata."""
     errata = list(errata)
-    papers = [set(re.findall(r"\b[MDWH]\b", one.source[:12])) for one in errata]
-    rows = (f"| {letter} | {title} | {sum(letter in named for named in papers)} |\n" for letter, title in PAPERS.items())
+    rows = (f"| {letter} | {title} | {sum(letter in papers(one) for one in errata)} |\n" for letter, title in PAPERS.items())
     parts = [HEAD + "".join(rows)]
-    for one in errata:
-        parts.append(f"## {one.source[0].upper()}{one.source[1:]}\n")
-        parts.append(f"- Printed: {one.printed}.\n- Correct: {one.holds}.\n- Check: {one.check}.\n- Result: {one.found}.\n")
+    for letter in PAPERS:
+        parts.append(f"## Paper {letter}\n")
+        sources: list[str] = []
+        for one in errata:
+            if papers(one)[0] == letter:
+                parts += [f"### {title(one, sources.count(one.source))}\n", said(one)]
+                sources.append(one.source)
     return "\n".join(parts)
+
+
+def papers(one: Erratum) -> list[str]:
+    """Return the letters of the papers that contain an erratum."""
+    return re.findall(r"\b[MDWH]\b", one.source[:12])
+
+
+def title(one: Erratum, before: int) -> str:
+    """Return the heading of an erratum, after a number of other errata in the same place."""
+    return f"{one.source[0].upper()}{one.source[1:]}{', second statement' * before}"
+
+
+def said(one: Erratum) -> str:
+    """Return the list of what an erratum states."""
+    told = {"Printed": one.printed, "Correct": one.holds, "Check": one.check, "Result": one.found}
+    return "".join(f"- **{label}**: {text}.\n" for label, text in told.items())
 
 
 if __name__ == "__main__":
