@@ -268,21 +268,23 @@ def best_grid_tour(
 def _exchanged_tours(
     region: SearchRegion, size: float, tours: Sequence[str], orientations: Sequence[tuple[float, float]], turn: float, transit: bool
 ) -> list[GridTour]:
-    """Return the best tour for each name in ``tours``, shortened by exchanges and by better viewpoints."""
+    """Return the best tour of each name, shortened by exchanges, and the best of all tours, with paths along the border."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
         drafts += [(grid, *exchanged(grid, make_tour(_QUICK.get(name, name), grid.mask), turn)) for name in tours]
     drafts.sort(key=lambda draft: draft[2])
-    laid = []
+    laid: list[tuple[float, CellGrid, GridTour]] = []
     for kind in dict.fromkeys(tour.name for _, tour, _ in drafts):
         for draft in [one for one in drafts if one[1].name == kind][:_FINALISTS]:
             grid, tour = _exchanged(draft[0], draft[1], turn)
-            laid.append(GridTour(grid, tour, RegionPaths(grid, transit=transit)))
-    laid.sort(key=lambda one: one.once_round(turn))
-    best = {one.tour.name: one for one in reversed(laid)}
-    grid = along_border(laid[0].grid, laid[0].tour.cells, turn)
-    return [GridTour(grid, laid[0].tour, RegionPaths(grid, transit=transit)), *best.values()]
+            finalist = GridTour(grid, tour, RegionPaths(grid, transit=transit))
+            laid.append((finalist.once_round(turn), grid, finalist))
+    laid.sort(key=lambda one: one[0])
+    best = {one.tour.name: one for _, _, one in reversed(laid)}
+    tour = laid[0][2].tour
+    grid = along_border(laid[0][1], tour.cells, turn)
+    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)), *best.values()]
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
