@@ -31,7 +31,7 @@ from shoal.search.tours.spanning_tree import SpanningTreeTour
 ON_ROWS = ("boustrophedon",)
 """Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a path with few bends."""
 
-TURN = 0.8
+TURN = 0.9
 """Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns in no time."""
 
 _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {"spanning-tree": SpanningTreeTour, "comb": CombTour}
@@ -42,7 +42,7 @@ _SIDES = 3
 _SHIFTS = (0.0, 0.25, 0.5, 0.75)  # shifts of the rows, relative to the width of a row
 _TRIED = 4  # number of orientations that are planned in full
 _DRAFTED = 16  # number of orientations that get a draft, if exchanges shorten the tours
-_FINALISTS = 2  # number of best drafts that become complete tours, besides the best draft of each kind of tour
+_FINALISTS = 2  # number of drafts of each kind of tour whose cells are exchanged again, before the best one is completed
 _WORK = 200_000  # total number of cells that are planned in full, over all orientations
 _QUICK = {"boustrophedon": BoustrophedonTour(disturbances=30)}  # tour makers that suffice before exchanges of cells
 _ROWS = 120  # maximum number of rows for an estimate
@@ -263,22 +263,23 @@ def _exchanged_tours(
     turn: float,
     transit: bool,
 ) -> list[GridTour]:
-    """Return the best tour of each tour maker, shortened by exchanges and by viewpoints on shorter paths."""
+    """Return the best tour of each tour maker, shortened by exchanges, and the best of all tours, with paths along the border."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
         drafts += [(grid, *exchanged(grid, make_tour(maker, grid.mask), turn)) for maker in makers]
     drafts.sort(key=lambda draft: draft[2])
-    kinds = [tour.name for _, tour, _ in drafts]
-    finalists = sorted({*range(min(_FINALISTS, len(drafts))), *(kinds.index(name) for name in kinds)})
-    best: dict[str, tuple[float, CellGrid, Tour]] = {}
-    for k in finalists:
-        grid, tour = _exchanged(drafts[k][0], drafts[k][1], turn)
-        cost = GridTour(grid, tour, RegionPaths(grid, transit=transit)).once_round(turn)
-        if tour.name not in best or cost < best[tour.name][0]:
-            best[tour.name] = cost, grid, tour
-    whole = [(along_border(grid, tour.cells, turn), tour) for _, grid, tour in best.values()]
-    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)) for grid, tour in whole]
+    laid: list[tuple[float, CellGrid, GridTour]] = []
+    for kind in dict.fromkeys(tour.name for _, tour, _ in drafts):
+        for draft in [one for one in drafts if one[1].name == kind][:_FINALISTS]:
+            grid, tour = _exchanged(draft[0], draft[1], turn)
+            finalist = GridTour(grid, tour, RegionPaths(grid, transit=transit))
+            laid.append((finalist.once_round(turn), grid, finalist))
+    laid.sort(key=lambda one: one[0])
+    best = {one.tour.name: one for _, _, one in reversed(laid)}
+    tour = laid[0][2].tour
+    grid = along_border(laid[0][1], tour.cells, turn)
+    return [GridTour(grid, tour, RegionPaths(grid, transit=transit)), *best.values()]
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:

@@ -126,13 +126,35 @@ def viewpoints_of(
         shapely.prepare(free)
         from_center &= shapely.intersects_xy(free, centers[:, 0], centers[:, 1])
     places = [centers[k : k + 1] if easy else known[k] if known else None for k, easy in enumerate(from_center.tolist())]
+    speck = SPECK * size * size
+    hard = [k for k, place in enumerate(places) if place is None]
+    if free is None and hard:
+        for k, place in zip(hard, _single(pieces[hard], centers[hard], footprint / 2, speck), strict=True):
+            places[k] = place
     found = [
-        _viewpoints(pieces[k], free, centers[k], footprint, SPECK * size * size) if place is None else place
-        for k, place in enumerate(places)
+        _viewpoints(pieces[k], free, centers[k], footprint, speck) if place is None else place for k, place in enumerate(places)
     ]
     counts = [len(points) for points in found]
     points = np.concatenate(found) if found else np.zeros((0, 2))
     return points, np.repeat(np.arange(len(found)), counts)
+
+
+def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Points | None]:
+    """Return, for each piece, the point of the piece nearest to the centre from which the whole piece is visible, or None."""
+    import shapely
+
+    low, high = np.split(shapely.bounds(pieces), 2, axis=1)
+    hair = 2 * _HAIR * half
+    least, most = np.minimum(high - half, low + half) - hair, np.maximum(high - half, low + half) + hair
+    among = shapely.intersection(pieces, shapely.box(*least.T, *most.T))
+    lines = shapely.shortest_line(among, shapely.points(centers))
+    there = np.flatnonzero(~shapely.is_missing(lines) & (high - low <= 2 * half + hair).all(axis=1))
+    points = shapely.get_coordinates(lines[there])[::2]
+    left = shapely.area(shapely.difference(pieces[there], shapely.box(*(points - half).T, *(points + half).T)))
+    found: list[Points | None] = [None] * len(pieces)
+    for k, place in zip(there[left <= speck].tolist(), points[left <= speck], strict=True):
+        found[k] = place[None]
+    return found
 
 
 def _viewpoints(piece: Any, free: Any, center: Points, footprint: float, speck: float) -> Points:
