@@ -151,8 +151,8 @@ def _full() -> tuple[str, bool]:
     "contain, subset coverage of 20 % takes 874, 100 and 9.2 moves for n = 100, 1000 and 4000 particles. On the authors' map, "
     "subset coverage of 10 % takes 714, 82 and 7.8 moves for n = 100, 1000 and 4000 particles. The paper prints 836, 99 and 9.3 "
     "moves for n = 100, 1000 and 4000 particles. On generated vessels with n = 4000 particles, the published number of moves "
-    "fits a share of 20 %. One observation remains unexplained: the published moves of subset coverage, divided by the "
-    "published moves of coverage, fit a share of 10 %",
+    "fits a share of 20 %. One observation remains unexplained: the published ratio of the moves of subset coverage to the "
+    "moves of coverage fits subset coverage of 10 %",
     "a program runs episodes of the policy closest-frontier with coverage of all free cells, and with subset coverage of 10 % "
     "and of 20 % of the free cells. The program runs 120 episodes for each case on three maps of vessels, and 40 episodes for "
     "each case on a maze and on a rectangle",
@@ -179,9 +179,8 @@ def _subset() -> tuple[str, bool]:
             as_a_tenth &= n < 4000 or bool(abs(tenth - there) < abs(fifth - there))
             where = kind if kind == "vessels" else f"a {kind}"
             words.append(
-                f"With {n} particles on {where}, subset coverage takes {tenth:.2f} (10 % of the cells) and "
-                f"{fifth:.2f} (20 % of the "
-                f"cells) times the moves of coverage; the published ratio is {there:.2f}"
+                f"With {n} particles on {where}, the moves of subset coverage divided by the moves of coverage are {tenth:.2f} for "
+                f"10 % of the cells and {fifth:.2f} for 20 % of the cells; the published ratio is {there:.2f}"
             )
     assert part.std is not None  # the file has standard deviations
     ((mean, error),) = ((m, s / 10) for n, m, s in zip(part.x, part.mean, part.std, strict=True) if n == 4000)  # 100 trials

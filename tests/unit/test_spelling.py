@@ -13,7 +13,8 @@ ROOT = Path(__file__).parents[2]
 LISTS = (ROOT / "docs" / "spelling.txt", ROOT / "tests" / "unit" / "plain_words.txt")
 PAGES = sorted([*(ROOT / "docs").rglob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"])
 CODE = re.compile(
-    r"```.*?```|`[^`]*`|\]\([^)]*\)|<!--.*?-->|doi:\S+|^:::[^\n]*$|^    [^\n]*$|^[^\n]*\s>>> [^\n]*$|\$[^$]*\$|\b\w+(?:[./_:\\]\w+)+\b"
+    r"```.*?```|`[^`]*`|\]\([^)]*\)|<!--.*?-->|doi:\S+|^:::[^\n]*$|^    [^\n]*$|^[^\n]*\s>>> [^\n]*$|\$[^$]*\$"
+    r"|\b\w+(?:[./_:\\]\w+)+\b"
     r"|\b[A-Z][a-z]+(?:[A-Z]\w*)+",  # names of classes
     re.S | re.M,
 )

@@ -107,7 +107,7 @@ def notebook_page(episode: Episode) -> str:
 
 
 def _views_of(episode: Any, room: str) -> Any:
-    """Return the module ``room`` with the views of the episode's part: swarm, steering or search. Import no other part."""
+    """Import and return the module ``room`` of views for the part of an episode: swarm, steering or search."""
     part = getattr(episode, "part", None)
     if part not in ("swarm", "steering", "search"):
         raise InvalidInputError(f"episode: expected an episode of swarm, steering or search, got {type(episode).__name__}")

@@ -55,7 +55,10 @@ def random_difference(rng: np.random.Generator, workspace: ConvexWorkspace) -> P
 
 @measuring(*(f"share_{moves}" for moves in MOVES), "moves_to_fill")
 def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
-    """Return the fractions of all position differences that moves reach on a regular polygon, from a random initial difference."""
+    """Return, for each number of moves, the fraction of all position differences that two particles can reach in a regular polygon.
+
+    The particles start with a random position difference.
+    """
     workspace = regular_polygon(sides)
     start = random_difference(np.random.default_rng(seed), workspace)
     filling = polygon_fractions(workspace, start, moves=MOVES[-1])
@@ -66,7 +69,10 @@ def filling_of(*, seed: int, sides: int) -> dict[str, Any]:
 
 @measuring(*(f"share_{moves}" for moves in CYCLES))
 def disk_share(*, seed: int, distance: float) -> dict[str, float]:
-    """Return the fractions of all position differences that moves reach on a disk; the seed has no effect."""
+    """Return, for each number of moves, the fraction of all position differences that two particles can reach in a disk.
+
+    The seed has no effect.
+    """
     return {f"share_{m}": float(share) for m, share in zip(CYCLES, disk_fractions([distance]).fractions[0], strict=True)}
 
 

@@ -163,12 +163,12 @@ class NoisyBelief:
 
     @property
     def probability(self) -> NDArray[np.float64]:
-        """For each cell of the workspace and a rim of one cell, the probability that the cell is free (float64)."""
+        """The probability that a cell is free (float64), for the cells of the workspace and of a rim that is one cell wide."""
         return 1 / (1 + np.exp(-self.logit))
 
     @property
     def logit(self) -> NDArray[np.float64]:
-        """For each cell of the workspace and a rim of one cell, the log-odds that the cell is free (float64)."""
+        """The log-odds that a cell is free (float64), for the cells of the workspace and of a rim that is one cell wide."""
         return np.array(inner_of(self.state.logit, self.layout.shape, rim=1))
 
     @property

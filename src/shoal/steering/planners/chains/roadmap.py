@@ -105,7 +105,7 @@ def _spread(query: ChainQuery, rng: np.random.Generator, count: int) -> Points:
 
 
 def _over(nodes: Points, model: CycleModel) -> Chain | None:
-    """Return the chain with the fewest cycles from node 0 (the start) to node 1 (the goals), or None if no chain exists."""
+    """Return the chain from node 0 (the start) to node 1 (the goals) that takes the fewest cycles of moves, or None."""
     parents, order = np.empty(len(nodes), dtype=np.int64), np.empty(len(nodes), dtype=np.int64)
     if not fewest_cycles(nodes, model, parents, order):
         return None

@@ -50,7 +50,7 @@ def interval(kind, step, streak):
 
 @in_place_kernel
 def stretch(plan, at, length):
-    """Return the number of equal commands in a plan from index ``at`` on."""
+    """Return how many consecutive commands of a plan, beginning at index ``at``, are equal to the command at index ``at``."""
     end = at + 1
     while end < length and plan[end] == plan[at]:
         end += 1
