@@ -480,6 +480,12 @@ def test_sorties_search_from_where_they_join_the_route_to_where_they_leave_it():
     assert all((mission.waypoints_out, mission.waypoints_home) == (1, 1) for mission in missions)
 
 
+def test_a_search_that_ends_with_a_descent_counts_its_last_waypoint():
+    """The descent has both ends at one place: its lower end was taken for the way home, and a cell there was not seen."""
+    (mission,) = missions_of([(0, 0, 25), (50, 0, 25), (50, 0, 15)], None, vehicle="multirotor", home=(0, 0))
+    assert (mission.waypoints_out, mission.waypoints_home) == (0, 0)
+
+
 def test_durations_and_their_share_of_the_battery(field, tmp_path, capsys):
     region = open_region(field)
     missions, _ = swept(region, 20, vehicle="multirotor,endurance=20,reserve=0.25")

@@ -299,6 +299,6 @@ def _passing(way: Points, point: Points) -> int:
     legs = np.diff(way, axis=0)
     far = np.clip(((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0)
     near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
-    if not len(near):
+    if not len(near) or np.hypot(*(way[0] - point)) < NEAR:  # a vertical leg has both its ends at one place
         return 0
     return int(near[0]) + int(np.hypot(*(way[near[0] + 1] - point)) < NEAR)

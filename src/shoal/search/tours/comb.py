@@ -31,6 +31,8 @@ class CombTour(TourByOrder):
 
     name = "comb"
 
+    along_rows: bool | None = None  # also for a subclass with an initializer of its own
+
     def __init__(self, along_rows: bool | None = None) -> None:
         self.along_rows = along_rows
 

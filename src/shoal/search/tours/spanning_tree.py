@@ -36,6 +36,8 @@ class SpanningTreeTour:
     name = "spanning-tree"
     dimensions: tuple[int, ...] = (2,)
 
+    along_rows: bool | None = None  # also for a subclass with an initializer of its own
+
     def __init__(self, along_rows: bool | None = None) -> None:
         self.along_rows = along_rows
 
