@@ -1,4 +1,4 @@
-"""Outlines of 36 regions on which no constant of the tours was chosen: county borders, lakes, fields, islands."""
+"""Outlines of 36 further regions, for which only the price of a turn was chosen: county borders, lakes, fields, islands."""
 
 from __future__ import annotations
 

@@ -4,7 +4,8 @@
 one robot's way round and home, at the best angle, stands the tour round a spanning tree of the 2 x 2 blocks that lie wholly inside,
 at the angle and shift with most of them: the way of the published single-robot planners, which see only those blocks. A turn is a
 change of direction of more than a degree. Six robots start at random; a turn costs them a cell. Their planned time is compared with
-the cells and the turns of their tour, over six. With --held-out: 36 other regions, on which no constant was chosen, one robot only.
+the cells and the turns of their tour, over six. With --held-out: 36 other regions, one robot only; of all constants, only the price
+of a turn was chosen with them.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def own_outlines() -> dict[str, Any]:
 
 
 def survey_regions(*, held_out: bool = False) -> list[SearchRegion]:
-    """Return 20 regions with 0 to 3 zones to keep out of, or 36 regions that no constant was chosen on."""
+    """Return 20 regions with 0 to 3 zones to keep out of, or the 36 other regions."""
     outlines = {f"{name}, {state}": county(state, name).parts[0] for state, name in COUNTIES} | own_outlines()
     found = []
     for number, (name, outline) in enumerate((held_out_outlines() if held_out else outlines).items()):
