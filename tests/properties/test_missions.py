@@ -129,6 +129,7 @@ def test_missions_on_earth_lie_where_the_route_does(way, longitude, latitude):
     (mission,) = missions_of(way, frame)
     half = 0.5e-8 * 111_700 * 2**0.5  # metres: the last decimal of a file's degrees, rounded in both directions
     assert distance_to_way(frame.to_metres(mission.waypoints), way) <= half
+    assert np.abs(mission.waypoints - np.round(mission.waypoints, 8)).max() <= 1e-11  # a file loses nothing more
     assert shapely.hausdorff_distance(*map(line_of, (way, frame.to_metres(mission.waypoints)))) <= 0.0011
 
 

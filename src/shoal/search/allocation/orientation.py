@@ -31,7 +31,7 @@ from shoal.search.tours.spanning_tree import SpanningTreeTour
 ON_ROWS = ("boustrophedon",)
 """Names of tours along the rows of cells. For these tours, the viewpoints of border cells lie on a path with few bends."""
 
-TURN = 0.9
+TURN = 0.85
 """Cost of a turn, in cells, that Shoal assumes in comparisons of orientations if the vehicle turns in no time."""
 
 _TURNABLE: dict[str, type[SpanningTreeTour | CombTour]] = {"spanning-tree": SpanningTreeTour, "comb": CombTour}
