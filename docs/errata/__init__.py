@@ -1,8 +1,7 @@
 """Errata of the papers: printed statements that are wrong, their corrections, and programs that check the corrections.
 
-The command ``shoal reproduce --all`` runs the checks, and shows the results on the page that it writes. The command ``python -m
-docs.errata`` runs the checks and records the results in the library. An installed Shoal without the folder ``docs`` shows the
-recorded results.
+The command ``shoal reproduce --all`` runs the checks, and writes a page with the results. The command ``python -m docs.errata``
+runs the checks, and records the results in the library. Without the folder ``docs``, an installed Shoal shows the recorded results.
 """
 
 from __future__ import annotations

@@ -52,12 +52,15 @@ def papers(one: Erratum) -> list[str]:
 
 
 def title(one: Erratum, before: int) -> str:
-    """Return the heading of an erratum, after a number of other errata in the same place."""
+    """Return the heading of an erratum.
+
+    ``before`` is the number of errata with the same source that are already on the page.
+    """
     return f"{one.source[0].upper()}{one.source[1:]}{', second statement' * before}"
 
 
 def said(one: Erratum) -> str:
-    """Return the list of what an erratum states."""
+    """Return an erratum as a Markdown list: the printed statement, the correct statement, the check and the result."""
     told = {"Printed": one.printed, "Correct": one.holds, "Check": one.check, "Result": one.found}
     return "".join(f"- **{label}**: {text}.\n" for label, text in told.items())
 

@@ -1,4 +1,4 @@
-"""Erratum of paper W about algorithm 2: the algorithm as printed, with one of its two errors corrected, and with both corrected."""
+"""Erratum of paper W about algorithm 2: the algorithm as printed, with one error corrected, and with both errors corrected."""
 
 from __future__ import annotations
 
@@ -24,8 +24,10 @@ def _inside(corners: Vector, point: Vector) -> bool:
 
 
 def _cut(corners: Vector, heights: Vector, level: float) -> list[Vector]:
-    """Return the points of a polygon's outline whose height above an edge is ``level``; ``heights`` are the heights "
-    "of the corners."""
+    """Return the points of a polygon's outline whose height above an edge is ``level``.
+
+    ``heights`` contains the height of each corner above the edge.
+    """
     points, count = [], len(corners)
     for k in range(count):
         u, v = heights[k] - level, heights[(k + 1) % count] - level
@@ -35,7 +37,10 @@ def _cut(corners: Vector, heights: Vector, level: float) -> list[Vector]:
 
 
 def _below(heights: Vector, level: float, first: int, step: int, last: int) -> list[int]:
-    """Return the indices of the corners below the height ``level``, from the corner ``first`` onwards round the polygon."""
+    """Return the indices of consecutive corners below the height ``level``, from the corner ``first`` in steps of ``step``.
+
+    The function stops at the first corner that is not below ``level``, or at the corner ``last``.
+    """
     found, k = [], first % len(heights)
     while heights[k] < level and k != last:
         found.append(k)
@@ -44,10 +49,12 @@ def _below(heights: Vector, level: float, first: int, step: int, last: int) -> l
 
 
 def _piece(corners: Vector, i: int, s: Vector, *, line3: bool, line11: bool) -> Vector | None:
-    """Return the polygon D of one edge (lines 3 to 11 of algorithm 2), or None if the line (p'_i, p'_i+1) misses the polygon.
+    """Return the polygon D of one edge (lines 3 to 11 of algorithm 2), or None if the edge gives no polygon D.
 
-    With ``line3``, p'_i is p_i + s_a - s_b, where b is the particle nearer to the edge and a is the other particle. With
-    ``line11``, the two chains of corners exchange the points that line 11 subtracts from them.
+    With ``line3``, the function corrects line 3: p'_i is p_i + s_a - s_b, where b is the particle nearer to the edge and a is the
+    other particle. With ``line11``, the function corrects line 11: it subtracts p'_i+1 from the first chain of corners, and p'_i
+    from the second chain. The result is None if the line through p'_i and p'_i+1 misses the workspace. With ``line3``, the result
+    is also None if the particle nearer to the edge cannot touch the edge.
     """
     following = (i + 1) % len(corners)
     a, b = corners[i], corners[following]
@@ -76,7 +83,7 @@ def _piece(corners: Vector, i: int, s: Vector, *, line3: bool, line11: bool) -> 
 
 
 def _within(outline: Vector, points: Vector) -> NDArray[np.bool_]:
-    """Return which points lie inside an outline: points that the outline encloses an odd number of times."""
+    """Return whether an outline encloses each point an odd number of times; bool, shape (n,)."""
     x, y = points.T
     found = np.zeros(len(points), dtype=np.bool_)
     for (x0, y0), (x1, y1) in zip(outline, np.roll(outline, -1, axis=0), strict=True):

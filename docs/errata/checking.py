@@ -8,11 +8,14 @@ from shoal.papers.errata import Erratum
 
 Check = Callable[[], Erratum]
 Numbers = Callable[[], tuple[str, bool]]
-"""A function that computes the numbers of an erratum. It returns a text with the numbers, and whether they confirm the erratum."""
+"""A function that computes the numbers of an erratum. It returns a text with the numbers, and whether these confirm the erratum."""
 
 
 def into(checks: list[Check]) -> Callable[[str, str, str, str], Callable[[Numbers], Check]]:
-    """Return a function that makes a decorator from (source, printed, holds, check). The decorator adds a check to ``checks``."""
+    """Return the function ``erratum``, which makes a decorator from the texts (source, printed, holds, check) of an erratum.
+
+    The decorator turns a function that computes numbers into a check, and appends the check to the list ``checks``.
+    """
 
     def erratum(source: str, printed: str, holds: str, check: str) -> Callable[[Numbers], Check]:
         def register(function: Numbers) -> Check:

@@ -100,7 +100,10 @@ def _depth() -> tuple[str, bool]:
 
 
 def _lines(distance: float, r: float, *, printed: bool) -> list[Vector]:
-    """Return the lines l1 to l4 of equation 6 for Δ = (distance, 0), if particle 1 touches; float64, shape (n, 2) each."""
+    """Return the lines l1 to l4 of equation 6 for Δ = (distance, 0), if particle 1 touches the wall; float64, shape (n, 2) each.
+
+    With ``printed``, the lines have the sign of the printed equation.
+    """
     half = float(np.arccos(distance / (2 * r)))
     low, high = pi - half, pi + half  # equation 2, corrected: θ = π
     along = np.linspace(low, high, 2001)

@@ -21,13 +21,13 @@ class FreeCells:
 
     @classmethod
     def of(cls, name: str) -> FreeCells:
-        """Return the free cells of a generated map, given by its name."""
+        """Return the free cells of the generated map with a given name."""
         from shoal.swarm.maps.open import open_map
 
         return cls(frozenset((int(row), int(column)) for row, column in open_map(name).cells))
 
     def moved(self, particles: frozenset[Cell], step: Cell) -> dict[Cell, Cell]:
-        """Return a dictionary from the cell of each particle to its cell after a move under the move rule block."""
+        """Return a dictionary that maps each particle's cell to its cell after one step under the move rule block."""
         stays: set[Cell] = set()
         to: dict[Cell, Cell] = {}
         for cell in sorted(particles, key=lambda c: -(c[0] * step[0] + c[1] * step[1])):
@@ -63,9 +63,9 @@ def _path(sources: list[Cell], opened: frozenset[Cell], frontier: set[Cell]) -> 
 def plays(ground: FreeCells, seed: int, *, particles: int = 20, whole: bool = False, handover: bool = False) -> bool:
     """Return whether an episode of elect-particle ends. If a state repeats, the episode never ends.
 
-    The moves are random only at the start, so an episode with a repeated state repeats its moves for ever. With ``whole``, the
-    elected particle follows a path to its end before the algorithm makes a new path. Without ``whole``, the algorithm makes a new
-    path at every move. With ``handover``, a particle that blocks the elected particle becomes the elected particle.
+    Only the start is random, so an episode with a repeated state repeats its moves for ever. With ``whole``, the elected particle
+    follows each path to the end of the path. Without ``whole``, the algorithm makes a new path at every move. With ``handover``, a
+    particle that blocks the elected particle becomes the elected particle.
     """
     rng = random.Random(seed)
     places = frozenset(rng.sample(sorted(ground.free), particles))

@@ -20,7 +20,10 @@ def _beside(cell: Cell) -> list[Cell]:
 
 
 def family(most: int) -> list[tuple[Region, int]]:
-    """Return pairs of a start and a region without holes of at most ``most`` cells, with the length of a shortest closed tour."""
+    """Return all regions without holes of at most ``most`` cells, each with the length of a shortest closed tour.
+
+    The list contains each region once for each start cell, shifted so that the start cell lies at `START`.
+    """
     level = {frozenset([START])}
     regions = []
     for size in range(most):
@@ -78,10 +81,10 @@ def guaranteed(regions: list[tuple[Region, int]], over: int, under: int) -> bool
 
 @dataclass
 class _Game:
-    """A game between an explorer and an opponent who chooses among all regions that agree with the cells seen so far.
+    """A game between an explorer and an opponent.
 
-    In each move, the explorer chooses a cell that it has seen but not visited, and goes there on a shortest path through known
-    cells.
+    In each turn, the explorer chooses a cell that it has seen but not visited, and moves to this cell on a shortest path through
+    seen cells. The opponent chooses the region, among all regions that agree with the cells seen so far.
     """
 
     regions: list[Region]
@@ -89,7 +92,7 @@ class _Game:
     known: dict[tuple[tuple[int, ...], frozenset[Cell], Cell], tuple[int, int]] = field(default_factory=dict)
 
     def kept(self, possible: tuple[int, ...], visited: frozenset[Cell], cell: Cell, steps: int) -> bool:
-        """Return whether an explorer that enters a cell can keep the limits on moves, whatever the neighbouring cells are."""
+        """Return whether an explorer that enters a cell can keep the limits on moves, whichever neighbours of the cell are free."""
         answers: dict[tuple[bool, ...], list[int]] = {}
         for number in possible:
             answers.setdefault(tuple(there in self.regions[number] for there in _beside(cell)), []).append(number)

@@ -21,7 +21,11 @@ def _placements(cells: int, particles: int) -> list[tuple[int, ...]]:
 
 
 def _played(cells: int, start: tuple[int, ...]) -> tuple[int, int]:
-    """Return two numbers of moves of a plain simulation: until both ends are found, and until all cells are also visited."""
+    """Simulate particles that start in given cells of a row, and return two numbers of moves.
+
+    The particles move to the left end, and then to the right. The first number is the number of moves until the particles have
+    found both ends. The second number is the number of moves until the particles have also visited all cells.
+    """
     particles, visited = list(start), {*start}
     moves, boundary = 0, 0
     for step in (-1, 1):

@@ -145,10 +145,11 @@ def _polygons() -> tuple[str, bool]:
 
 
 def _nearest_contacts(start: Vector, goal: Vector, toucher: int) -> tuple[Vector, Vector, NDArray[np.bool_]]:
-    """Return contact points on the left wall of a square: the reflected one, the nearest usable one, and whether one is usable.
+    """Return two contact points on the left wall of a square for each problem, and whether a usable contact point exists.
 
-    The arrays ``start`` and ``goal`` are float64 of shape (n, 2, 2). The returned arrays have the shape (n,), and contact points
-    are y coordinates on the left wall.
+    A contact point is usable if it allows the adjustment. The first contact point lies on the shortest path of the toucher to the
+    wall and then to its goal. The second contact point is the usable contact point nearest to the first. The arrays ``start`` and
+    ``goal`` are float64 of shape (n, 2, 2). The returned arrays have the shape (n,). Contact points are y coordinates.
     """
     mine, other = toucher, 1 - toucher
     before, after = start[:, other] - start[:, mine], goal[:, other] - goal[:, mine]

@@ -133,7 +133,7 @@ def check_policy(
     max_moves: int = 20_000,
     seed: int = 0,
 ) -> None:
-    """Check a policy: it must end every episode, send valid commands, store no data in itself, and decide equally in equal trials.
+    """Check a policy: it must end every episode, send valid commands, store no data in itself, and act equally in equal trials.
 
     Parameters
     ----------

@@ -73,7 +73,7 @@ def _usage(error: typer.TyperException) -> str:
 
 
 def _drop_output() -> None:
-    """Redirect the remaining standard output to nowhere, so that Python does not try to write it again at exit."""
+    """Redirect standard output to the null device, so that Python does not try to write the remaining text again at exit."""
     with suppress(OSError), open(os.devnull, "w") as nowhere:  # a caller's own stdout may have no descriptor
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
@@ -84,7 +84,7 @@ def _refuse(text: str) -> int:
 
 
 def main() -> NoReturn:
-    """Run the program ``shoal``: the entry point of the package."""
+    """Run one command of the program ``shoal``, and exit with the exit code of the command."""
     # Typer uses pydantic, which otherwise reads the records of all installed packages to find extensions of itself
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
     # OpenBLAS otherwise starts a thread for each processor, which waits in a busy loop for up to 0.06 s; no large matrices here

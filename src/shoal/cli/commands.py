@@ -15,7 +15,7 @@ from shoal.core.version import __version__
 
 
 class _Entry(NamedTuple):
-    """The location of a command: its module in `shoal.cli`, its function, and the constant with the example for its help."""
+    """The location of a command: its module in `shoal.cli`, its function, and the name of the constant with its example."""
 
     module: str
     function: str
@@ -59,7 +59,7 @@ class _Command(TyperCommand):
     """A command that checks its option ``--seed``, even if the command uses no random numbers."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, including the option for help."""
+        """Return the parameters of the command or group, including the option ``--help``."""
         return parse_plain_values(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
@@ -102,7 +102,7 @@ class _Commands(TyperGroup):
     listing = False
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, including the option for help."""
+        """Return the parameters of the command or group, including the option ``--help``."""
         return parse_plain_values(super().get_params(ctx))
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -129,7 +129,7 @@ class _Commands(TyperGroup):
         return command(whole)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
-        """Return the name of a command, the command, and its arguments; the error for a wrong name suggests similar names."""
+        """Return the name of a command, the command, and its arguments. The error for a wrong name suggests similar names."""
         self.commands = dict.fromkeys(self.list_commands(ctx), cast("Any", None))
         return super().resolve_command(ctx, args)
 

@@ -132,7 +132,7 @@ def takes_problem(
 def _problem_of(
     kind: type[Problem], taken: dict[str, Declaration], texts: dict[str, Any], fixed: dict[str, Any], *, trust: bool
 ) -> Problem:
-    """Return the problem that a problem file and the options define, or that the options define alone.
+    """Return the problem that the options define, alone or together with a problem file.
 
     Options replace fields of the problem file.
     """
@@ -193,7 +193,7 @@ def _flags(declared: Declaration, *, both: bool) -> str:
 
 
 def _default(declared: Declaration) -> Any:
-    """Return the default value of an option as written on the command line, or None if it cannot be written."""
+    """Return an option's default value in the form of the command line, or None if the default has no such form."""
     option, default = declared.option, declared.default
     if option.parse is None or isinstance(default, str):
         return default
@@ -201,7 +201,7 @@ def _default(declared: Declaration) -> Any:
 
 
 def parsed(declared: Declaration, given: Any) -> Any:
-    """Return the value of a field, converted from the text on the command line, or the default for a missing text."""
+    """Return the value of a field, converted from the text on the command line. For a missing text, return the default."""
     if given is None or (declared.option.repeated and not given):
         return None if declared.required else declared.default
     if isinstance(given, str) and not declared.required and declared.option.parse is not None and given == _default(declared):

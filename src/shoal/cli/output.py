@@ -83,7 +83,7 @@ def _titled(title: str, table: Any) -> Any:
 
 
 def cell(text: str) -> str:
-    """Return a text for a table cell, in which markup and control characters have no effect."""
+    """Return ``text`` for a table cell, changed so that markup and control characters have no effect."""
     from rich.markup import escape
 
     return escape(visible(text))
@@ -123,9 +123,10 @@ def quiet() -> Iterator[None]:
 def progress(what: str, total: int, *, shown: bool) -> Iterator[Advance]:
     """Show a progress bar on stderr while the ``with`` block runs.
 
-    The context manager gives the block a function, which the block calls with the amount of finished work.
+    The context manager gives the block a function, which the block calls with the amount of finished work, from 0 to ``total``.
 
-    If stderr is not a terminal, the function prints a line of text after every tenth of the work.
+    If stderr is not a terminal, `progress` prints a line of text after every tenth of the work. If ``shown`` is false, `progress`
+    prints nothing.
     """
     if not shown or sys.stderr is None:
         yield lambda _done: None

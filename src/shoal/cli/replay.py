@@ -67,7 +67,7 @@ def replay(
 
 
 def _functions_of(episode: Any) -> tuple[Callable[..., dict[str, Any]], Callable[..., list[Path]], Callable[..., None]]:
-    """Return three functions for an episode: to get the result as a dict, to write the output files, and to print the result."""
+    """Return three functions of an episode: one returns its result as a dict, one writes output files, one prints the result."""
     if episode.part == "search":
         from shoal.cli.search.texts import print_search
 

@@ -332,7 +332,8 @@ def world_generators(seed: Any, chosen: NDArray[np.int64], worlds: int, own: lis
     """Return the seed and the random generator of each world whose index is in ``chosen``.
 
     ``seed`` is None, a number, or a sequence with a number or None for each world. If ``seed`` is a number, the seed of each world
-    is the sum of ``seed`` and the world's index. A world with the seed None keeps its generator from the list ``own``.
+    is the sum of ``seed`` and the world's index. A world with the seed None keeps its generator from the list ``own``, or gets a
+    new generator if ``own`` is empty.
     """
     several = isinstance(seed, Sequence | np.ndarray)
     if several and len(seed) != worlds:

@@ -1,8 +1,8 @@
 """The exceptions that Shoal raises for bad input.
 
-Every exception of Shoal is a `ShoalError` and also the matching built-in exception, so ``except ValueError`` works as usual. The
-message of an exception is one sentence with the expected value, the given value and the location of the given value. A planner that
-finds no plan raises no exception: the status of the episode reports the failure.
+Every exception class of Shoal is a subclass of `ShoalError` and of the matching built-in class, so ``except ValueError`` works as
+usual. The message of an exception is one sentence with the expected value, the given value and the location of the given value. A
+planner that finds no plan raises no exception: the status of the episode reports the failure.
 """
 
 from __future__ import annotations

@@ -94,7 +94,7 @@ def interruption_held() -> Iterator[None]:
 
 
 def end(text: str = "shoal: interrupted\n") -> None:
-    """End the process and its worker processes now: print ``text``, remove partial files, and exit with code 130."""
+    """End the process and its worker processes now: remove partial files, print ``text`` on stderr, and exit with code 130."""
     workers = sys.modules.get("multiprocessing")
     for worker in workers.active_children() if workers else ():
         worker.terminate()

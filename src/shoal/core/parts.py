@@ -113,12 +113,13 @@ def run(problem: Any, /, *, seed: int = 0, **fields: Any) -> Episode:
     ----------
     problem : SwarmProblem, SteeringProblem or SearchProblem, or a place
         A problem, or a place: a map, workspace or region, given as a name, a path or an object. An array counts as a map. If
-        ``problem`` is a place, ``fields`` contains all fields of the problem except the place.
+        ``problem`` is a place, ``fields`` contains the other fields of the problem. Missing fields get their default values.
     seed : int
         Seed of the random numbers. Two runs with equal problems and equal seeds give equal episodes.
     **fields
-        Fields of the problem, as keyword arguments. They replace the fields of a given problem. For a swarm, the keyword arguments
-        ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are valid in addition to the fields.
+        Fields of the problem, as keyword arguments. The keyword arguments replace the fields of a given problem. For a swarm, the
+        keyword arguments ``trial``, ``stepwise``, ``on_moves`` and ``on_trace`` of `shoal.swarm.run.run` are valid in addition to
+        the fields.
 
     Returns
     -------

@@ -1,6 +1,6 @@
-"""Registries: mappings from names to objects. A name is built in, or names a third-party object as ``module:attribute``.
+"""Registries: mappings from names to objects. A name belongs to a built-in object, or has the form ``module:attribute``.
 
-Options may follow a name, as in ``subset-coverage:fraction=0.2``.
+A name ``module:attribute`` refers to a third-party object. Options may follow a name, as in ``subset-coverage:fraction=0.2``.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def users_modules() -> tuple[list[str], list[str]]:
 
 
 def named_modules() -> dict[str, str]:
-    """Return the source file of each module that the user named as ``module:attribute``, except installed packages."""
+    """Return the source files of the modules that the user named as ``module:attribute``, without installed packages."""
     found = {name: getattr(sys.modules.get(name), "__file__", None) or "" for name in _NAMED}
     return {name: file for name, file in found.items() if file.endswith(".py") and "site-packages" not in file}
 
@@ -67,7 +67,7 @@ def digest_of_module(name: str) -> str:
 
 
 def load_users_modules(folders: list[str], modules: list[str]) -> None:
-    """Import, in a worker process, the modules that the user named in the main process.
+    """Import, in a worker process, the modules that the main process found in the user's folders.
 
     A failed import is reported only when the module is used.
 

@@ -25,7 +25,10 @@ def versions() -> dict[str, str]:
 
 @cache
 def code_digest() -> str:
-    """Return a digest of all code on which results depend. Two processes with equal digests compute equal results."""
+    """Return a digest of the source code in the packages ``swarm``, ``steering``, ``search`` and ``lab``.
+
+    Two processes with equal digests and equal versions compute equal results.
+    """
     import hashlib  # both imports are slow
     from pathlib import Path
 

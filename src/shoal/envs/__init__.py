@@ -47,7 +47,7 @@ REGISTERED: dict[str, tuple[str, dict[str, Any]]] = {
     "shoal/SubsetCoverage-v0": ("shoal.envs.swarm:SwarmEnv", {**_SWARM, "task": "subset-coverage"}),
     "shoal/Steering-v0": ("shoal.envs.steering:SteeringEnv", {"tolerance": 0.01}),
 }
-"""The class of each environment, by id, and the options for which the environment has another default than the problem.
+"""The class of each environment, by id, and the options whose default differs from the default of the field of the problem.
 
 A call of `gymnasium.make` can change each option.
 """

@@ -18,7 +18,7 @@ from shoal.core.version import __version__
 from shoal.envs.options import OptionError
 
 Chooser = Callable[[Any, dict[str, Any]], Any]
-"""(observation, info) -> action."""
+"""A function (observation, info) -> action."""
 
 
 def record_episodes(
@@ -40,7 +40,8 @@ def record_episodes(
         A policy of `shoal.swarm` or a planner of `shoal.steering`, by name or as an object, or a function (observation, info) ->
         action. If a policy stops before the task is complete, the dataset stores the episode as truncated.
     path : path
-        Folder for the dataset, which must not exist yet. `minari.MinariDataset` can open the written folder.
+        Path of the new folder for the dataset. No file or folder may exist at this path. `minari.MinariDataset` can open the
+        written folder.
     episodes : int
     seed : int
         Seed of the first episode; episode k, counted from 0, has the seed ``seed + k``.

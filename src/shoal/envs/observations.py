@@ -12,8 +12,9 @@ from shoal.envs.options import SwarmEnvOptions
 from shoal.swarm.batch import WorldBatch
 
 PLANES = ("particles", "free", "obstacles", "frontier")
-"""Planes of an observation: particles per cell; known free cells; known obstacles; frontier cells (unknown cells beside free cells,
-or cells not yet covered).
+"""Planes of an observation: particles per cell; known free cells; known obstacles; frontier cells.
+
+In mapping, frontier cells are unknown cells beside known free cells. In coverage, frontier cells are cells not yet visited.
 """
 
 PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
@@ -22,8 +23,8 @@ PARTICLES, FREE, OBSTACLES, FRONTIER = range(4)
 def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule: str) -> gymnasium.spaces.Box:
     """Return the observation space of one simulated world.
 
-    The parameter ``window`` is the shape of the map plus a rim of one cell on each side, which is the default shape of an
-    observation.
+    The parameter ``window`` is the shape of the map with a rim of one cell on each side. If the option ``observation`` is "planes",
+    each plane of an observation has the shape ``window``.
     """
     if options.observation == "compact":
         count = 3 * 2 * len(window) + 3 + 3 * len(window)
@@ -35,7 +36,7 @@ def observation_space(window: tuple[int, ...], options: SwarmEnvOptions, *, rule
 def observed(batch: WorldBatch, options: SwarmEnvOptions, where: NDArray[np.bool_] | None = None, out: Any = None) -> NDArray[Any]:
     """Return the observation of each world, in the form that the option ``observation`` selects.
 
-    If the array ``out`` is given and the form is "planes", the function writes the observations into ``out``.
+    If the form is "planes" and the array ``out`` is given, the function writes the observations into ``out``.
     """
     if options.observation == "planes":
         return batch.planes(PLANES, where=where, out=out)
@@ -57,11 +58,11 @@ def compact_of(batch: WorldBatch, where: NDArray[np.bool_] | None = None) -> NDA
         The values of a world form nine groups. Group 1 holds, for each command, the fraction of particles that would enter a
         frontier cell. Group 2 holds, for each command, the fraction of particles whose next cell is neither a known obstacle nor
         occupied. Group 3 holds 1 for the command that begins the shortest path to the frontier, and 0 for all other commands. Group
-        4 is 1 divided by the length of the shortest path to the frontier. Group 5 is the vector from the particles' mean position
-        to the frontier cell at the end of the shortest path. Group 6 is the particles' mean position, and group 7 is the standard
-        deviation of their positions along each axis. Groups 5 to 7 are relative to the size of the map. Group 8 is the number of
-        frontier cells divided by the number of known or frontier cells. Group 9 is the used fraction of the maximum number of
-        moves.
+        4 is 1 divided by the length of the shortest path to the frontier, in cells. Without a path to the frontier, groups 3 to 5
+        are 0. Group 5 is the vector from the particles' mean position to the frontier cell at the end of the shortest path. Group 6
+        is the particles' mean position, and group 7 is the standard deviation of their positions along each axis. Groups 5 to 7 are
+        divided by the size of the map with its rim. Group 8 is the number of frontier cells divided by the number of known or
+        frontier cells. Group 9 is the used fraction of the maximum number of moves.
     """
     sums, (lengths, commands, ends) = batch.measures(where=where), batch.nearest_frontier(where=where)
     size, count = np.array(batch.layout.window, dtype=np.float64), np.maximum(sums.particles, 1)[:, None]

@@ -32,7 +32,7 @@ class OptionError(InvalidInputError, gymnasium.error.Error):
 
 @dataclass(frozen=True, eq=False)
 class EnvOptions(Problem):
-    """Base class of the additional fields, which an environment has beside the fields of its problem."""
+    """Base class for the options that an environment has in addition to the fields of its problem."""
 
     decided: ClassVar[tuple[str, ...]] = ()
     """Fields of the problem that the environment leaves out, because the user's actions take their place."""
@@ -166,13 +166,13 @@ def check_no_options(options: Mapping[str, Any] | None, known: tuple[str, ...] =
 
 
 def check_render_mode(render_mode: str | None, known: list[str]) -> str | None:
-    """Return the given render mode; an unknown mode raises UnsupportedMode, as in Gymnasium."""
+    """Return the given render mode. An unknown render mode raises UnsupportedMode, as in Gymnasium."""
     if render_mode is not None and render_mode not in known:
         raise gymnasium.error.UnsupportedMode(f"render_mode: expected one of {', '.join(known)}, got {shortened(render_mode)}")
     return render_mode
 
 
 def check_running(running: bool) -> None:
-    """Raise ResetNeeded if no episode is running, that is, before a reset or after the end of an episode."""
+    """Raise ResetNeeded if ``running`` is false, that is, before the first reset or after the end of an episode."""
     if not running:
         raise gymnasium.error.ResetNeeded("step: expected a reset first, because no episode is running, got an action")

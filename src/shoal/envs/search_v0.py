@@ -1,4 +1,4 @@
-"""A search as a parallel PettingZoo environment, in which each robot is an agent that loses some messages and may fail.
+"""A search as a parallel PettingZoo environment: each robot is an agent, messages can be lost, and robots can fail.
 
 The function ``search_v0.parallel_env(**options)`` creates the parallel environment, and ``search_v0.env(**options)`` creates its
 turn-based form.
@@ -30,8 +30,10 @@ from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import at_least, bits_to_array
 
 PLANES = ("region", "own", "searched", "obstacles", "found")
-"""Planes of an agent's observation: cells of the region; the agent's position; and, according to its knowledge, searched cells,
-obstacles, and cells with findings.
+"""Planes of an agent's observation: the cells of the region, the agent's position, and what the agent knows.
+
+The planes ``searched``, ``obstacles`` and ``found`` show the searched cells, the obstacles and the cells with findings that the
+agent knows.
 """
 
 DIRECTIONS = ((0, 0, 0), (0, 0, -1), (0, -1, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0), (-1, 0, 0))
@@ -44,11 +46,11 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     """An environment in which robots search a region without a coordinator; the agents are ``robot_1``, ``robot_2``, ....
 
     A step of the environment takes the time that the fastest robot needs for one cell. Action 0 lets an idle robot wait, and lets a
-    moving or searching robot continue. With the option ``action="direction"``, each other action selects the cell that the robot
-    searches next: its own cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``, action 1 + i selects
-    cell i of the tour, counted from 0. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The environment
-    simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``, the start
-    cells and the faults equal those of ``shoal.run(problem, seed=s)``.
+    moving or searching robot continue. With the option ``action="direction"``, each other action selects the next cell that the
+    robot searches: its present cell or a neighbouring cell (see `DIRECTIONS`). With the option ``action="cell"``, action 1 + i
+    selects cell i of the tour, counted from 0. An action that ``infos[agent]["action_mask"]`` excludes counts as action 0. The
+    environment simulates occupied cells, obstacles, energy, faults and messages as `shoal.search` does. After ``reset(seed=s)``,
+    the start cells and the faults equal those of ``shoal.run(problem, seed=s)``.
 
     The observation of an agent contains only what its robot knows. The entry ``planes`` is uint8, shape (5, H, W) or (5, L, H, W),
     with the planes that `PLANES` names. The entry ``position`` holds the row and the column of the robot's cell, after the layer if
@@ -201,7 +203,7 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
     # Decisions and knowledge of the agents.
 
     def _decide(self, robot: Robot, time: float) -> Decision:
-        """Send a robot to the cell that its agent has chosen; see `shoal.search.protocol.robot.advance`."""
+        """Return the decision to go to the cell that the agent has chosen, or to wait (see `shoal.search.protocol.robot`)."""
         cell = self._orders.pop(robot.number, None)
         return (robot.but(status="waiting"), None, inf) if cell is None else head_for(robot.but(aim=cell), cell, time)
 
@@ -277,10 +279,10 @@ class SearchParallelEnv(pettingzoo.ParallelEnv[str, Observation, Any]):  # type:
         return rendered(self, self._picture, self._text)
 
     def _codes(self) -> NDArray[np.int64]:
-        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, 2 + k for robot k of n, 2 + k + n for dead robot k.
+        """Return a code for each cell: 0 outside, 1 unsearched, 2 searched, and other codes for the robots.
 
-        If the grid has several layers, the array stacks them vertically, with the lowest layer on top and an empty row between two
-        layers.
+        A cell has the code 2 + k for live robot k of n robots, and the code 2 + k + n for dead robot k, counted from 1. If the grid
+        has several layers, the array stacks them vertically, with the lowest layer on top and an empty row between two layers.
         """
         assert self._world is not None
         codes = (self._tour.position >= 0).astype(np.int64)

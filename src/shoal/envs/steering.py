@@ -19,13 +19,13 @@ from shoal.steering.workspaces.convex_geometry import Points
 class SteeringEnv(WorldEnv):
     """An environment for steering: one shared input must bring all particles of a workspace to their goals.
 
-    An action is a move, with one number from -1 to 1 for each axis; the number 1 means ``longest_move`` times the size of the
-    workspace. After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. A later reset
-    without a seed draws a new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the camera, as a
-    dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape (particles, dimensions). The array ``delta``,
-    shape (particles - 1, dimensions), holds the positions of particles 2, 3, ... relative to particle 1. The array ``goal_delta``
-    holds the positions of goals 2, 3, ... relative to goal 1. If the gain is uniform, only wall contacts
-    change the true relative positions of the particles.
+    An action is a move, with one number from -1 to 1 for each axis. The number 1 is a displacement of ``longest_move`` times the
+    size of the workspace. After ``reset(seed=s)``, the starts, goals and noise equal those of ``shoal.run(problem, seed=s)``. A
+    later reset without a seed draws a new seed, and returns the new seed in ``info["seed"]``. An observation is the view of the
+    camera, as a dict of float64 arrays. The arrays ``particles`` and ``goals`` have the shape (particles, dimensions). The array
+    ``delta``, shape (particles - 1, dimensions), holds the positions of particles 2, 3, ... relative to particle 1. The array
+    ``goal_delta`` holds the positions of goals 2, 3, ... relative to goal 1. If the gain is uniform, only wall contacts change the
+    true relative positions of the particles.
 
     Parameters
     ----------

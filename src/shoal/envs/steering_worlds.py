@@ -77,7 +77,7 @@ class SteeringWorlds:
         return low - room, high + room
 
     def reset(self, where: NDArray[np.bool_] | None = None, *, seed: Any = None, options: dict[str, Any] | None = None) -> None:
-        """Start episodes as `SteeringBatch.reset` does; steering worlds have no reset options."""
+        """Start episodes as `SteeringBatch.reset` does. Steering worlds have no reset options."""
         check_no_options(options)
         with option_errors():
             self.batch.reset(where, seed=seed)
@@ -129,7 +129,7 @@ class SteeringWorlds:
         return {"particles": seen, "delta": seen[:, 1:] - seen[:, :1], "goals": goals, "goal_delta": goals[:, 1:] - goals[:, :1]}
 
     def info(self, where: NDArray[np.bool_] | None = None) -> dict[str, NDArray[Any]]:
-        """Return for each world: the largest distance of a particle from its goal (``error``), the number of moves, the seed."""
+        """Return the largest distance of a particle from its goal (``error``), the number of moves and the seed for each world."""
         batch, chosen = self.batch, slice(None) if where is None else where
         return {"error": batch.errors[chosen].copy(), "moves": batch.moves[chosen].copy(), "seed": batch.seeds[chosen].copy()}
 
@@ -144,7 +144,7 @@ class SteeringWorlds:
         return "\n".join([*rows, f"after {batch.moves[world]} moves {batch.errors[world]:.4g} from the goals"])
 
     def picture(self, world: int) -> NDArray[np.uint8]:
-        """Return a picture of the episode so far in a world; uint8, shape (height, width, 3)."""
+        """Return a picture of all moves so far in the episode of a world; uint8, shape (height, width, 3)."""
         from shoal.views.steering.films import HEIGHT, SteeringFilm
         from shoal.views.steering.trajectories import FilmMoment, trajectories_of
 

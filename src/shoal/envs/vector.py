@@ -65,10 +65,10 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         Parameters
         ----------
         seed : int, or sequence of int or None, optional
-            One integer, from which environment i gets the seed ``seed + i``, or one seed for each environment.
+            One integer, or one seed for each environment. If ``seed`` is an integer, environment i gets the seed ``seed + i``.
         options : dict, optional
-            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map`` (swarm only): index of
-            the map, one index for all environments or one index for each environment.
+            ``reset_mask``: mask of the environments to reset, ndarray of bool, shape (num_envs,). ``map`` (only for swarms): one
+            index of a map for all environments, or one index for each environment.
 
         Raises
         ------
@@ -127,9 +127,9 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
         return self._last
 
     def _infos(self, mask: NDArray[np.bool_] | None) -> Infos:
-        """Return infos in the vector form of Gymnasium: an array of values and a mask for each name.
+        """Return infos in the vector form of Gymnasium: for each name, an array of values and a mask of the environments.
 
-        Values of environments outside the mask are zero.
+        For environments outside ``mask``, the values are zero.
         """
         told: Infos = {}
         there = np.ones(self.num_envs, dtype=np.bool_) if mask is None else mask.copy()
@@ -155,7 +155,7 @@ class WorldsVectorEnv(VectorEnv[Any, NDArray[Any], NDArray[Any]]):
 
 
 class SwarmVectorEnv(WorldsVectorEnv):
-    """Environments that behave exactly like `shoal.envs.SwarmEnv` with the same seeds.
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SwarmEnv` with the same seed.
 
     The function `gymnasium.make_vec` returns a SwarmVectorEnv.
 
@@ -163,12 +163,12 @@ class SwarmVectorEnv(WorldsVectorEnv):
     ----------
     num_envs : int
     autoreset_mode : str or gymnasium.vector.AutoresetMode
-        When an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or "Disabled". In the mode
-        "Disabled", a call of ``reset`` with the option ``reset_mask`` starts the next episode, as in Gymnasium's own vector
-        environments.
+        The rule that determines when an environment starts its next episode after the end of an episode: "NextStep", "SameStep", or
+        "Disabled". In the mode "Disabled", a call of ``reset`` with the option ``reset_mask`` starts the next episode, as in
+        Gymnasium's own vector environments.
     copy : bool
-        Whether each observation is a separate array. If ``copy`` is false, each step overwrites the array of the previous
-        observation.
+        Whether each observation is a separate array. If ``copy`` is false and the option ``observation`` is "planes", each step
+        overwrites the array of the previous observation. Other observations are always separate arrays.
     render_mode : str, optional
         Render mode of the environments: "rgb_array" (pictures) or "ansi" (texts).
     **fields
@@ -196,7 +196,7 @@ class SwarmVectorEnv(WorldsVectorEnv):
 
 
 class SteeringVectorEnv(WorldsVectorEnv):
-    """Environments that behave exactly like `shoal.envs.SteeringEnv` with the same seeds.
+    """A vector of environments, each of which behaves exactly like a `shoal.envs.SteeringEnv` with the same seed.
 
     The function `gymnasium.make_vec` returns a SteeringVectorEnv.
 

@@ -1,4 +1,4 @@
-"""The stored forms of a kernel, behind Numba's cache interface: lowered code in archives, and machine code in a cache.
+"""Storage of compiled kernels with Numba's cache interface: lowered code in archives, and machine code in a cache.
 
 Lowered code is LLVM code that is not yet optimized for a processor. For each kernel that Python calls, the cache of machine code
 has one file for each processor and each combination of argument types.
@@ -113,9 +113,9 @@ class _KernelCache(NullCache):
 
 
 def _environments(result: Any) -> tuple[Any, ...]:
-    """Return those of a kernel's environments (Numba's objects for global data) that hold constants.
+    """Return the environments of a kernel (Numba's objects for global data), and omit environments without constants.
 
-    Environments without constants are useless, and loading them would take time for imports.
+    Environments without constants are useless, and their loading would take time for imports.
     """
     return tuple(each for each in result._find_referenced_environments() if each.consts)
 

@@ -52,7 +52,7 @@ class Kernel:
 
     @property
     def entry(self) -> Any:
-        """The compiled form of the kernel that Python calls."""
+        """The compiled entry of the kernel: the form that Python calls."""
         return self._forms.entry
 
     @property
@@ -67,9 +67,9 @@ class Kernel:
 def _named_apart(function: Callable[..., Any]) -> None:
     """Make the name of a kernel unique if the kernel is defined inside a function.
 
-    The unique name contains the names of the objects in the kernel's closure. The linker finds machine code by name. For kernels
-    with equal names, Numba adds a number that starts again in each process. Without unique names, the linker could confuse a kernel
-    from the cache with a kernel that the process has compiled.
+    The unique name contains the names of the objects in the kernel's closure. The linker finds machine code by name. Numba
+    distinguishes kernels with equal names by a number, which starts again in each process. Without unique names, the linker could
+    confuse a kernel from the cache with a kernel that the process has compiled.
     """
     if "<locals>" in function.__qualname__:
         made_of = [cell.cell_contents for cell in function.__closure__ or ()]
@@ -83,10 +83,10 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
 
 def kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function for compilation at its first call."""
+    """Return ``function`` as a `Kernel`, which Shoal compiles at its first call."""
     return _compiled(function)
 
 
 def in_place_kernel(function: Callable[..., Any]) -> Any:
-    """Mark a function for compilation without reference counting. The function must not create arrays."""
+    """Return ``function`` as a `Kernel` without reference counting. The function must not create arrays."""
     return _compiled(function, _nrt=False)

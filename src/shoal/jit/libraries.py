@@ -55,8 +55,8 @@ class Entry(JITCodeLibrary):
 def _hide_parts(module: Any) -> None:
     """Tell LLVM that no code outside the module calls the parts of an entry.
 
-    Without calls from outside, LLVM inlines each part that has only one call, and removes unused arguments. For LLVM, one array
-    argument is seven arguments.
+    Without calls from outside, LLVM inlines each part that has only one call, and removes unused arguments. In LLVM code, one array
+    argument consists of seven arguments.
     """
     wrappers = [one.name for one in module.functions if one.name.startswith(_WRAPPER)]
     called = {*wrappers, *(name.replace(_WRAPPER, "_ZN", 1) for name in wrappers)}

@@ -51,7 +51,7 @@ def kinds_of_arguments(values: tuple[Any, ...]) -> tuple[Any, ...]:
     """Return one key for each argument of a kernel. All keys together determine the compiled code.
 
     For example, the key of an array contains the dtype and the memory order of the array. Every call of a kernel runs this
-    function, so the function is short.
+    function, so the function must be fast.
 
     Raises
     ------
@@ -127,7 +127,7 @@ def _file_of(function: Callable[..., Any], kinds: Any) -> Path | None:
 
 @cache
 def _maker() -> tuple[Any, ...]:
-    """Return everything but the kernels' sources that determines machine code: versions, settings and the processor."""
+    """Return the data that, with the source of a kernel, determine its machine code: versions, settings and the processor."""
     versions = (_folder_of_numba() / "_version.py").read_bytes(), llvmlite.__version__, sys.implementation.cache_tag
     settings = sorted((name, value) for name, value in os.environ.items() if name.startswith("NUMBA_"))
     return *versions, settings, binding.get_process_triple(), binding.get_host_cpu_name(), binding.get_host_cpu_features().flatten()

@@ -199,9 +199,9 @@ class _Run:
                 self._take(lost_batch(again.batch, f"the worker died {_DEATHS + 1} times"))
 
     def _give_out(self, batches: Iterator[Batch], *, at_once: int, most: int = _DEATHS) -> list[_Job]:
-        """Run batches of trials: at most ``at_once`` per worker at the same time, or one in total if ``at_once`` is 0.
+        """Run batches of trials, and return the batches during which workers died too often.
 
-        Return the batches during which workers died too often.
+        At most ``at_once`` batches per worker run at the same time. If ``at_once`` is 0, only one batch runs at a time.
         """
         pending: dict[Future[Answer], _Job] = {}
         again: deque[_Job] = deque()
@@ -307,7 +307,7 @@ class _Run:
 def _rounds(gaps: list[Gap]) -> Iterator[Gap]:
     """Yield the missing trials in rounds over all points of the sweep, so that each point gets early results.
 
-    After each round, the number of yielded trials per point is four times as large as after the previous round.
+    With each round, the number of yielded trials per point grows by the factor 4, until no trial of the point is missing.
     """
     begun, most = {gap.id: 0 for gap in gaps}, _FIRST_ROUND
     while gaps:

@@ -34,7 +34,7 @@ class Row:
     counted : int
         Number of trials with a value of the measure.
     completed : int or None
-        Number of trials with a value of the measure that completed their task. ``completed`` is None if trials have no status.
+        Number of completed trials that have a value of the measure. ``completed`` is None if trials have no status.
     bound : float or None
         Upper limit of the values in the mean: a value above ``bound`` counts as ``bound``. ``bound`` is the smallest value at which
         an unfinished trial ended, and makes the estimated mean smaller than the true mean. ``bound`` is None if all trials are
@@ -165,7 +165,7 @@ def compare_along(
 ) -> list[tuple[dict[str, Any], Any, Any, Comparison | None]]:
     """Compare a measure at each value of a paired axis with the measure at the axis's first value.
 
-    There is one comparison for each combination of the values of the other axes.
+    For each later value of the paired axis, and for each combination of values of the other axes, there is one comparison.
 
     Returns
     -------

@@ -106,7 +106,7 @@ def _not_importable(policy: Any, error: Exception) -> InvalidInputError:
 
 
 def _watch(stop: Event, on_moves: OnMoves | None, trial: int) -> OnMoves:
-    """Return the function that a trial in a thread calls after moves: it ends the trial once ``stop`` is set.
+    """Return the function that a trial in a thread calls after moves. The function ends the trial as soon as ``stop`` is set.
 
     In trial 0, the returned function also calls ``on_moves``.
     """

@@ -30,7 +30,7 @@ class WorkerPool(Protocol):
         """Current number of workers in the pool."""
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker of the pool. If possible, avoid the worker ``apart_from``."""
+        """Call a function in a worker of the pool, and return its future result. If possible, avoid the worker ``apart_from``."""
 
     def has_others(self, worker: str) -> bool:
         """Return whether the pool has other workers that may succeed in a trial that fails in ``worker``."""
@@ -62,7 +62,7 @@ class InProcess(_OneMachine):
     workers = 1
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call the function immediately in the current process."""
+        """Call the function immediately in the current process, and return its result as a finished future."""
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments))
@@ -98,7 +98,7 @@ class Processes(_OneMachine):
             raise
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker of the pool."""
+        """Call a function in a worker of the pool, and return its future result."""
         if self._pool is None:
             context = multiprocessing.get_context("spawn")
             try:
@@ -234,7 +234,7 @@ class Cluster:
         return sum(self._client.nthreads().values())
 
     def submit(self, function: Callable[..., Any], *arguments: Any, apart_from: str = "") -> Future[Any]:
-        """Call a function in a worker of the pool."""
+        """Call a function in a worker of the pool, and return its future result."""
         executor = self._executor
         if apart_from:
             others = self._addresses(apart_from, same=False)
@@ -252,7 +252,7 @@ class Cluster:
             self._client.retire_workers(addresses, close_workers=True)
 
     def _addresses(self, worker: str, *, same: bool) -> list[str]:
-        """Return the addresses of the worker with the name ``worker`` or, if ``same`` is false, of all other workers."""
+        """Return the addresses of the worker ``worker`` if ``same`` is true, and of all other workers if ``same`` is false."""
         names = self._client.run(worker_name, on_error="ignore")
         return [address for address, name in names.items() if (name == worker) == same]
 

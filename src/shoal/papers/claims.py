@@ -67,7 +67,8 @@ def claim(
     printed : str or float
     ours : float, Estimate or (value, low, high)
     within : (low, high), optional
-        The range of values for which the printed words or number stand. By default, all numbers that round to the printed number.
+        The range of values that agree with the printed words or the printed number. By default, all numbers that round to the
+        printed number.
     why : str
         The reason for the choice of the range ``within``.
     unlike : str
@@ -114,10 +115,10 @@ def _range_words(least: float, most: float) -> str:
 def curve_claim(what: str, rows: Sequence[Row], published: Published, *, trials: int, margin: float, why: str) -> Claim:
     """Return the claim that Shoal's curve of means agrees with a published curve within a relative margin.
 
-    For each number of particles, the comparison uses the logarithm of the ratio of both means, with the errors of both curves. The
-    curves agree if the 95 % interval of the mean ratio over all numbers of particles lies within the margin, and if the interval of
-    the ratio at each single number of particles overlaps the margin. The intervals at single numbers of particles are so wide that
-    chance refutes only one in twenty correct curves.
+    For each number of particles, the comparison uses the logarithm of Shoal's mean divided by the published mean. The interval of
+    this ratio contains the statistical errors of both means. The curves agree if the 95 % interval of the mean ratio over all
+    numbers of particles lies within the margin, and if the interval of the ratio at each single number of particles overlaps the
+    margin. The intervals at single numbers of particles are so wide that chance refutes only one in twenty correct curves.
 
     Parameters
     ----------
@@ -156,23 +157,23 @@ def _deviations(published: Published) -> np.ndarray:
 
 
 def ratio(above: Estimate, below: Estimate) -> tuple[float, float, float]:
-    """Return the ratio of two independent means, and both ends of its 95 % interval."""
+    """Return ``above`` / ``below`` for two independent means, and both ends of the ratio's 95 % interval."""
     value = above.mean / below.mean
     spread = 1.96 * float(np.hypot(*(e.std / e.mean / e.count**0.5 for e in (above, below))))
     return value, value * float(np.exp(-spread)), value * float(np.exp(spread))
 
 
 def mean_ratio(above: Mapping[int, Estimate], below: Mapping[int, Estimate], counts: list[int]) -> tuple[float, float, float]:
-    """Return the ratio of two means, averaged over all numbers of particles, and both ends of its 95 % interval."""
+    """Return the mean of ``above[n]`` / ``below[n]`` over all n in ``counts``, and both ends of the 95 % interval of this mean."""
     ratios = np.array([ratio(above[n], below[n]) for n in counts])
     mean, half = float(ratios[:, 0].mean()), float(np.sqrt(np.sum(np.diff(ratios[:, 1:]) ** 2))) / 2 / len(ratios)
     return mean, mean - half, mean + half
 
 
 def order_claim(what: str, printed: str, smaller: Mapping[int, Estimate], larger: Mapping[int, Estimate]) -> Claim:
-    """Return the claim that one mean is below another mean, on average over all numbers of particles.
+    """Return the claim that ``smaller[n]`` / ``larger[n]`` is below 1 on average over all numbers of particles n.
 
-    The verdict is "differs" if the means contradict this order significantly at more than 5 % of the numbers of particles.
+    The verdict is also "differs" if the ratio is significantly above 1 at more than 5 % of the numbers of particles.
     """
     counts = [n for n in smaller if smaller[n].mean > 0 and larger[n].mean > 0]
     contrary = sum(ratio(smaller[n], larger[n])[1] > 1 for n in counts)

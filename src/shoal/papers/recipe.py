@@ -42,7 +42,7 @@ class Settings:
     trials : int, optional
         Number of trials for each point of a sweep, in place of the recipe's number.
     map : str, optional
-        A picture, or the name of a map, which replaces the unpublished "complex" map of paper M.
+        A picture or the name of a map. This map replaces the unpublished "complex" map of paper M.
     seed : int
     """
 
@@ -258,5 +258,5 @@ def counts_of(n_free: int, parts: int = 50) -> list[int]:
 
 
 def near(x: NDArray[np.float64], mean: NDArray[np.float64], at: float) -> float:
-    """Return the value of a curve at the number of particles ``at``, interpolated on logarithmic scales."""
+    """Return the value of the curve ``mean`` over ``x`` at the number of particles ``at``, interpolated on logarithmic scales."""
     return float(np.exp(np.interp(np.log(at), np.log(x), np.log(np.maximum(mean, 1e-9)))))

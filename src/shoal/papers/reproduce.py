@@ -68,7 +68,7 @@ def reproduce(
     trials : int, optional
         Number of trials for each point of a sweep.
     on_map : str, optional
-        A picture, or the name of a map, which replaces the unpublished "complex" map of paper M.
+        A picture or the name of a map. This map replaces the unpublished "complex" map of paper M.
     seed, workers : int
         Seed of the sweeps, and number of worker processes, as in `shoal.lab.coordinator`.
     on_progress : callable, optional

@@ -65,7 +65,7 @@ class SearchEpisode(Episode):
     versions: Mapping[str, str]
 
     @cached_property
-    def status(self) -> Status:  # type: ignore[override]  # found when it is asked for
+    def status(self) -> Status:  # type: ignore[override]  # computed on first use
         """``complete`` if robots searched all reachable cells, and every working robot knows that the search is complete."""
         return Status.COMPLETE if self.trace.covered_at < inf and not self._unaware else Status.INCOMPLETE
 
@@ -109,7 +109,7 @@ class SearchEpisode(Episode):
 
     @property
     def metrics(self) -> dict[str, Any]:
-        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by a single robot's least time."""
+        """Metrics of the search, with times in seconds. ``share`` is the makespan divided by the least time of one robot alone."""
         plan, trace = self.plan, self.trace
         return {
             "status": str(self.status),
@@ -335,7 +335,7 @@ class SearchEpisode(Episode):
 
 
 def duration_text(seconds: float) -> str:
-    """Return a duration as text: in seconds if it is below a minute, and as h:mm:ss from a minute on.
+    """Return a duration as text: in seconds if the duration is below one minute, and as h:mm:ss otherwise.
 
     Examples
     --------

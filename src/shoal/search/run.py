@@ -36,7 +36,8 @@ def run(problem: SearchProblem, *, seed: int = 0, plan: SearchPlan | None = None
     Raises
     ------
     InvalidInputError
-        If the robots cannot do the task in the region, or if a problem without simulation sets faults, message loss or a network.
+        If the robots cannot do the task in the region, or if a search without simulation has settings that need a simulation, such
+        as faults, message loss or obstacles.
     UnknownNameError
 
     Examples

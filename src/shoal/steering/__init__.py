@@ -1,4 +1,7 @@
-"""Steering of particles by one shared input, with walls that hold particles. The package imports each name at its first use."""
+"""Steering of particles by one shared input, between walls that hold particles.
+
+The package imports the module of a public name when a program first uses the name.
+"""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class SteeringEpisode(Episode):
     states : ndarray of float64, shape (moves + 1, n, d)
         Positions of the particles at the start and after each move.
     order : ndarray of int64, shape (n,)
-        Index of the goal of each particle.
+        For each particle, the index of its goal in the goals of the problem, counted from 0.
     seed : int
     lower_bound : float or None
         Lower bound on the total length of every plan that ends within the tolerance, or None if no lower bound is known.
@@ -163,7 +163,9 @@ class SteeringEpisode(Episode):
         return Verification(True, "in the replay, all particles have the positions of the episode")
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the episode as JSON. If the workspace was read from a file, the written episode contains the workspace.
+        """Write the episode as JSON.
+
+        If the workspace was read from a file, the JSON contains the walls of the workspace instead of the name of the file.
 
         Raises
         ------

@@ -202,7 +202,7 @@ class SteeringProblem(Problem):
 
     @property
     def noisy(self) -> bool:
-        """Whether the moves or the camera have noise, or the gain (displacement of a particle per input) is nonuniform."""
+        """Whether the moves or the camera have noise, or the gain (displacement divided by input) varies over the workspace."""
         return bool(self.execution or self.measurement or self.gain)
 
     @property
@@ -231,7 +231,8 @@ class SteeringProblem(Problem):
     def from_file(cls, data: Any, path: str, *, trust: bool) -> Self:
         """Return the problem that the JSON data of the file ``path`` describes.
 
-        A relative path of a workspace file starts at the folder of the problem file if that folder contains the workspace file.
+        A relative path of a workspace file is relative to the folder of the problem file if the workspace file exists there.
+        Otherwise, the path is relative to the working directory.
 
         Raises
         ------
@@ -261,7 +262,9 @@ class SteeringProblem(Problem):
         return json.dumps(describe(self.place), sort_keys=True).encode()
 
     def check_at_place(self) -> None:
-        """Raise an error if the tolerance, the points or the planner do not suit the workspace, or if particles cannot separate.
+        """Raise an error if the tolerance, a point or the planner does not suit the workspace.
+
+        The method also raises an error if particles with different goals start at the same point.
 
         Raises
         ------
@@ -300,7 +303,7 @@ class SteeringProblem(Problem):
     def endpoints(self, seed: int) -> tuple[Points, Points]:
         """Return the start and the goal of each particle; each float64, shape (particles, dimensions).
 
-        If the start or the goal is random, ``seed`` determines its points.
+        If the starts or the goals are random, ``seed`` determines the random points.
         """
         rng = np.random.default_rng([check_integer(seed, what="seed", least=0), 1])
         start, goal = (
@@ -311,7 +314,7 @@ class SteeringProblem(Problem):
         return start, goal
 
     def _drawn(self, rng: np.random.Generator) -> Points:
-        """Return uniformly distributed random points in the workspace, such that particles with a radius do not overlap."""
+        """Return one random point of the workspace for each particle; particles with a radius do not overlap at these points."""
         workspace, room, apart = self.place, self.world().room, 2 * self.particle_radius
         low, high = workspace.bounds
         points: list[Points] = []

@@ -91,10 +91,10 @@ class _Attempt:
     lower_bound: float | None
 
     def rank(self, tolerance: float, prefers: str) -> tuple[bool, float, float]:
-        """Return a sort key for attempts.
+        """Return the sort key of the attempt; the best attempt has the smallest key.
 
-        Successful attempts come first, sorted by the criterion that the planner minimizes. Failed attempts follow, sorted by their
-        final error.
+        Successful attempts come first, sorted by the criterion that the planner minimizes (length or number of moves). Failed
+        attempts follow, sorted by their final error.
         """
         if self.error > tolerance:
             return True, self.error, 0.0
@@ -103,7 +103,7 @@ class _Attempt:
 
 
 def _attempted(problem: SteeringProblem, planner: Any, task: SteeringTask, order: tuple[int, ...]) -> _Attempt:
-    """Plan and simulate the problem with one assignment of goals to particles."""
+    """Plan and simulate the problem with one assignment of goals to particles, and return the result."""
     start, goal = task.start, task.goal
     simple = isinstance(task.world, ContactWorld) and len(start) == 2
     outside = ~problem.place.contains(goal)

@@ -201,7 +201,7 @@ def _flags(problem: Problem, fields: Mapping[str, Any]) -> list[str]:
 
 
 def _has_text(problem: Problem, declared: Declaration, value: Any) -> bool:
-    """Return whether the command line can express a value: whether parsing the text of the value gives an equal value."""
+    """Return whether the command line can express a value, that is, whether parsing the value's text gives an equal value."""
     if declared.type is not object:
         return True
     try:

@@ -58,8 +58,8 @@ class Guard:
     application : callable
         The ASGI application that the middleware protects.
     port : int
-        Port of the server. The middleware refuses requests for a host or port that is not the server's, and requests from pages
-        of other websites.
+        Port of the server. The middleware refuses requests for another host or another port, and requests from pages of other
+        websites.
 
     Attributes
     ----------

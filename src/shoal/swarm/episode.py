@@ -110,7 +110,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def noisy(self) -> bool:
-        """Whether the episode's problem has noise. For pictures of an episode with noise, use `moments` instead of `frames`."""
+        """Whether the episode has noise. For pictures of an episode with noise, use `moments` instead of `frames`."""
         return self.problem.noise is not None or self.observations is not None
 
     @property
@@ -130,7 +130,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @property
     def seconds_per_move(self) -> float:
-        """Mean computing time per move in seconds, including the time for planning; 0 for an episode without moves."""
+        """Mean computing time per move in seconds, including the time for planning. Without moves, the property is 0."""
         return self.seconds / self.moves if self.moves else 0.0
 
     @property
@@ -152,7 +152,7 @@ class SwarmEpisode(WithTrace, Episode):
 
     @cached_property
     def unreachable(self) -> int:
-        """In a mapping, the number of free cells to which no free path leads from a start cell."""
+        """Number of free cells that no path of free cells connects to a start cell. In a coverage, the number is 0."""
         if self.targets is not None or self.observations is not None:
             return 0
         parts = self.workspace.components
@@ -223,9 +223,9 @@ class SwarmEpisode(WithTrace, Episode):
 
     @cached_property
     def probability(self) -> NDArray[np.float64] | None:
-        """Final probability that each cell is free, for the workspace and a rim of one cell (float64).
+        """Final probability that each cell is free, for the cells of the workspace and of a rim that is one cell wide (float64).
 
-        For an episode without noise, the property is None.
+        For an episode without noise, and for a run on a rig, the property is None.
         """
         return self.replay.last[0].probability if isinstance(self.replay, NoisyReplay) else None
 
@@ -242,8 +242,7 @@ class SwarmEpisode(WithTrace, Episode):
     def verify(self) -> Verification:
         """Replay the commands and scans, and compare the replay with all stored values of the episode.
 
-        For an episode without noise, also check that the status agrees with the number of frontier cells that remain at the
-        end.
+        For an episode without noise, also check the status: it must be "complete" exactly if no frontier cells remain at the end.
 
         Raises
         ------
@@ -274,8 +273,8 @@ class SwarmEpisode(WithTrace, Episode):
         Raises
         ------
         InvalidInputError
-            Raised if the path does not end in ``.npz``, or if the episode comes from a rig with noise, because the log of the rig
-            already stores the episode.
+            Raised if the path does not end in ``.npz``, or if the episode comes from a rig with noise. The log of the rig already
+            stores such an episode.
         OutputError
             Raised if Shoal cannot write the file.
         """

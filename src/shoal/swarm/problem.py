@@ -52,7 +52,7 @@ def _check_map(given: Any) -> Any:
 
 
 def _named(kind: str) -> dict[str, Any]:
-    """Return the functions ``check`` and ``dump`` for the values of a field with a task, a placement or a policy."""
+    """Return the functions that check and dump the value of a field that holds a task, a placement or a policy."""
 
     def registry() -> tuple[Registry[Any], Any]:
         if kind == "task":

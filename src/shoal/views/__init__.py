@@ -34,8 +34,8 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
     Parameters
     ----------
     episode : Episode
-        An episode of swarm, steering or search. The figure "frontier" also accepts a list of swarm episodes,
-        and then also shows the median of their curves.
+        An episode of swarm, steering or search. The figure "frontier" also accepts a list of swarm episodes. For several episodes,
+        the figure also shows the median of their curves.
     kind : str, optional
         Kind of the figure. For a swarm episode, "map" (the default) shows the map, and "frontier" shows the number of frontier
         cells over the moves. For a steering episode, "plan" shows the paths of the particles. For a search, "routes" (the default)
@@ -57,7 +57,7 @@ def figure(episode: Episode | Sequence[Episode], *, kind: str | None = None, **o
 
 
 def film(episode: Episode, path: str | os.PathLike[str], *, on_frame: Callable[[int, int], None] | None = None) -> None:
-    """Write a film of an episode of swarm, steering or search; the suffix of ``path`` determines the format.
+    """Write a film of an episode of swarm, steering or search. The suffix of ``path`` determines the format.
 
     Parameters
     ----------

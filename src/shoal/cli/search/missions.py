@@ -254,7 +254,7 @@ def _print(result: MissionCheck, written: list[Path], flown: Vehicle | None) -> 
 
 
 def area_text(area: float) -> str:
-    """Return an area as text, in which an area below one square millimetre counts as zero."""
+    """Return an area as text. An area below one square millimetre counts as zero."""
     return f"{area:.3g} m²" if area >= 1e-6 else "0 m²"
 
 
@@ -264,7 +264,7 @@ def zones_text(count: int) -> str:
 
 
 def margin_text(margin: float, unseen: float) -> str:
-    """Return a text, to append to the description of a region, with the area that cannot be seen because of the margin."""
+    """Return a text with the area that vehicles cannot see because of the margin, to append to a region's description."""
     return f"; {area_text(unseen)} cannot be seen with the margin of {margin:g} m" if margin else ""
 
 
@@ -307,7 +307,10 @@ def _footprint(sides: float | tuple[float, ...] | None) -> str:
 
 
 def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
-    """Return the lines to print: for each mission and kind of mistake, the first few diagnostics, and the number of the others."""
+    """Return the lines to print, each together with its diagnostic.
+
+    For each mission and kind of mistake, the lines contain the first few diagnostics and the number of further diagnostics.
+    """
     alike = distinct(diagnostics)
     totals = Counter((Path(same[0].file).stem, same[0].rule) for same in alike)
     so_far: Counter[tuple[str, str]] = Counter()
@@ -328,8 +331,8 @@ def _shown(diagnostics: tuple[Diagnostic, ...]) -> list[tuple[Diagnostic, str]]:
 def distinct(diagnostics: tuple[Diagnostic, ...]) -> list[list[Diagnostic]]:
     """Return the diagnostics in groups, one group for each mistake in a mission.
 
-    A group contains one diagnostic for each file format in which the mission is written. If the same rule and sentence occur
-    several times in each file, the k-th diagnostics of all files belong to the same mistake.
+    A mission may have several files, one for each file format. A group contains one diagnostic from each file that has the mistake.
+    If a file has several diagnostics with the same rule and sentence, the k-th of these diagnostics from each file form one group.
     """
     found: dict[tuple[str, str, str, int], list[Diagnostic]] = {}
     so_far: Counter[tuple[str, str, str]] = Counter()

@@ -96,9 +96,10 @@ def missions_rows(told: dict[str, Any]) -> list[tuple[str, str]]:
 
 
 def layers_rows(layers: list[dict[str, Any]]) -> list[tuple[str, str]]:
-    """Return the rows of a summary that describe the altitude layers, one row for each of several layers.
+    """Return the rows of a summary that describe the altitude layers.
 
-    For a single layer, the only row gives the size of the camera's pixels on the ground; without a camera, the result has no row.
+    If there are several layers, each layer has one row. For a single layer, the only row gives the size of the camera's pixels on
+    the ground. For a single layer without a camera, the result has no row.
     """
     pixels = [f", {100 * layer['ground_sample_m']:.3g} cm per pixel" if layer["ground_sample_m"] else "" for layer in layers]
     if len(layers) == 1:
@@ -137,7 +138,7 @@ def place_text(finding: dict[str, Any]) -> str:
 
 
 def files_text(written: list[Path]) -> list[str]:
-    """Return lines of text with the names of files, in which all missions of one robot share one line.
+    """Return lines of text with the names of files. The files of all missions of one robot share one line.
 
     Examples
     --------

@@ -207,7 +207,7 @@ def _report(
 
 
 def _with_truth(episode: SwarmEpisode, truth: GridWorkspace | None) -> SwarmEpisode:
-    """Add the true map to a copy of a noisy rig's episode, so that figures show wrongly classified cells."""
+    """Return a copy of a noisy rig's episode with the true map, so that figures show wrongly classified cells."""
     return replace(episode, truth=truth.free) if episode.observations is not None and truth is not None else episode
 
 

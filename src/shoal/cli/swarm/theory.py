@@ -83,7 +83,7 @@ def line(
 def line_summary(line: Line, sample: LineSample | None, *, seed: int) -> dict[str, Any]:
     """Return the data that ``shoal line`` prints as JSON.
 
-    For long lines, the data contain no exact values, because their computation would take too long.
+    For long lines, the data contain no exact values, because the computation of exact values would take too long.
     """
     short = line.cells <= EXACT_CELLS
     means: dict[str, tuple[float | None, float | None]] = {
@@ -177,7 +177,7 @@ def schedule(
 
 
 def _schedule_entry(schedule: ScanSchedule, best: OptimalSchedule) -> dict[str, Any]:
-    """Return the data of a schedule: its name, the moves and scans for the largest distance, and its worst ratio."""
+    """Return the data of a schedule: its name, the moves and scans for the largest distance, and its worst cost ratio."""
     cost = schedule.cost(best.max_distance)
     worst = schedule.worst(scan_cost=best.scan_cost, move_cost=best.move_cost, max_distance=best.max_distance)
     return {
@@ -198,9 +198,9 @@ def _float(ratio: Any) -> float | None:
 
 
 def _positions(schedule: OptimalSchedule) -> list[int] | None:
-    """Return all positions at which a schedule scans, or None if it has too many positions to list.
+    """Return all positions at which a schedule scans, or None for more than `_LISTED` positions.
 
-    In a schedule with too many positions, the distances between successive scans are all equal.
+    A schedule with more than `_LISTED` positions has equal distances between successive scans.
     """
     positions = [*islice(schedule.positions(), _LISTED + 1)]
     return positions if len(positions) <= _LISTED else None

@@ -74,7 +74,10 @@ class ScheduleProblem(MeasuredProblem):
         self.scans.cost(farthest).weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)
 
     def trial(self, seed: int) -> dict[str, Any]:
-        """Find a wall at the given distance. Without a given distance, draw a distance from 0 to ``max_distance`` moves."""
+        """Return the measures of the search for a wall at the distance ``distance``, in moves.
+
+        If ``distance`` is None, draw a random distance from 0 to ``max_distance``.
+        """
         at = self.distance
         cost = self.scans.cost(int(np.random.default_rng(seed).integers(self.max_distance + 1)) if at is None else at)
         weighted = cost.weighted_ratio(scan_cost=self.scan_cost, move_cost=self.move_cost)

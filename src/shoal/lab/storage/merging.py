@@ -56,7 +56,10 @@ def _take(merged: Store, opened: Store, name: str) -> None:
     with merged.writing() as write:
 
         def copy(table: str, columns: str, old: int, *new: int) -> int:
-            """Copy the row ``old`` of a table to the merged store, with the sweep's number ``new``. Return the new row's number."""
+            """Copy the row ``old`` of a table to the merged store, and return the number of the new row.
+
+            If ``new`` is given, it contains the number of the sweep in the merged store.
+            """
             rows = opened.ask(f"SELECT {columns} FROM {table} WHERE id = ?", old)
             if not rows:
                 raise InvalidInputError(f"{where}: expected row {old} of the table {table}, which other rows refer to, got none")

@@ -73,7 +73,7 @@ def _note_of(settings: Settings) -> str:
 
 
 def _unlike(settings: Settings) -> str:
-    """Return why numbers for the complex map are not comparable, or an empty text if the map may be the map of paper M."""
+    """Return why numbers for the complex map are not comparable. For a map of the same size as paper M's map, the text is empty."""
     workspace = open_map(settings.complex)
     alike = sorted(workspace.shape) == [112, 132] and workspace.n_free == 5000
     return "" if alike else "another map: the paper's has 5000 free cells in 132 by 112 and is not published"

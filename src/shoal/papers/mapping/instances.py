@@ -55,7 +55,7 @@ def _moves(ground: NDArray[np.bool_], start: Cells, policy: str, task: str) -> i
 
 @measuring("greedy", "together")
 def square_moves(*, seed: int, n: int) -> dict[str, int]:
-    """Return the numbers of moves that explore the map of figure 3, with the policy closest-frontier and with a fixed plan.
+    """Return how many moves the policy closest-frontier and a fixed plan need to explore the map of figure 3.
 
     The fixed plan drives all particles into the square at once.
     """

@@ -99,10 +99,10 @@ def _fig6(store: Store, sweeps: list[Sweep], settings: Settings) -> Outcome:
 def simultaneous(decades: Sequence[int]) -> NDArray[np.float64]:
     """Return three ratios for each distance D = 10^k with k in ``decades``; float64, shape (3, number of decades).
 
-    The move ratio of a scan schedule is its number of moves divided by the smallest possible number, and the scan ratio is the same
-    for scans. The first returned ratio is the larger of move ratio and scan ratio for the schedule i^i, in the worst case of all
-    distances of the wall up to D. The second returned ratio is the same for the best possible schedule. The third ratio is
-    log D / log log D.
+    The move ratio of a scan schedule is its number of moves divided by the smallest possible number of moves. The scan ratio is its
+    number of scans divided by the smallest possible number of scans. The first returned ratio is max(move ratio, scan ratio) of the
+    schedule i^i, in the worst case of all distances of the wall up to D. The second returned ratio is the smallest possible value
+    of this maximum over all schedules. The third returned ratio is log D / log log D.
     """
     powers = [10**k for k in decades]
     ours = [float(worst_of_both(Hyperexponential(), distance)) for distance in powers]

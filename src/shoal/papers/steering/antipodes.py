@@ -72,11 +72,12 @@ class AntipodeSwap:
 
 
 def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: float = 0.8, turn: float = 0.0) -> AntipodeSwap:
-    """Steer two particles on a disk of diameter 1 towards antipodal (opposite) goals, with algorithm 1 of paper W.
+    """Return the approach of two particles on a disk of diameter 1 to antipodal (opposite) goals, with algorithm 1 of paper W.
 
-    Each cycle brings the position difference Δ of the particles as near as possible to that of the goals. From an initial Δ of one
-    diameter that is exactly opposite to the goals' difference, the nearest reachable difference would be Δ = 0. No move changes a
-    position difference of zero. To avoid a position difference of zero, the particles start less than one diameter apart.
+    Each cycle brings the position difference Δ of the particles as near as possible to the position difference of the goals. If the
+    initial Δ had the length of one diameter and pointed exactly opposite to the difference of the goals, the nearest reachable
+    difference would be Δ = 0. No move changes a position difference of zero. To avoid a position difference of zero, the particles
+    start less than one diameter apart.
 
     Parameters
     ----------
@@ -125,7 +126,10 @@ def swap_antipodes(*, toucher: Toucher = "nearer", cycles: int = 60, apart: floa
 
 
 def _contact(state: Points, angle: float, radius: float, toucher: Toucher) -> tuple[int, Points]:
-    """Return the index of the touching particle and its contact: at ``angle`` for index 0, on the opposite side for index 1."""
+    """Return the index of the touching particle, counted from 0, and the point at which this particle touches the wall.
+
+    Particle 0 touches the wall at the angle ``angle``, and particle 1 touches the wall at the opposite point.
+    """
     places = radius * np.array([[np.cos(angle + turn), np.sin(angle + turn)] for turn in (0.0, pi)])
     who = 1 if toucher == "second" else int(np.argmin(np.linalg.norm(places - state, axis=1)))
     return who, places[who]

@@ -47,7 +47,7 @@ def first_contact(workspace: ConvexWorkspace, state: Points, toucher: int, rng: 
 
 @measuring("played", "outside", "widest")
 def two_move_outcomes(*, seed: int, workspace: str) -> dict[str, float]:
-    """Simulate random pairs of moves: the first move ends at a wall, and the second move goes along the wall or into it.
+    """Simulate random pairs of moves: a first move to a wall, and a second move along the wall or into the wall.
 
     The function returns the number of simulated pairs of moves (``played``), and how many of the pairs end outside the computed set
     of position differences (``outside``).
@@ -81,7 +81,7 @@ def _sweeps(name: str, workspace: str) -> Callable[[Settings], list[Sweep]]:
 
 
 def _played(store: Store, sweep: Sweep) -> tuple[Claim, float, Table]:
-    """Return (claim, largest angle ``widest``, all trials); the claim is that no random pair of moves leaves the computed set."""
+    """Return the claim that no random pair of moves leaves the computed set, the largest angle ``widest``, and all trials."""
     trials = trials_of(store, sweep)
     played, outside = (sum(trial[name] for trial in trials) for name in ("played", "outside"))
     found = claim(

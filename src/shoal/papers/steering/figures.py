@@ -61,7 +61,7 @@ def reachable_sets(fillings: Sequence[PolygonFractions]) -> Figure:
 
 
 def _percent(share: float) -> str:
-    """Return a fraction as a text in percent, in which only the fraction 1 (within 1e-6) becomes 100."""
+    """Return a fraction as a text in percent. The text is "100" only for the fraction 1 (within 1e-6)."""
     return f"{min(100 * share, 99.9):.1f}" if share < 1 - 1e-6 else "100"
 
 
@@ -242,7 +242,7 @@ class _Scale:
 
 
 def _up_to_the_wall(sweep: GoalSweep, values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the values with each cell outside the workspace set to the value of the nearest cell inside the workspace."""
+    """Return ``values`` in which each cell outside the workspace has the value of the nearest cell inside the workspace."""
     from scipy.ndimage import distance_transform_edt
 
     outside = ~sweep.problem.place.contains(np.stack(np.meshgrid(sweep.x, sweep.y), axis=-1))

@@ -58,7 +58,7 @@ class GoalSweep:
 
 
 def goals(name: str, workspace: str, start: Any, fixed: Any, varied: int, settings: Settings, *, either: bool = False) -> Sweep:
-    """Return a sweep that varies the goal of one particle over a square grid around the workspace."""
+    """Return a sweep that varies the goal of one particle over a square grid that covers the workspace."""
     samples = (21 if settings.quick else 61) if workspace == "disk" else (17 if settings.quick else 41)
     opened = open_workspace(workspace)
     assert isinstance(opened, ConvexWorkspace)  # named workspaces are

@@ -78,7 +78,7 @@ def disk_share(*, seed: int, distance: float) -> dict[str, float]:
 
 @measuring("length", "error")
 def antipodes(*, seed: int, toucher: str, cycles: int) -> dict[str, float]:
-    """Return the length of a plan with ``cycles`` cycles towards antipodal goals, and the distance from the goals at its end.
+    """Return the length of a plan with ``cycles`` cycles towards antipodal goals, and the final distance from the goals.
 
     The parameter ``seed`` has no effect, because the computation uses no random numbers.
     """

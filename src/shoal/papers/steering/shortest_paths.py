@@ -35,10 +35,10 @@ _TILT = 1e-9
 def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, bool] | None:
     """Return the shortest path of three moves in the unit square: the path's length, the toucher, the contact and a flag.
 
-    The toucher (0 or 1) is the particle that touches a wall. The contact lies on the straight line from the toucher's start to the
-    mirror image of its goal behind the wall. While the wall holds the toucher, the second move displaces the other particle. If the
-    second move is impossible at this contact, the contact moves to the nearest possible point of the wall, and the flag is False.
-    The result is None if no wall allows a path of three moves.
+    The toucher (0 or 1) is the particle that touches a wall. The contact is where the straight line from the toucher's start to the
+    mirror image of its goal crosses the wall. While the wall holds the toucher, the second move displaces the other particle. If
+    the second move is impossible at this contact, the contact moves to the nearest possible point of the wall, and the flag is
+    False. The result is None if no wall allows a path of three moves.
     """
     best = None
     before, after = start[1] - start[0], goal[1] - goal[0]
@@ -64,7 +64,7 @@ def shortest_crossing(start: Points, goal: Points) -> tuple[float, int, Points, 
 def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -> list[Points]:
     """Return the three moves of a path: one particle's move to the wall, an adjustment, and a translation to the goals.
 
-    The adjustment displaces the other particle until the position difference of the particles equals that of the goals.
+    The adjustment displaces the other particle until the position difference of the particles equals the difference of the goals.
     """
     change = (goal[1] - goal[0]) - (start[1] - start[0])
     return [contact - start[toucher], change if toucher == 0 else -change, goal[toucher] - contact]
@@ -72,7 +72,7 @@ def crossing_moves(start: Points, goal: Points, toucher: int, contact: Points) -
 
 @measuring("solved", "off", "tilt", "reflected")
 def crossing_check(*, seed: int) -> dict[str, float | None]:
-    """Return the final error of the shortest path for a random problem, and how much the sines of its angles at the wall differ."""
+    """Return the final error of the shortest path for a random problem, and the difference of the sines of its two wall angles."""
     rng = np.random.default_rng(seed)
     start, goal = rng.uniform(0.02, 0.98, (2, 2)), rng.uniform(0.02, 0.98, (2, 2))
     found = shortest_crossing(start, goal)

@@ -39,7 +39,7 @@ def merge(links, parent, c, d, a, b):
 
 @kernel
 def ring(links, parent, k, width):
-    """Make a cycle of 2 x 2 cells, of which k is the upper left cell."""
+    """Make a cycle of the 2 x 2 cells whose upper left cell is k."""
     corners = (k, k + 1, k + width + 1, k + width)
     for i in range(4):
         links[corners[i], 0], links[corners[i], 1] = corners[i - 1], corners[(i + 1) % 4]
@@ -114,8 +114,8 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
     """Merge the cycles of queued cells with the cells beside their edges, as long as no merge makes the tour longer.
 
     The kernel merges the cells a and b beside an edge c-d if a-b is an edge of another cycle, or if a and b are single cells. The
-    array ``queue`` is a ring buffer. The kernel writes the changed cells to ``touched``, as far as they fit, and returns their
-    number.
+    array ``queue`` is a ring buffer. The kernel writes the changed cells to ``touched``, as far as the cells fit, and returns the
+    number of changed cells. A cell may appear several times.
     """
     height, width = mask.shape
     n_touched = 0
@@ -154,7 +154,7 @@ def grow(mask, links, parent, queue, queued, head, count, touched):
 def beside(c, d, side, height, width):
     """Return the cell beside c and the cell beside d, on one of the two sides of the edge c-d. The sides are -1 and 1.
 
-    If c and d are not neighbours, or if that side of the edge is outside the grid, return (-1, -1).
+    If c and d are not neighbours, or if the side ``side`` of the edge is outside the grid, return (-1, -1).
     """
     row, col = c // width, c % width
     if abs(c - d) == 1 and row == d // width:

@@ -25,7 +25,7 @@ TRANSPOSED = int(BEGIN_2[1])
 
 @kernel
 def index_of(x, y, order, state):
-    """Return the index of the cell (x, y) on the curve of a given order that begins in ``state``.
+    """Return the index of the cell (x, y) on the curve that has the order ``order`` and begins in ``state``.
 
     The coordinates x and y are from 0 to 2^order - 1.
     """
@@ -42,7 +42,7 @@ def index_of(x, y, order, state):
 
 @kernel
 def place_of(index, order, state):
-    """Return (x, y) of an index on the curve of a given order that begins in ``state``.
+    """Return the cell (x, y) with a given index on the curve that has the order ``order`` and begins in ``state``.
 
     The index is from 0 to 4^order - 1.
     """

@@ -61,9 +61,9 @@ def tables(dimensions: int, levels: int) -> tuple[NDArray[np.uint16], NDArray[np
     """Return the tables (decoding, encoding, begin). One look-up converts ``levels`` levels of the curve at once.
 
     The entry ``decoding[state << dimensions * levels | digits]`` contains the shifted next state, and in its lower bits the
-    coordinates. In an entry, the bits from j * levels on contain the coordinate of axis j. In the table ``encoding``, digits and
-    coordinates are exchanged. The entry ``begin[k]`` is the shifted state from which k levels of zeros lead to state 0. An index
-    whose order is not a multiple of ``levels`` begins with leading zeros.
+    coordinates. In an entry, the ``levels`` bits that begin with bit j * levels contain the coordinate along axis j. In the table
+    ``encoding``, digits and coordinates are exchanged. The entry ``begin[k]`` is the shifted state from which k levels of zeros
+    lead to state 0. An index whose order is not a multiple of ``levels`` begins with leading zeros.
     """
     parts, following = one_level(dimensions)
     n_states, width = len(parts), dimensions * levels

@@ -1,6 +1,6 @@
 """Measures of a tour: lengths of steps, turns, and distances of neighbouring cells along the tour.
 
-Cells are int64, shape (N, 3).
+An array ``cells`` has the type int64 and the shape (N, 3).
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ def dilation(cells, closed):
 
 @kernel
 def fill_position(cells, position):
-    """Write to ``position`` the number of each cell on the tour. Return the number of the first repeated cell, or -1."""
+    """Write each cell's number on the tour to ``position``. Return the number of the first repeated cell, or -1 if none repeats."""
     for k in range(len(cells)):
         z, y, x = cells[k, 0], cells[k, 1], cells[k, 2]
         if position[z, y, x] >= 0:

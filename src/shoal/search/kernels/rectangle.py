@@ -13,7 +13,7 @@ import numpy as np
 from shoal.jit import kernel
 
 DEPTH = 512
-"""Size of the stack of boxes. It is enough for 2^31 cells along each side of the box, with 4 entries for each halving."""
+"""Size of the stack of boxes. This size is enough for 2^31 cells along each side of the box, with 4 entries for each halving."""
 
 
 @kernel

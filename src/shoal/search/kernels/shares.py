@@ -63,7 +63,7 @@ def furthest(ahead, first, budget):
 
 @kernel
 def between(ahead, one, other):
-    """Return the cost of the way along the tour from one cell number to another one, in either direction."""
+    """Return the cost of the way along the tour from one cell number to another cell number, in either direction."""
     return abs(ahead[other] - ahead[one])
 
 
@@ -137,7 +137,7 @@ def both_ways(tour, team, robot, at, low, budget):
 
 @kernel
 def two_way_pass(tour, team, time, first, borders):
-    """Make a pass in which each robot searches cells behind and ahead of its start, in whichever order it gets further.
+    """Make a pass in which each robot searches cells behind and ahead of its start, in the order in which the robot gets further.
 
     Return whether the robots search all cells of the tour in the given time.
     """
@@ -190,7 +190,8 @@ def best_start(two_ways, tour, team, time, stride, borders):
 def hop_pass(tour, team, time, first, turn, borders):
     """Make a pass in which each robot goes to the first of its cells and searches forwards. Return whether the pass succeeds.
 
-    Robot ``turn`` gets the cells from ``first`` on. The pass succeeds if the robots search all cells of the tour in the given time.
+    The cells of robot ``turn`` begin with the cell ``first``. The pass succeeds if the robots search all cells of the tour in the
+    given time.
     """
     m, n = team.places.shape[0], tour.points.shape[0]
     here = first
@@ -212,7 +213,7 @@ def hop_costs(tour, team, firsts, latest):
     arc, and the other robots follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5 times as
     long as the best cut before it.
     """
-    # Local names for the inner loop, because passing the tuple would count references, which takes longer than all the rest.
+    # The inner loop uses local names: passing the tuple would count references, which takes longer than the rest of the loop.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far
     m, n = places.shape[0], points.shape[0]
     powers = rates * team.gains
@@ -229,7 +230,7 @@ def hop_costs(tour, team, firsts, latest):
                     cells[i] = np.searchsorted(ahead, level + 1e-9, side="right") - 1
                 way = flown(points, places, robot, cells[i] % n) if straight else far[robot, cells[i] % n]
                 worst = max(worst, way / rates[robot] + whole / power)
-                if worst > 1.5 * best and turn > 0:  # a bisection could not make turn number ``turn`` the best one
+                if worst > 1.5 * best and turn > 0:  # a bisection could not make this turn the best turn
                     worst = np.inf
                     break
                 level += whole * powers[robot] / power

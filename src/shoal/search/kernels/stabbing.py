@@ -11,7 +11,7 @@ _HAIR = 1e-6
 
 @in_place_kernel
 def clip(from_x, from_y, step_x, step_y, boxes, k):
-    """Return the interval of fractions (low, high) of a step that lies in a box, or (1, 0) if the step misses the box."""
+    """Return the smallest and the largest fraction (low, high) of a step that lie in a box, or (1, 0) if none lies in it."""
     low, high = 0.0, 1.0
     for axis in range(2):
         start, step = (from_x, step_x) if axis == 0 else (from_y, step_y)

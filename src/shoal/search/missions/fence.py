@@ -9,7 +9,7 @@ from shoal.core.dataclass import dataclass
 from shoal.core.notices import tell_once
 from shoal.search.regions.outline_checks import Points
 from shoal.search.regions.projection import LocalFrame
-from shoal.search.regions.region import SearchRegion
+from shoal.search.regions.region import TOUCH, SearchRegion
 
 ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
@@ -78,7 +78,8 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     whole = shapely.union_all([filled, *outside])
     outer = whole if whole.geom_type == "Polygon" else whole.convex_hull
     barred = shapely.union_all([region.no_go, *_empty_holes(region, lines), *_empty_holes_of(outer, lines)])
-    zones = [part for part in shapely.get_parts(barred.intersection(outer)) if part.geom_type == "Polygon" and part.area > 0]
+    # Rounding errors of an intersection can leave parts that are thinner than a coordinate is exact; they bar nothing.
+    zones = [part for part in shapely.get_parts(barred.intersection(outer)) if not part.buffer(-TOUCH).is_empty]
     rings = [shapely.get_coordinates(part.exterior)[:-1] for part in _thinned([outer, *zones], lines, most)]
     placed = [ring if region.frame is None else region.frame.to_degrees(ring) for ring in rings]
     return Fence(placed[0], tuple(placed[1:]))

@@ -35,7 +35,7 @@ from shoal.search.regions.margin import with_margin
 from shoal.search.regions.region import SearchRegion
 
 AUTO_TOUR = "spanning-tree"
-"""The tour that ``auto`` means for a single pass if Shoal does not compare tours. Its path is the shortest in every region."""
+"""The tour that ``auto`` means for a single pass if Shoal does not compare tours. This tour is the shortest in every region."""
 
 AUTO_TOURS = ("boustrophedon", "spanning-tree")
 """The tours that ``auto`` compares if turns take time, or if the planner chooses the angle of the rows."""

@@ -15,7 +15,7 @@ from shoal.core.errors import InvalidInputError
 
 @dataclass(frozen=True, slots=True)
 class Crash:
-    """Fault: from the time ``time`` on, the robot stands still and sends no messages."""
+    """Fault: at the time ``time``, the robot stops for ever. After this time, it sends no messages."""
 
     robot: int
     time: float
@@ -32,7 +32,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class Slow:
-    """Fault: from the time ``time`` on, the robot needs ``factor`` times as long as at its declared speed."""
+    """Fault: beginning at the time ``time``, the speed of the robot is its declared speed divided by ``factor``."""
 
     robot: int
     factor: float
@@ -41,7 +41,7 @@ class Slow:
 
 @dataclass(frozen=True, slots=True)
 class Battery:
-    """Fault: the robot stops for ever after it has moved for the time ``energy`` since its last recharge.
+    """Fault: the robot stops for ever when its paths and searches since the last recharge have cost more than ``energy`` cells.
 
     The robot itself does not know the limit ``energy``, and plans with the endurance of its vehicle.
     """
@@ -52,7 +52,7 @@ class Battery:
 
 @dataclass(frozen=True, slots=True)
 class WrongPosition:
-    """Fault: the robot believes that its start is ``off`` cells further along the tour than it really is.
+    """Fault: the robot believes that its start cell is ``off`` cells after its true start cell on the tour.
 
     As soon as the robot has moved to another cell, it knows its true position.
     """

@@ -21,7 +21,7 @@ AUTO = "auto"
 
 
 def check_region(value: Any) -> str | SearchRegion:
-    """Check the region of a search: a name, the path of a file, or a `SearchRegion`.
+    """Check and return the region of a search: a name, the path of a file, or a `SearchRegion`.
 
     If the value is a mapping from `dump_region`, the function turns it back into a `SearchRegion`.
     """
@@ -111,14 +111,14 @@ def parse_numbers(text: str) -> float | list[float]:
 
 
 def check_footprint(value: Any) -> float | tuple[float, ...]:
-    """Check the side of the footprint in metres, given as one number for all robots or as one number for each robot."""
+    """Check and return the side of the footprint in metres: one number for all robots, or one number for each robot."""
     if isinstance(value, list | tuple | np.ndarray) and np.ndim(value):
         return check_number_list(value, "footprint", "lengths above 0, one per robot", above=0)
     return check_number(value, what="footprint", above=0, most=FARTHEST)
 
 
 def check_bands(value: Any) -> tuple[float, ...]:
-    """Sort altitudes in metres from the lowest to the highest, and refuse equal altitudes."""
+    """Return altitudes in metres, sorted from the lowest to the highest. The function refuses equal altitudes."""
     found = tuple(sorted(check_number_list(value, "bands", "altitudes above 0", above=0)))
     if not found or len({*found}) < len(found):
         raise InvalidInputError(f"bands: expected one altitude or more, each once, got {shortened(value)}")
@@ -140,7 +140,7 @@ def check_number_list(value: Any, what: str, kind: str, *, least: float = -inf, 
         Limits of the numbers. Each number must be at least ``least`` and more than ``above``.
     """
     if isinstance(value, int | float | np.number):
-        value = (value,)  # of one robot
+        value = (value,)  # a single number, for one robot
     if not isinstance(value, list | tuple | np.ndarray):
         raise InvalidInputError(f"{what}: expected {kind}, got {shortened(value)}")
     return tuple(check_number(one, what=what, least=least, above=above, most=FARTHEST) for one in value)

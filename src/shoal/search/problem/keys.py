@@ -1,4 +1,4 @@
-"""Key files: the secret that all robots of a search share, and with which they sign their messages."""
+"""Key files: a key is a secret that all robots of a search share. Robots sign their messages with the key."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from shoal.search.flight.flight import ENDINGS, FRAMES, TERRAIN_ERROR
 from shoal.search.flight.staggering import DELAY, HORIZONTAL, VERTICAL, Separation
 from shoal.search.problem import SearchProblem
 
-CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}  # items that an autopilot stores, home included
+CAPS: dict[str, int] = {"px4": 2000, "ardupilot": 700}  # maximum number of mission items that an autopilot stores, including home
 
 
 def _parse_names(text: str) -> list[str]:

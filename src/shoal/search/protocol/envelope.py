@@ -18,11 +18,11 @@ VERSION = 2
 _HEAD = 9  # bytes: version, sender (2), stamp (6)
 _SIGNATURE, _CHECKSUM = 8, 4  # bytes
 _SHARE = 1000  # maximum number of messages per sender and second
-_REMEMBERED = 64  # number of stamps per sender by which messages may overtake each other
+_REMEMBERED = 64  # number of stamps that a receiver remembers for each sender
 
 
 def _seal(key: bytes, message: bytes) -> bytes:
-    """Return the last bytes of a message: a shortened HMAC-SHA-256 with a key, or a CRC-32 checksum without a key."""
+    """Return the last bytes of a message: a shortened HMAC-SHA-256, or a CRC-32 checksum if the key is empty."""
     return hmac.digest(key, message, "sha256")[:_SIGNATURE] if key else crc32(message).to_bytes(_CHECKSUM, "little")
 
 
@@ -43,7 +43,7 @@ class Sender:
         self._number, self._key, self._most, self._stamp = number, key, most, -1
 
     def messages(self, beacon: Beacon, clock: int) -> list[bytes]:
-        """Return the messages that transmit a beacon. The sender's clock shows the time ``clock`` in milliseconds."""
+        """Return the messages that transmit a beacon. ``clock`` is the present time of the sender's clock in milliseconds."""
         room = self._most - _HEAD - (_SIGNATURE if self._key else _CHECKSUM)
         return [self._message(body, clock) for body in encode_beacon(beacon, room)]
 
@@ -61,9 +61,9 @@ class Receiver:
     key : bytes
         Key that signs the messages. With the empty key b"", messages have a checksum instead of a signature.
     robots, cells : int
-        Number of robots, whose numbers begin with 1, and number of cells, whose numbers begin with 0.
+        Number of robots and number of cells. The numbers of robots begin with 1, and the numbers of cells begin with 0.
     most : int
-        Maximum length of a message in bytes. The receiver refuses messages above the maximum length without reading them.
+        Maximum length of a message in bytes. The receiver refuses longer messages without reading them.
     window : int
         Maximum difference in milliseconds between a message's stamp and the receiver's clock.
     """
@@ -76,12 +76,13 @@ class Receiver:
         self._counts: dict[int, tuple[int, int]] = {}
 
     def open(self, message: bytes, clock: int) -> Beacon:
-        """Return the content of a message. The receiver's clock shows the time ``clock`` in milliseconds.
+        """Return the content of a message. ``clock`` is the present time of the receiver's clock in milliseconds.
 
         Raises
         ------
         InvalidInputError
-            If the message is damaged, has no valid signature, was opened before, or belongs to another search or version.
+            If the message is damaged, too long, too old or already opened, has no valid signature, or belongs to another search or
+            version. The receiver also refuses a message if its sender has sent too many messages in the current second.
         """
         end = len(message) - (_SIGNATURE if self._key else _CHECKSUM)
         if not end >= _HEAD or len(message) > self.most or message[0] != VERSION:

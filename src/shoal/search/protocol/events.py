@@ -30,9 +30,10 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Sensed:
-    """Event: the robot has searched its target cell, and ``found`` tells whether it found something there.
+    """Event: the robot has searched its target cell, and ``found`` tells whether the robot found something there.
 
-    The attribute ``beside`` lists cells around the target cell in which a robot with a wide footprint found something.
+    If the footprint of the robot is wider than one cell, ``beside`` lists the cells around the target cell in which the robot found
+    something.
     """
 
     time: float

@@ -1,9 +1,11 @@
 """Help: idle robots divide the remaining cells of dead and late robots among themselves, without a coordinator.
 
-The remaining cells of a robot's part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched,
-and its first cell is called its front. If a robot is already searching a run from its front, a helper enters the run further along,
-and searches in the same direction. The helper chooses its entry so that the helper and the robot at the front finish at the same
-time. Every helper computes the choices of all helpers in one fixed order, so that two helpers rarely choose the same cell.
+A robot is late if it lags far behind its declared speed. An idle robot that searches cells of another robot's part is a helper. The
+remaining cells of a part form runs. A run is a sequence of neighbouring cells that no robot is known to have searched, in the order
+of the search. The front of a run is its first cell. If a robot is already searching a run from the front, a helper skips some cells
+at the front, and searches the other cells in the same direction. The helper chooses the number of skipped cells so that the helper
+and the robot at the front finish at the same time. Every helper computes the choices of all helpers in one fixed order, so that two
+helpers rarely choose the same cell.
 """
 
 from __future__ import annotations
@@ -16,15 +18,17 @@ from shoal.search.allocation.arcs import Arc
 from shoal.search.protocol.inference import can_come, is_late, is_live, speed_of
 from shoal.search.protocol.state import Robot
 
-_WORTH = 1.0  # cells: minimum gain of helping
+_WORTH = 1.0  # a robot helps only if it saves more than the time for this number of cells
 
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
     """A run of remaining cells, in the order of the search.
 
-    The attribute ``pace`` is the search rate of the robot that searches the run, or 0 if no robot searches it. The attribute
-    ``late`` is the time until the robot that searches the run arrives at the first cell of the run.
+    The attribute ``first`` is the tour index of the first cell, and ``count`` is the number of cells. The attribute ``step`` is the
+    direction of the search: 1 for increasing tour indices, or -1. The attribute ``pace`` is the search rate of the robot that
+    searches the run, or 0 if no robot searches the run. The attribute ``late`` is the time until the robot that searches the run
+    arrives at the first cell of the run.
     """
 
     first: int
@@ -34,7 +38,10 @@ class Stretch:
     late: float = 0.0
 
     def halves(self, ahead: int, pace: float, n: int, late: float = 0.0) -> list[Stretch]:
-        """Return the two parts of this run if a helper with the search rate ``pace`` skips the first ``ahead`` cells."""
+        """Split this run after its first ``ahead`` cells, and return the resulting runs without empty runs.
+
+        A robot with the search rate ``pace`` arrives at the second run after the time ``late``, and searches it.
+        """
         front = Stretch(self.first, ahead, self.step, self.pace, self.late)
         rest = Stretch((self.first + self.step * ahead) % n, self.count - ahead, self.step, pace, late)
         return [half for half in (front, rest) if half.count]
@@ -84,7 +91,7 @@ def is_taken(robot: Robot, cell: int, time: float) -> bool:
 
 
 def leaves_to_others(robot: Robot, own: int, time: float) -> bool:
-    """Return whether the robot leaves help to others, because it is late while another robot is idle and not late.
+    """Return whether the robot leaves help to others: the robot is late, and another robot is idle and not late.
 
     A robot that leaves help to others continues only its own work.
     """
@@ -99,7 +106,7 @@ def _is_left(robot: Robot, number: int, own: int, time: float) -> bool:
 
 
 def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: float) -> Iterator[Stretch]:
-    """Yield an arc's runs of remaining cells in the order of the search. A new run begins where another robot searches."""
+    """Yield the runs of remaining cells in an arc, in the order of the search. A new run begins where another robot searches."""
     n = len(robot.brief.tour_cost)
     left = arc.bits(n) & wanted
     fronts: dict[int, tuple[float, float]] = {}
@@ -111,7 +118,7 @@ def _stretches(robot: Robot, arc: Arc, wanted: int, others: list[int], time: flo
             cell, own = heartbeat.place % n, robot.searched.get(number, 0) & ~left
             rate, pace = speed_of(robot, number, time)
             late = max(peer.since + peer.way / rate - time, 0.0) if left >> cell & 1 else 0.0
-            while own >> cell & 1:  # cells searched since its last reported position
+            while own >> cell & 1:  # the peer has searched this cell since it reported its position
                 own, cell = own & ~(1 << cell), (cell + arc.step) % n
             if left >> cell & 1:
                 fronts[cell] = max(fronts.get(cell, (0.0, 0.0)), (pace, late))
@@ -140,7 +147,7 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
         ahead = _ahead(stretch, way, pace)
         gain = (
             alone - way - (stretch.count - ahead) / pace
-        )  # until then, the robot from the front has searched the cells ahead, or will lose them
+        )  # the time without the helper, minus the time until the helper has searched its cells
         if ahead < stretch.count and gain > most:
             best, most = (stretch, ahead), gain
     return best
@@ -148,6 +155,6 @@ def _best(robot: Robot, speed: tuple[float, float], at: int, stretches: list[Str
 
 def _ahead(stretch: Stretch, way: float, pace: float) -> int:
     """Return the number of cells that a helper skips at the front of a run. The helper reaches the run after the time ``way``."""
-    if not stretch.pace or stretch.count == 1:  # a robot that needs very long for its last cell may not have reached it yet
+    if not stretch.pace or stretch.count == 1:  # a slow robot may not yet have reached the last cell
         return 0
     return max(ceil((way - stretch.late + stretch.count / pace) / (1 / stretch.pace + 1 / pace)), int(stretch.late <= way))

@@ -12,11 +12,11 @@ from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import at_least
 
 _FALSE_POSITIVE_RATE = 0.01  # false-positive rate of the failure detector
-MARK = 8.0  # beats: minimum observation time for estimating a robot's speed
-_TOLERATED, _BEATS = 0.25, 4.0  # a robot may be behind by this fraction of the elapsed time plus this number of beats
-_RELUCTANCE = 1.4  # a robot reports itself late only at this multiple, so that others know it sooner
-_CRAWL = 1e-3  # fraction of its declared speed that is the lower bound of a robot's estimated speed
-_SILENCE = (3.0, 40.0)  # beats: minimum and maximum silence after which a robot is presumed dead
+MARK = 8.0  # beacon periods: minimum observation time for estimating a robot's speed
+_TOLERATED, _BEATS = 0.25, 4.0  # tolerated lag: fraction of the elapsed time, plus number of beacon periods
+_RELUCTANCE = 1.4  # tolerated lag of the robot itself, divided by the tolerated lag of another robot
+_CRAWL = 1e-3  # lower bound of a robot's estimated speed, divided by its declared speed
+_SILENCE = (3.0, 40.0)  # beacon periods: minimum and maximum silence after which a robot is presumed dead
 
 
 def step_cost(tour_cost: TourCost, here: int, cell: int, fresh: bool, closed: int = 0) -> float:
@@ -36,7 +36,10 @@ def obstacles(robot: Robot) -> int:
 
 
 def reachable(robot: Robot, time: float) -> tuple[int, int]:
-    """Return two bitsets: the cells that this robot can reach, and the cells that at least one live robot can reach."""
+    """Return two bitsets: the cells that this robot can reach, and the cells that at least one live robot can reach.
+
+    If this robot no longer waits for other robots, both bitsets contain the cells that this robot can reach.
+    """
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
     if not isinstance(distances, CellDistances):
         return robot.brief.everything, robot.brief.everything
@@ -72,7 +75,7 @@ def is_live(robot: Robot, number: int, time: float) -> bool:
 
 
 def can_come(robot: Robot, number: int, own: int, time: float) -> bool:
-    """Return whether the robot with the number ``number`` is presumed alive, and starts in a cell of the bitset ``own``.
+    """Return whether the robot with the number ``number`` is presumed alive, and has its start cell in the bitset ``own``.
 
     The bitset ``own`` contains the cells that the robot ``robot`` can reach. If the start cell is unknown, the function assumes
     that ``own`` contains the start cell.
@@ -132,7 +135,7 @@ def settled(robot: Robot, time: float) -> int:
         return at_least(everyone, 1)
     mine = seen.get(robot.number, 0)
     distances, n = robot.brief.tour_cost.distances, len(robot.brief.tour_cost)
-    for number, peer in robot.peers.items():  # cells that all live robots have searched cannot be searched by more
+    for number, peer in robot.peers.items():  # no further robot can search a cell that all live robots have searched
         if is_live(robot, number, time) and _waits_for_others(robot, time):
             theirs = seen.get(number, 0)
             if isinstance(distances, CellDistances):

@@ -18,9 +18,9 @@ from shoal.search.cells.footprint import WIDEST
 from shoal.search.tours.bitset import bits_of_intervals, intervals
 
 Status = Literal["listening", "searching", "waiting", "complete"]
-LONGEST = 1200  # default maximum of a message in bytes: it passes every network in one piece
-SHORTEST = 64  # smallest allowed maximum of a message in bytes
-MOST_CELLS = 1 << 26  # cells of a tour
+LONGEST = 1200  # default maximum length of a message in bytes, which networks transmit in one piece
+SHORTEST = 64  # smallest maximum length of a message that a user may choose, in bytes
+MOST_CELLS = 1 << 26  # maximum number of cells of a tour
 MOST_ROBOTS = 1 << 16
 LAG_UNIT = 1 / 16
 
@@ -47,14 +47,14 @@ class Heartbeat:
 
 @dataclass(frozen=True, slots=True)
 class Beacon:
-    """The regular broadcast of a robot. Later beacons repeat its facts, so that the loss of a single message does no harm.
+    """The regular broadcast of a robot. Later beacons repeat the facts of a beacon, so that the loss of one message does no harm.
 
     Parameters
     ----------
     sender : int
         Number of the robot that sends the beacon.
     heartbeats : tuple of Heartbeat
-        Heartbeat of the sender, followed by heartbeats of other robots that the sender has received.
+        Heartbeat of the sender, followed by heartbeats that the sender has received from other robots.
     searched : tuple of (int, int)
         Pairs of a robot's number and the bitset of cells that this robot reports as searched.
     found : tuple of (int, int)
@@ -78,7 +78,7 @@ _RATED, _WIDE = 4, 8  # flags beside the status
 
 
 def encode_beacon(beacon: Beacon, most: int = LONGEST) -> list[bytes]:
-    r"""Encode a beacon as the bodies of one or several messages, each at most ``most`` bytes long.
+    r"""Return a beacon as the bodies of one or several messages. Each body is at most ``most`` bytes long.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def _told(heartbeat: Heartbeat) -> bytes:
     return told + _numbers(heartbeat.width) if heartbeat.width > 1 else told
 
 
-_PIECE = 32  # bytes of intervals: a piece with the preceding numbers fits into the shortest message
+_PIECE = 32  # maximum bytes of intervals in a byte string, which must fit into the shortest message
 
 
 def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
@@ -141,7 +141,7 @@ def _pieces(head: bytes, found: Iterable[tuple[int, int]]) -> Iterator[bytes]:
 
 
 def _numbers(*numbers: int) -> bytes:
-    """Encode whole numbers, 0 or more, as base-128 digits, with the lowest digit first.
+    """Return whole numbers, 0 or more, as bytes: the base-128 digits of each number, with the lowest digit first.
 
     Each byte of a number except its last byte has the high bit set.
     """
@@ -157,7 +157,7 @@ def _numbers(*numbers: int) -> bytes:
 
 @lru_cache(maxsize=256)  # in a simulation, all robots decode the same bytes
 def decode_beacon(sender: int, body: bytes, *, cells: int = MOST_CELLS, robots: int = MOST_ROBOTS) -> Beacon:
-    """Decode the body of a message to a beacon, or to a part of a beacon.
+    """Return the beacon, or the part of a beacon, that the body of a message contains.
 
     Parameters
     ----------
@@ -223,7 +223,7 @@ class _Reader:
         return float(struct.unpack_from("<d", self.body, self.at - 8)[0])
 
     def intervals(self, most: int) -> list[tuple[int, int]]:
-        """Read intervals of whole numbers below ``most``."""
+        """Read and return intervals of whole numbers below ``most``, as pairs (first number, length)."""
         found, end = [], 0
         for _ in range(self.number(len(self.body))):
             first = end + self.number(most - 1)

@@ -1,16 +1,17 @@
 """The robot as a state machine: a pure function from a state and an event to a new state and actions.
 
-The state machine uses only data that the robot has sensed or received. One and the same state machine runs in the simulation
+The state machine uses only data that the robot has sensed or received. The same state machine runs in the simulation
 (`shoal.search.simulation`) and in the processes of live robots (`shoal.search.simulation.live`).
 
-A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. After their own parts,
-idle robots divide the remaining cells of silent and late robots among themselves (`shoal.search.protocol.helping`).
+A robot first listens, then divides the tour among all robots that it knows, and then searches its own part. A robot that has
+searched its own part is idle. Idle robots divide the remaining cells of silent and late robots among themselves
+(`shoal.search.protocol.helping`).
 
-A robot without work waits while other robots work. A waiting robot resumes at the last moment at which it can still search all
-unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the whole tour
-alone, beginning when it first divides the tour. For this reason, a single surviving robot searches all cells by its deadline, even
-if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as one robot is
-alive.
+A robot without work waits while other robots work. A waiting robot starts to search again at the last moment at which it can still
+search all unsearched cells alone before its deadline. The deadline is the time at which the robot would finish if it searched the
+whole tour alone, beginning when it first divides the tour. For this reason, a single surviving robot searches all cells by its
+deadline, even if all messages and all other robots are lost. Paper H demands on pages 4 to 7 that the search is complete as long as
+one robot is alive.
 
 A robot that finds a blocked cell reports this cell, so that all robots avoid it. Robots leave out cells that none of them can
 reach.
@@ -50,7 +51,7 @@ from shoal.search.tours.bitset import bits_to_array, bitset_of, next_in
 
 __all__ = ["LOOK", "Brief", "Robot", "advance"]
 
-_HELLOS = 8  # number of beacons while robots listen
+_HELLOS = 8  # minimum number of beacons that a robot sends during the time ``Brief.hello``
 
 
 Decision = tuple[Robot, Action | None, float]
@@ -60,8 +61,8 @@ Decision = tuple[Robot, Action | None, float]
 def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decision] | None = None) -> tuple[Robot, list[Action]]:
     """Return the state of a robot after an event, and the actions of the robot.
 
-    The function ``decide(robot, time)`` chooses the destination of an idle robot. By default, `next_action` chooses the
-    destination.
+    The function ``decide(robot, time)`` chooses the next action of a robot that has no target. By default, this function is
+    `next_action`.
 
     Examples
     --------
@@ -111,7 +112,7 @@ def advance(robot: Robot, event: Event, decide: Callable[[Robot, float], Decisio
 
 
 def _beaconed(robot: Robot, time: float, actions: list[Action]) -> Robot:
-    """Add the next beacon to the actions if the time of this beacon has come."""
+    """If it is time for the next beacon, add this beacon to the actions. Return the state of the robot after the beacon."""
     if time < robot.next_beat - 1e-9:
         return robot
     hello = robot.status == "listening" and time < robot.began + robot.brief.hello - 1e-9
@@ -147,7 +148,7 @@ def heard(robot: Robot, beacon: Beacon, time: float) -> Robot:
 
 
 def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return two moments, several beacon periods apart, and a peer's lag at each moment, for an estimate of the peer's speed."""
+    """Return two pairs (time, lag of a peer), several beacon periods apart. The pairs serve to estimate the peer's speed."""
     if known is None:
         return ((time, lag),) * 2
     if time - known.marks[1][0] < MARK * robot.brief.beat:
@@ -156,7 +157,7 @@ def _marks(robot: Robot, known: Peer | None, lag: float, time: float) -> tuple[t
 
 
 def _leg(robot: Robot, known: Peer | None, heartbeat: Heartbeat, time: float) -> tuple[float, float]:
-    """Return the time at which a peer first reported its destination, and the length of the path to it in cell sides."""
+    """Return the time at which a peer first reported its destination, and the length of its path there in cell sides."""
     before, n = heartbeat.start if known is None else known.heartbeat.place, len(robot.brief.tour_cost)
     if known is not None and before == heartbeat.place:
         return known.since, known.way
@@ -168,14 +169,14 @@ def _told(robot: Robot, known: Mapping[int, int], news: tuple[tuple[int, int], .
     for other, told in news:
         bits = known.get(other, 0)
         if told != bits and other != robot.number:
-            more = told & robot.brief.everything & ~bits  # bits that are no cells would never be settled
+            more = told & robot.brief.everything & ~bits  # a bit that stands for no cell would never be settled
             if more:
                 known = {**known, other: bits | more}
     return known
 
 
 def _allotted(robot: Robot, time: float) -> Robot:
-    """Divide the tour among all known robots.
+    """Return the state of a robot after it has divided the tour among all robots that it knows.
 
     If the robot, with its new part, could not search all remaining cells alone before its deadline, it keeps its previous part.
     """
@@ -209,7 +210,7 @@ def _alone(robot: Robot, wanted: int, here: int, fresh: bool) -> float:
 
 
 def _arcs_to_search(robot: Robot) -> list[Arc]:
-    """Return the arcs that a robot searches: its own arcs and, if several robots must search each cell, arcs of the next robots."""
+    """Return the arcs that a robot must search: its own arcs and, for a multiplicity above 1, the arcs of the next robots."""
     return [
         arc
         for ahead in range(min(robot.brief.multiplicity, len(robot.parts)))
@@ -219,7 +220,7 @@ def _arcs_to_search(robot: Robot) -> list[Arc]:
 
 def next_action(robot: Robot, time: float) -> Decision:
     """Return the state of a robot, its next action, and the time until which the robot waits if it has no action."""
-    if robot.allotted_to <= len(robot.peers):  # the robot knows another robot
+    if robot.allotted_to <= len(robot.peers):  # the robot knows more robots than at the last division
         robot = _allotted(robot, time)
     done = settled(robot, time)
     own, anyone = reachable(robot, time)
@@ -236,7 +237,7 @@ def next_action(robot: Robot, time: float) -> Decision:
     if cell is None:
         return robot.but(status="waiting"), None, wake
     if _hops(robot, cell):
-        robot = robot.but(next_beat=time)  # other robots learn at once where it helps
+        robot = robot.but(next_beat=time)  # other robots learn at once where this robot helps
     robot = robot.but(aim=cell)
     return head_for(robot, cell if robot.width == 1 else _stop_for(robot, cell, own, wanted, time), time)
 
@@ -244,8 +245,9 @@ def next_action(robot: Robot, time: float) -> Decision:
 def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> int:
     """Return the best stop for a robot with a wide footprint that wants to see a cell.
 
-    If the robot, after a stop elsewhere, could not search all remaining cells before its deadline, the result is the cell itself.
-    The function computes the remaining work for a footprint of one cell, so that the robot never plans more than it can do.
+    If the robot, after the best stop, could not search all remaining cells before its deadline, the result is the cell itself. For
+    this comparison, the function computes the remaining work for a footprint of one cell, so that the robot never plans more than
+    it can do.
     """
     tour_cost, n, closed = robot.brief.tour_cost, len(robot.brief.tour_cost), obstacles(robot)
     part = next(part for part in robot.parts if part.bits >> cell & 1)
@@ -261,7 +263,10 @@ def _stop_for(robot: Robot, cell: int, own: int, wanted: int, time: float) -> in
 
 
 def head_for(robot: Robot, cell: int, time: float) -> Decision:
-    """Send the robot to a cell. If its energy does not suffice for the way to the cell and back home, send it home to recharge."""
+    """Return the decision to go to a cell, or to go home and recharge if the energy is too low for the cell and the way home.
+
+    A robot with a full battery always goes to the cell.
+    """
     tour_cost, distances = robot.brief.tour_cost, robot.brief.tour_cost.distances
     unsure, back = 0, robot.brief.from_launch(robot.number, robot.start, cell)
     through: tuple[int, ...] = ()
@@ -286,7 +291,7 @@ def head_for(robot: Robot, cell: int, time: float) -> Decision:
 
 
 def _own_cell(robot: Robot, wanted: int) -> int | None:
-    """Return the next cell of the robot's own work, or None if its own work is done."""
+    """Return the next cell of ``wanted`` in the arcs that the robot must search, or None if no such cell remains."""
     for arc in _arcs_to_search(robot):
         cell = arc.next_of(wanted, len(robot.brief.tour_cost))
         if cell is not None:
@@ -304,7 +309,7 @@ def _left_cell(robot: Robot, wanted: int, own: int, mine: int | None, time: floa
     """Return a cell that the robot searches to help other robots, or None and the time until which the robot waits.
 
     The robot helps only if it can still search all remaining cells alone before its deadline. If the robot cannot wait any longer,
-    the result is the next cell of its own work (``mine``) or, if its own work is done, the next unsearched cell.
+    the result is the next cell in its own arcs (``mine``) or, if ``mine`` is None, the next unsearched cell.
     """
     cell = cell_to_help(robot, wanted, own, time)
     if cell is not None and not (_hops(robot, cell) and leaves_to_others(robot, own, time)):

@@ -33,8 +33,8 @@ class Brief:
     beat : float
         Time between two beacons of a robot.
     energy : float
-        Energy of a full battery: the cost, in cells, of the movements and searches that it allows. A robot must return to its start
-        before its battery is empty.
+        Energy of a full battery: the cost, in cells, of the movements and searches that a full battery allows. A robot must return
+        to its start before its battery is empty.
     recharge : float
         Time that a robot needs to recharge its battery.
     ways_out : WaysOut, optional
@@ -58,7 +58,7 @@ class Brief:
         return self.hello + (self.delays[number - 1] if self.delays else 0.0)
 
     def from_launch(self, number: int, start: int, cell: int) -> float:
-        """Return by how much a cell is farther from a robot's launch point than from the robot's start cell, in cell sides.
+        """Return the distance to a cell from a robot's launch point, minus the distance from its start cell, in cell sides.
 
         The result can be negative. For a robot that moves only from cell to cell, the result is the distance from the launch point
         to the start cell, where the robot enters the region.
@@ -79,9 +79,10 @@ class Brief:
 class Peer:
     """What a robot knows about another robot, its peer.
 
-    The attribute ``heartbeat`` is the peer's latest heartbeat, which arrived at the time ``heard``. The attribute ``marks`` gives
-    the peer's lag at two earlier moments. The attribute ``since`` is the time at which the peer first reported its present
-    destination. The attribute ``way`` is the length of the peer's path to its destination, in cell sides.
+    The attribute ``heartbeat`` is the peer's latest heartbeat, which arrived at the time ``heard``. The attribute ``marks``
+    contains two pairs: an earlier time, and the peer's lag at this time. The attribute ``since`` is the time at which the peer
+    first reported its present destination. The attribute ``way`` is the length of the peer's path to its destination, in cell
+    sides.
     """
 
     heartbeat: Heartbeat

@@ -15,8 +15,8 @@ from shoal.search.tours.bitset import arc_bits
 
 _AGAIN = 4  # number of beacons that repeat a new fact
 _ROUND, _LAST_ROUND = 16, 4  # a beacon repeats at most 1/16 of all facts, and at most 1/4 if the robot will soon be silent
-_LEAST, _MOST = 8, 1000  # intervals of known facts per beacon
-_RELAYED = 6  # heartbeats of other robots per beacon, if there are at most four times as many robots
+_LEAST, _MOST = 8, 1000  # minimum and maximum number of intervals of known facts per beacon
+_RELAYED = 6  # minimum number of other robots' heartbeats per beacon; for more than 24 other robots, a beacon has a quarter
 
 
 def with_beacon(robot: Robot, time: float) -> tuple[Robot, Beacon]:

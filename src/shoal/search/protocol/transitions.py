@@ -7,12 +7,12 @@ from shoal.search.protocol.events import Sensed
 from shoal.search.protocol.state import Robot
 from shoal.search.tours.bitset import bitset_of
 
-_AVOIDED = 3.0  # cells: duration of avoiding a place after the path was blocked
-LOOK = 1.0  # cells: cost of approaching an obstacle from the centre of the previous cell, and returning
+_AVOIDED = 3.0  # cells: time for which a robot avoids a cell in which it met another robot
+LOOK = 1.0  # cells: cost of the way from the centre of a cell to an obstacle in the next cell, and back
 
 
 def sensed(robot: Robot, event: Sensed) -> Robot:
-    """Update the state of a robot after a search. All cells that the robot sees from its cell count as searched."""
+    """Return the state of a robot after a search. All cells that the robot sees from its cell count as searched."""
     cell, found = event.cell, robot.found
     seen = 1 << cell if robot.width == 1 else bitset_of(robot.brief.tour_cost.seen(cell, robot.width).tolist())
     searched = {**robot.searched, robot.number: robot.mine | seen}
@@ -26,14 +26,17 @@ def sensed(robot: Robot, event: Sensed) -> Robot:
 
 
 def blocked(robot: Robot, cell: int, time: float) -> Robot:
-    """Avoid a cell for a while because another robot is in it. Otherwise, two robots could wait for each other forever."""
+    """Return the state of a robot that avoids a cell for a while, because another robot is in this cell.
+
+    Otherwise, two robots could wait for each other forever.
+    """
     at = robot.but(cell=cell, fresh=True, at_launch=False, target=None, through=(), left=robot.left - robot.cost)
     free = passed(robot, robot.through)
     return at.but(passed=free, avoided=robot.avoided | 1 << cell, avoided_until=time + _AVOIDED)
 
 
 def obstructed(robot: Robot, cell: int, at: int) -> Robot:
-    """Stop in front of an obstacle, and add the cell of the obstacle to the blocked cells that the robot reports."""
+    """Return the state of a robot that stops in front of an obstacle, and reports the cell of the obstacle as blocked."""
     tour_cost = robot.brief.tour_cost
     way = robot.through[: robot.through.index(at) + 1] if at in robot.through else ()
     left = robot.left - tour_cost.length(robot.cell, at) - robot.way_out(at) - LOOK

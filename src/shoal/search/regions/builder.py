@@ -177,7 +177,7 @@ def build_region(
 
 
 def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) -> Any:
-    """Convert an outline to a valid Shapely polygon in metres."""
+    """Return the valid Shapely polygon in metres that an outline describes."""
     import shapely
 
     if frame is None:
@@ -188,7 +188,7 @@ def _polygon(outline: RegionOutline, frame: LocalFrame | None, *, closed: bool) 
     for ring in outline.rings:
         _check_reach(ring, frame)
     flat = shapely.transform(degrees, frame.to_metres)
-    # A vertex that lies on a side in degrees may lie slightly outside it in metres.
+    # A vertex that lies on a side in degrees may lie slightly outside this side in metres.
     return flat if flat.is_valid else flat.buffer(0)
 
 
@@ -213,7 +213,7 @@ def _inside_others(polygons: list[Any], outlines: list[RegionOutline], *, refuse
 
 def _frame(searched: list[RegionOutline], where: str, *, across_zones: bool) -> LocalFrame:
     points: Points = np.vstack([outline.shell.points for outline in searched])
-    points = points[np.isfinite(points).all(axis=1)]  # other errors are reported for each ring, with its location
+    points = points[np.isfinite(points).all(axis=1)]  # the check of each ring reports coordinates that are not finite
     if len(points) == 0:
         raise InvalidInputError(f"{where}: expected a region with vertices, got an empty one")
     west, east = float(points[:, 0].min()), float(points[:, 0].max())

@@ -14,9 +14,9 @@ from shoal.core.errors import InvalidInputError
 from shoal.search.regions.outline_checks import Points, check_plane_points
 from shoal.search.regions.region import TOUCH, SearchRegion, polygons_in
 
-_FEW = 48  # number of swept shapes that are united at once
+_FEW = 48  # maximum number of footprint shapes near a block; a block with more shapes is divided
 _GRID = TOUCH / 10  # metres
-_SMALLEST = 0.5  # relative to a footprint: smaller blocks are not divided, because the shapes around them mostly cover them
+_SMALLEST = 0.5  # a block is divided only if it is larger than this fraction of a footprint; footprints mostly cover smaller blocks
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,7 +198,7 @@ def _without(area: Any, shapes: Any, footprint: float) -> Any:
         if len(near) > _FEW and max(high_x - low_x, high_y - low_y) > _SMALLEST * footprint:
             blocks += _halves(block)
         else:
-            # Snapped to a grid: otherwise GEOS 3.13 loses whole footprints among many with almost equal sides.
+            # Without a grid, GEOS 3.13 would lose whole footprints if many footprints have almost equal sides.
             seen = shapely.union_all(shapes[near], grid_size=_GRID)
             left.append(shapely.difference(block, seen, grid_size=_GRID))
     return shapely.union_all([shape for shape in left if shape.area > 0])

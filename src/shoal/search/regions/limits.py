@@ -32,7 +32,7 @@ MOST_ELEMENTS = 300_000
 DEEPEST = 100
 """Maximum nesting depth of the elements in a KML file."""
 
-# exceptions that can occur while a damaged archive is read
+# exceptions that reading a damaged archive can raise
 _FAULTS = (zipfile.BadZipFile, zipfile.LargeZipFile, NotImplementedError, RuntimeError, EOFError, ValueError, zlib.error)
 
 
@@ -44,7 +44,7 @@ def opened_zip(path: Path, *, what: str) -> Iterator[zipfile.ZipFile]:
     ------
     InvalidInputError
         If the archive is missing, too large or damaged. For a damaged archive, the error may occur only when the caller reads a
-        file from it.
+        file from the archive.
     """
     check_file(path, what="region file", most=LARGEST_FILE)
     try:

@@ -10,9 +10,9 @@ from shoal.search.regions.coverage import footprints_along
 from shoal.search.regions.region import SearchRegion, polygons_in
 
 _SEGMENTS = 32  # segments of a quarter circle: arcs are within 0.03 % of the margin
-_POINTED = 2.0  # in margins: distance from a corner within which a path may bend once instead of following an arc
+_POINTED = 2.0  # maximum distance of a bend from a corner, divided by the margin; the bend replaces an arc around the corner
 _COARSE = 0.02  # smallest step of `coarse`, relative to the side of a square with the area of the shape
-_SEEN = 1e-9  # relative to a region: unseen area that is rounding error
+_SEEN = 1e-9  # an unseen area is a rounding error up to this fraction of the region's area
 
 
 def with_margin(region: SearchRegion, margin: float) -> SearchRegion:
@@ -50,7 +50,7 @@ def grown(shape: Any, margin: float) -> Any:
 
 
 def coarse(shape: Any, margin: float) -> Any:
-    """Return a shape with few corners that contains ``grown(shape, margin)`` and is only slightly larger than it."""
+    """Return a shape with few corners that contains the shape ``grown(shape, margin)`` and is only slightly larger."""
     step = max(margin / 4, _COARSE * shape.area**0.5)
     return shape.buffer(margin + step, join_style="mitre", mitre_limit=_POINTED).simplify(step)
 

@@ -15,9 +15,9 @@ from shoal.core.errors import InvalidInputError
 
 Points = NDArray[np.float64]
 
-_FLAT = 1e-12  # relative to the squared size: a ring with a smaller area has no interior
-_POLE = 89.9  # degrees of latitude: closer to a pole, the direction of east varies within a region
-FARTHEST = 1e9  # metres: beyond, a float64 cannot distinguish points a micrometre apart
+_FLAT = 1e-12  # minimum area of a ring with an interior, divided by the squared size of the ring
+_POLE = 89.9  # degrees of latitude: nearer to a pole, the direction of east varies within a region
+FARTHEST = 1e9  # metres: for larger coordinates, a float64 cannot distinguish points that are a micrometre apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class Ring:
         return f"{self.where}, vertex {index + 1}" if self.lines is None else f"{self.where}, line {self.lines[index]}"
 
     def check_vertices(self, right: ArrayLike, expected: str, note: str = "") -> None:
-        """Raise an error for the first vertex whose entry in ``right`` is false, with the texts ``expected`` and ``note``.
+        """Raise an error with the texts ``expected`` and ``note`` for the first vertex whose entry in ``right`` is false.
 
         Raises
         ------
@@ -59,7 +59,7 @@ class Ring:
 
 @dataclass(frozen=True, eq=False)
 class RegionOutline:
-    """A polygon of a region before it is checked: its outer ring, its holes, and whether it is a no-go zone."""
+    """A polygon of a region before the checks: its outer ring, its holes, and whether the polygon is a no-go zone."""
 
     shell: Ring
     holes: tuple[Ring, ...] = ()
@@ -197,7 +197,7 @@ def check_metres(ring: Ring) -> None:
     ------
     InvalidInputError
     """
-    near = ~(np.abs(ring.points) > FARTHEST).any(axis=1)  # other errors are reported for coordinates that are no numbers
+    near = ~(np.abs(ring.points) > FARTHEST).any(axis=1)  # another check reports coordinates that are not numbers
     ring.check_vertices(near, f"coordinates of at most {FARTHEST:g} m")
 
 

@@ -90,7 +90,7 @@ def read_points(path: Path, region: SearchRegion, *, what: str, count: int | Non
 
 
 def _read(path: Path, region: SearchRegion, what: str) -> tuple[Points, bool]:
-    """Return the points in a file, converted to metres, and whether they are the vertices of a line."""
+    """Return the points in a file, converted to metres, and whether the points are the vertices of a line."""
     if path.suffix.lower() in (".geojson", ".json"):
         found, line = read_positions(path, what=f"file of {what}")
         return _in_metres(found, region, path, degrees=True), line
@@ -118,10 +118,11 @@ def _in_metres(points: Points, region: SearchRegion, where: Any, *, degrees: boo
 
 
 def _refuse_swapped(points: Points, region: SearchRegion, where: Any, *, far: bool) -> None:
-    """Refuse points outside a region if they would fit with longitude and latitude swapped.
+    """Refuse points outside a region if the user seems to have swapped longitude and latitude.
 
-    Points that are too far away for the local frame fit if they are near the region when swapped. Other points fit only if they
-    are in the region when swapped.
+    If ``far`` is true, the given points are too far away for the local frame. The function then refuses points that are near the
+    region after a swap of longitude and latitude. If ``far`` is false, the function refuses only points that are in the region
+    after the swap.
     """
     assert region.frame is not None
     try:

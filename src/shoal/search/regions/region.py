@@ -112,7 +112,7 @@ class SearchRegion:
         return border
 
     def contains(self, points: ArrayLike) -> NDArray[np.bool_]:
-        """Return, for each point, whether it lies inside ``free`` or less than `TOUCH` outside; bool, shape (n,)."""
+        """Return, for each point, whether it lies inside ``free``, or outside by at most half of `TOUCH`; bool, shape (n,)."""
         import shapely
 
         array = check_plane_points(points, what="points")
@@ -222,7 +222,7 @@ def region_of(
 
 
 def _only_polygons(shape: Any, *, what: str) -> Any:
-    """Check one or several Shapely polygons, and unite them to one valid shape without overlaps."""
+    """Check one or several Shapely polygons, and return their union as one valid shape."""
     import shapely
     from shapely.validation import explain_validity
 

@@ -8,7 +8,7 @@ from shoal.core.dataclass import dataclass
 from shoal.search.simulation.scenario import Scenario
 
 _PRIOR = 0.01  # prior fraction of cells that contain a target
-_LEAST, _MOST = 1e-3, 1 - 1e-3  # maximum reliability of a sensor, because robots can lie
+_LEAST, _MOST = 1e-3, 1 - 1e-3  # limits of a sensor's rates: no sensor counts as fully reliable, because robots can lie
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from shoal.search.regions.places import read_points
 from shoal.search.tours.bitset import bitset_of
 
 TRIES = 8  # number of attempts to enter an occupied cell before a robot goes elsewhere
-RETRY = 0.25  # cell times between two attempts
+RETRY = 0.25  # time between two attempts, in units of the time in which a robot of speed 1 searches one cell
 
 
 @dataclass(frozen=True)

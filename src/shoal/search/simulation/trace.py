@@ -22,7 +22,7 @@ from shoal.search.simulation.scenario import Scenario
 from shoal.search.simulation.world import SearchWorld
 from shoal.search.tours.bitset import bits_to_array, members
 
-_HORIZON = 60.0  # times the path of one robot alone
+_HORIZON = 60.0  # time limit of a simulation, divided by the time of one robot alone
 
 
 @dataclass(frozen=True, eq=False)

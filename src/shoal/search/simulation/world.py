@@ -1,4 +1,4 @@
-"""Deterministic simulation of a search, with one thread and one clock. Two simulations with equal seeds give equal traces."""
+"""Deterministic simulation of a search, with one thread and one clock. Two simulations of the same scenario give equal traces."""
 
 from __future__ import annotations
 
@@ -42,23 +42,23 @@ class SimulatedRobot:
     """A simulated robot: its state machine, its true position and energy, and whether it still works."""
 
     robot: Robot
-    place: int  # tour index of its cell
+    place: int  # tour index of the robot's true cell
     true_rate: float
-    energy: float = inf  # its true remaining energy
+    energy: float = inf  # true remaining energy, in the unit of `Brief.energy`
     alive: bool = True
     paused_until: float = 0.0
     liar: bool = False
-    searching: int | None = None  # the cell that it occupies for its search
+    searching: int | None = None  # the cell that the robot occupies for its search
     going: int | None = None
-    aimed: int | None = None  # the aim of its last movement: `Robot.aim`
+    aimed: int | None = None  # `Robot.aim` of the latest search
     tries: int = 0
     wake: float = inf
     travelled: float = 0.0
-    waited: float = 0.0  # waits for other robots to leave a cell
-    visits: list[tuple[float, int]] = field(default_factory=list)  # time at which each cell was searched
-    passing: tuple[int, ...] = ()  # the cells passed since then
-    detours: list[tuple[int, ...]] = field(default_factory=list)  # the passed cells before each visit
-    obstructed: list[tuple[float, int]] = field(default_factory=list)  # time at which each obstacle was discovered
+    waited: float = 0.0  # total time of waiting for other robots to leave a cell
+    visits: list[tuple[float, int]] = field(default_factory=list)  # time and cell of each search
+    passing: tuple[int, ...] = ()  # the cells passed since the latest search
+    detours: list[tuple[int, ...]] = field(default_factory=list)  # for each search, the cells passed on the way to it
+    obstructed: list[tuple[float, int]] = field(default_factory=list)  # time and cell of each discovery of an obstacle
     states: list[tuple[float, str]] = field(default_factory=list)
 
 
@@ -72,7 +72,7 @@ class SearchWorld:
         Function that the simulation calls after every event, with the world and the number of the robot, for example to test
         invariants.
     decide : callable, optional
-        Function that chooses the destinations of idle robots instead of the protocol; see `advance`. With ``decide``, robots start
+        Function that chooses the next actions of idle robots instead of the protocol; see `advance`. With ``decide``, robots start
         without listening, and do not divide the tour.
 
     Attributes
@@ -151,7 +151,7 @@ class SearchWorld:
                 self._fail(vehicle, what)
                 continue
             if self.time < vehicle.paused_until:
-                if kind != "heard":  # messages that it would have received are lost; all other events wait
+                if kind != "heard":  # a paused robot loses messages; all other events wait
                     self._post(vehicle.paused_until, number, kind, what)
                 continue
             getattr(self, f"_do_{kind}")(vehicle, what)
@@ -184,7 +184,7 @@ class SearchWorld:
             self._act(vehicle, action)
 
     def _do_wake(self, vehicle: SimulatedRobot, time: float) -> None:
-        if time == vehicle.wake:  # no newer request since
+        if time == vehicle.wake:  # the robot has made no newer request
             vehicle.wake = inf
             self._do_event(vehicle, Wake(self.time))
 
@@ -212,7 +212,7 @@ class SearchWorld:
         self._post(self.time + 1.0 / rate, vehicle.robot.number, "sense", cell)
 
     def _do_sense(self, vehicle: SimulatedRobot, cell: int) -> None:
-        if vehicle.searching != cell:  # it was stopped in the meantime and stands beside
+        if vehicle.searching != cell:  # a pause has interrupted the search, so the robot must enter the cell again
             self._do_enter(vehicle, cell)
             return
         scenario, number = self.scenario, vehicle.robot.number
@@ -308,7 +308,7 @@ class SearchWorld:
         return not again and not is_live(robot, part.robot, self.time)
 
     def _spend(self, vehicle: SimulatedRobot, cost: float) -> bool:
-        """Consume energy of a robot. A robot without enough energy stops for ever on its way."""
+        """Consume energy of a robot, and return whether the energy was enough. Otherwise, the robot stops for ever on its way."""
         vehicle.energy -= cost
         vehicle.travelled += cost
         if vehicle.energy >= -1e-9:

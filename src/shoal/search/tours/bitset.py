@@ -24,7 +24,7 @@ def arc_bits(first: int, count: int, n: int) -> int:
 
 
 def turned(bits: int, first: int, n: int) -> int:
-    """Renumber the cells of a bitset so that the cell ``first`` gets the number 0, on a closed tour of n cells.
+    """Return a bitset with new cell numbers on a closed tour of n cells, where the cell ``first`` gets the number 0.
 
     Examples
     --------
@@ -36,7 +36,7 @@ def turned(bits: int, first: int, n: int) -> int:
 
 
 def next_in(bits: int, first: int, n: int) -> int | None:
-    """Return the first cell of a bitset, counted from the cell ``first`` on a closed tour of n cells.
+    """Return the cell ``first`` if it is in a bitset, or else the next cell of the bitset on a closed tour of n cells.
 
     If the bitset is empty, the result is None.
 
@@ -139,7 +139,7 @@ def at_least(sets: list[int], k: int) -> int:
     return levels[k - 1] if k else -1
 
 
-_FEW = 16  # number of intervals above which arrays are faster
+_FEW = 16  # number of intervals above which NumPy arrays are faster than a loop
 
 
 def intervals(bits: int) -> list[tuple[int, int]]:

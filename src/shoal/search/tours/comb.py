@@ -26,12 +26,12 @@ class CombTour(TourByOrder):
     Parameters
     ----------
     along_rows : bool, optional
-        Whether all lanes run along the rows of cells, or all across them. By default, their direction gives a short tour.
+        Whether the lanes run along the rows of cells, and not along the columns. By default, the tour maker chooses the direction.
     """
 
     name = "comb"
 
-    along_rows: bool | None = None  # also for a subclass with an initializer of its own
+    along_rows: bool | None = None  # the default for subclasses whose initializer does not set it
 
     def __init__(self, along_rows: bool | None = None) -> None:
         self.along_rows = along_rows
@@ -49,7 +49,8 @@ class CombTour(TourByOrder):
 def closed_lanes(rows: int, cols: int, along_rows: bool | None = None) -> NDArray[np.int64]:
     """Return the cells of a full rectangle in the order of the comb tour; int64, shape (rows * cols, 2).
 
-    By default, the lanes run in the direction that gives an even number of lanes, and of two such directions, long lanes.
+    By default, the lanes run in the direction that gives an even number of lanes. If the numbers of rows and columns are both even
+    or both odd, the lanes run along the longer side.
     """
     if along_rows is None:
         along_rows = min(rows, cols) == 1 or not (cols < rows if rows % 2 == cols % 2 else rows % 2 == 1)
@@ -63,7 +64,7 @@ def closed_lanes(rows: int, cols: int, along_rows: bool | None = None) -> NDArra
         straight = count if count % 2 == 0 else count - 2
         lanes = grid[:straight, 1:].copy()
         lanes[1::2] = lanes[1::2, ::-1]
-        across = grid[straight:, :0:-1].T.copy()  # for an odd number of lanes, the last two lanes column by column
+        across = grid[straight:, :0:-1].T.copy()  # for an odd number of lanes: the last two lanes, column by column
         across[1::2] = across[1::2, ::-1]
         order = np.concatenate([grid[0, :1], lanes.ravel(), across.ravel(), grid[:0:-1, 0]])
     return np.stack(np.divmod(order, cols), axis=1)

@@ -12,7 +12,7 @@ from shoal.search.tours.tour import Tour
 Floats = NDArray[np.float64]
 Numbers = NDArray[np.int64]
 _CUTS = 2000  # maximum number of candidate steps for cutting a layer's tour, evenly spaced
-_ENOUGH = 64  # if so many steps have the most turns at their ends, no other steps are tried
+_ENOUGH = 64  # if at least this many steps have the most turns at their ends, no other steps are tried
 _NEAR = 8  # number of steps of the next layer's tour that are tried with each candidate step
 TIE = 0.01  # cells: cost of a turn, which decides between otherwise equal cuts
 
@@ -68,9 +68,9 @@ def joined(
 
 
 def _taken_in(way: Numbers, new: Numbers, low: int, places: Floats, bent: Floats) -> Numbers:
-    """Insert the closed path ``new`` of a layer into the closed path ``way`` of all lower layers.
+    """Return the closed path ``way`` of all lower layers, extended by the closed path ``new`` of the next layer.
 
-    The cells of the layer just below the inserted layer have the numbers from ``low`` on.
+    In ``way``, the numbers of the cells in the highest layer begin with ``low``.
     """
     from scipy.spatial import KDTree
 

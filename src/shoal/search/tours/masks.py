@@ -62,7 +62,7 @@ def _check_shape(shape: list[int]) -> tuple[int, ...]:
 
 
 def components(mask: ArrayLike) -> NDArray[np.int32]:
-    """Label the connected components of a mask: 1, 2, ... in reading order, and 0 for cells where the mask is False.
+    """Return the number of each cell's connected component (1, 2, ... in reading order), or 0 where the mask is False.
 
     Two cells are connected if they share a side in 2 dimensions, or a face in 3 dimensions.
 
@@ -115,7 +115,7 @@ def deep(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def component_after_component(cells: NDArray[np.int64], mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Sort cells by connected component, so that all cells of one component follow one another.
+    """Return cells sorted by connected component, so that all cells of one component follow one another.
 
     The cells of a component keep their order. The components come in the order of their first cells in ``cells``.
     """

@@ -36,7 +36,7 @@ class SpanningTreeTour:
     name = "spanning-tree"
     dimensions: tuple[int, ...] = (2,)
 
-    along_rows: bool | None = None  # also for a subclass with an initializer of its own
+    along_rows: bool | None = None  # the default for subclasses whose initializer does not set it
 
     def __init__(self, along_rows: bool | None = None) -> None:
         self.along_rows = along_rows

@@ -37,15 +37,15 @@ class TourMetrics:
         Fraction of all steps, including the closing edge, that lead to a neighbouring cell. Neighbouring cells share a side, or a
         face in 3 dimensions.
     neighbour_stretch : float
-        Mean distance along the tour between two cells that share a side. On a closed tour, the distance is that of the shorter
+        Mean distance along the tour between two cells that share a side. On a closed tour, the distance is measured in the shorter
         direction. The neighbour stretch is the average nearest-neighbour stretch of Xu and Tirthapura, "A lower bound on proximity
         preservation by space filling curves", IPDPS 2012.
     dilation : float
         Largest ratio between the squared distance of two cells and their distance along the tour. On a closed tour, the distance
-        along the tour is that of the shorter direction. The computation uses only pairs of cells whose distance along the tour is
-        1, 2, 3, 4, 6, 8, 12, 16, ... steps. Because the computation leaves out pairs of cells, the dilation is a lower bound on the
-        worst-case locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional space-filling
-        curves", Computational Geometry 43, 2010. For the Hilbert curve, the locality WL2 tends to 6.
+        along the tour is measured in the shorter direction. The computation uses only pairs of cells whose distance along the tour
+        is 1, 2, 3, 4, 6, 8, 12, 16, ... steps. Because the computation leaves out pairs of cells, the dilation is a lower bound on
+        the worst-case locality WL2 of Haverkort and van Walderveen, "Locality and bounding-box quality of two-dimensional
+        space-filling curves", Computational Geometry 43, 2010. For the Hilbert curve, the locality WL2 tends to 6.
     """
 
     cells: int

@@ -4,8 +4,8 @@ The position difference Δ is the position of particle 2 minus the position of p
 inside the friction cone around the wall's inward normal. A wall reaction on particle 2 is added to Δ, and a wall reaction on
 particle 1 is subtracted from Δ.
 
-A gauge is a length of Δ whose unit ball is a convex polygon instead of a circle. If no single wall reaction can increase a gauge,
-no plan can increase this gauge.
+A gauge measures the length of Δ, but its unit ball is a convex polygon instead of a disk. If no single wall reaction can increase
+the gauge of Δ, no plan can increase it.
 
 A barrier is a closed curve around the zero vector and the initial Δ. No possible wall reaction moves Δ across the barrier. The
 computation of the barrier starts at the initial Δ, and follows the curve in both directions in small steps of the angle of Δ. In
@@ -34,17 +34,17 @@ _ANGLES = 3000  # number of corners of a barrier
 def friction_limit(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, *, near: float = 0.0) -> str | None:
     """Return why friction prevents a change of the position difference from ``before`` to ``after``, or None if no proof is found.
 
-    A plan needs to bring the position difference only within the distance ``near`` of ``after``.
+    A plan is successful if it brings the position difference within the distance ``near`` of ``after``.
 
-    On a disk of radius r, the distance of two particles never exceeds the larger of its initial value and 2 r sin(atan μ), where μ
-    is the friction coefficient. If two particles are farther apart than 2 r sin(atan μ), each rotation of their position difference
-    shortens their distance.
+    On a disk of radius r, the distance of two particles never exceeds the maximum of the initial distance and 2 r sin(atan μ). The
+    number μ is the friction coefficient. If two particles are farther apart than 2 r sin(atan μ), each rotation of their position
+    difference shortens their distance.
 
     On a polygon, the function tries several gauges, and then a barrier (a closed curve that the position difference cannot cross).
-    A gauge is a length whose unit ball is a convex polygon. The first gauge is the largest scalar product of the position
-    difference with a normal of a wall or with the opposite of a normal. The second gauge has the convex hull of the normals and
-    their opposites as its unit ball. For polygons with four sides and friction coefficients up to 1, the function uses two more
-    gauges. The function ignores each gauge that a wall reaction can increase.
+    A gauge is a length whose unit ball is a convex polygon. The first gauge of a position difference Δ is the largest |N·Δ| for
+    all unit normals N of the walls. The unit ball of the second gauge is the convex hull of all vectors N and -N. For polygons with
+    four sides and friction coefficients up to 1, the function uses two more gauges. The function ignores each gauge that a wall
+    reaction can increase.
     """
     if friction == inf or workspace.dimensions == 3:
         return None
@@ -99,7 +99,7 @@ def turn_on_the_way(large: float, small: float, radius: float, cone: float) -> f
 
 
 def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points, after: Points) -> str | None:
-    """Return why a gauge excludes a change from ``before`` to ``after``, or None without a proof; see `friction_limit`."""
+    """Return why a gauge prevents a change from ``before`` to ``after``, or None if no gauge prevents it; see `friction_limit`."""
     both = np.vstack([workspace.normals, -workspace.normals])
     balls = [both, _sides_of_hull(both)]
     if len(workspace.normals) == 4 and 0 < friction <= 1:
@@ -118,7 +118,7 @@ def _limit_of_gauges(workspace: ConvexWorkspace, friction: float, before: Points
 
 
 def _limit_of_barrier(workspace: ConvexWorkspace, friction: float, before: Points, after: Points, near: float) -> str | None:
-    """Return why a barrier around ``before`` excludes all position differences near ``after``, or None without a proof."""
+    """Return why a barrier around ``before`` excludes all position differences near ``after``, or None if it does not."""
     walls = normalize_walls(workspace)
     large, size = float(np.hypot(*before)), float(np.hypot(*after))
     directions = np.arctan2(walls.normals[:, 1], walls.normals[:, 0]) + np.pi / 2
@@ -158,7 +158,7 @@ def _sides_of_hull(points: Points) -> Points:
 
 
 def _duals(rows: Points) -> Points:
-    """Return the vectors whose scalar products with a row and with the next row are 1; float64, shape (n, 2)."""
+    """Return, for each row, the vector whose scalar products with this row and with the next row are 1; float64, shape (n, 2)."""
     pairs = np.stack([rows, np.roll(rows, -1, axis=0)], axis=1)
     return np.asarray(np.linalg.solve(pairs, np.ones((len(rows), 2, 1)))[..., 0])
 

@@ -13,9 +13,10 @@ PRIOR = 0.3  # prior standard deviation of the gain's slope, in gains per size
 
 
 class GainBelief:
-    """Estimate of a gain that depends on the point p as a + b · p, with a normal distribution of the coefficients a and b.
+    """Estimate of the gain at each point p with the model a + b · (p - c) / s.
 
-    Each observed move without wall contact improves the estimate.
+    The vector c is the centre of the workspace's base, and s is the size of the workspace. The estimate of the coefficients a and b
+    is a normal distribution. Each observed move without wall contact improves the estimate.
     """
 
     def __init__(self, room: Any, noise: Any) -> None:
@@ -30,7 +31,7 @@ class GainBelief:
         return np.asarray(np.r_[1.0, (point - self.center) / self.size])
 
     def at(self, point: Points) -> float:
-        """Return the expected gain (displacement of a particle divided by the input) at a point."""
+        """Return the expected gain (displacement of a particle divided by the input) at a point, but at least 0.2."""
         return max(float(self._features(point) @ self.estimate), 0.2)
 
     def mean(self, here: Points, there: Points) -> float:
@@ -55,8 +56,9 @@ class GainBelief:
     def learn(self, here: Points, there: Points, move: Points) -> None:
         """Update the estimate after the input ``move`` has moved a particle without wall contact from ``here`` to ``there``.
 
-        The observed gain is the distance travelled in the direction of the input, divided by the length of the input. It counts as
-        the gain at the midpoint of the path. The method ignores inputs that are short compared with the noise.
+        The observed gain is the distance travelled in the direction of the input, divided by the length of the input. The method
+        uses the observed gain as the gain at the midpoint of the path. The method ignores inputs that are short compared with the
+        noise.
         """
         length = float(np.linalg.norm(move))
         if length < 20 * max(self.noise.measurement, self.noise.execution, 1e-9 * self.size):

@@ -52,7 +52,7 @@ def released_translation(workspace: ConvexWorkspace, points: Points, move: Point
 
 
 def separations(workspace: ConvexWorkspace, points: Points) -> list[tuple[Points, Points]]:
-    """Return small moves that take one particle off its walls while a wall holds the other, each with the positions after the move.
+    """Return pairs (move, later positions): each move takes one particle off its walls while a wall holds the other particle.
 
     A planner needs a small move of one particle alone if no translation leads both particles off their walls, for example if the
     particles touch opposite walls.

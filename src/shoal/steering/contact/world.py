@@ -42,7 +42,7 @@ class SteeringWorld(ABC):
         return self.check_state(points, what="start")
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Check particle positions and return them as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
+        """Return valid particle positions as float64, shape (n, dimensions), or raise InvalidInputError for invalid positions."""
         state: Points = self.room.check_inside(points, what=what)
         return state
 
@@ -157,7 +157,7 @@ class ContactWorld(SteeringWorld):
 
     @cached_property
     def gain(self) -> NDArray[np.float64]:
-        """Coefficients (g, gx, gy, ...) of the gain: a particle at the point p moves by ``g + (gx, gy, ...) p`` times the input."""
+        """Coefficients (g, gx, gy, ...) of the gain, which is ``g + (gx, gy, ...) p`` at the point p."""
         d = self.workspace.dimensions
         if self.gradient is None:
             return np.asarray(np.eye(d + 1)[0])
@@ -170,7 +170,7 @@ class ContactWorld(SteeringWorld):
         return np.concatenate([[1 - gradient @ self.workspace.middle], gradient])
 
     def check_state(self, points: ArrayLike, *, what: str) -> Points:
-        """Check particle positions and return them as float64, shape (n, dimensions). Invalid positions raise InvalidInputError."""
+        """Return valid particle positions as float64, shape (n, dimensions), or raise InvalidInputError for invalid positions."""
         state = super().check_state(points, what=what)
         if self.radius:
             away = np.linalg.norm(state[:, None] - state[None], axis=-1) + np.eye(len(state)) * 4 * self.radius
@@ -206,8 +206,9 @@ class ContactWorld(SteeringWorld):
 def stop_at_others(before: Points, move: Points, shares: NDArray[np.float64], apart: float, after: Points) -> None:
     """Stop each sphere that collides with a stopped sphere, in the order of the collisions.
 
-    Until a wall stops the first sphere, all spheres move alike and cannot collide. ``shares`` holds, for each sphere, the fraction
-    of the move after which a wall stopped the sphere, or 1. The function changes the end positions ``after`` in place.
+    Until a wall stops the first sphere, all spheres move by the same vector and cannot collide. ``shares`` holds, for each sphere,
+    the fraction of the move after which a wall stopped the sphere, or 1 if no wall stopped it. The function changes the end
+    positions ``after`` in place.
     """
     shares = shares.copy()
     length = float(move @ move)

@@ -8,9 +8,9 @@ Contacts of particle 1 and contacts of particle 2 give the same union.
 
 The attribute ``radii`` of `DiskReach` states how far this union extends from the zero vector in each direction. Let H be the
 largest depth of the other particle below a contact c, and let N be the inward normal of the wall at c. In the direction of a unit
-vector e, the convex set of c extends to the length H / (N·e), but at most to the length of the chord from c in this direction. The
-radius of the union in a direction is the largest of these lengths for all contacts. The radii after k moves determine the largest
-depths for the moves k + 1 and k + 2.
+vector e, the convex set of c extends to the smaller of two lengths. The first length is H / (N·e). The second length is the length
+of the chord of the disk from c in the direction e. The radius of the union in the direction e is the largest extent for all
+contacts. The radii after k moves determine the largest depths for the moves k + 1 and k + 2.
 """
 
 from __future__ import annotations
@@ -94,7 +94,8 @@ def check_moves(moves: int) -> int:
 def disk_reach(distance: float, *, moves: int, radius: float = 0.5, directions: int = DIRECTIONS) -> list[DiskReach]:
     """Return the sets of position differences that two particles on a disk can reach after 2, 4, ..., ``moves`` moves.
 
-    Particle 2 starts to the right of particle 1. For another initial direction, rotate the sets by the same angle.
+    Particle 2 starts to the right of particle 1. If the initial position difference has another angle to the x axis, rotate the
+    sets by this angle.
 
     Parameters
     ----------

@@ -1,10 +1,11 @@
 """The set of position differences Δ that two particles in a polygon can reach with k moves, and the relative area of this set.
 
-The depth of a point below a wall is its distance from the line of the wall. Suppose that one particle comes to a contact c on a
-wall after k moves. Let the sign σ be 1 if this particle is particle 1, and -1 if it is particle 2. Let H_k(c, σ) be the largest
-possible depth of the other particle below the wall of c. Let S(c, σ) be the set of all σ (q - c), for the points q of the polygon
-whose depth below the wall of c is at most H_k(c, σ). The set of position differences that k + 2 moves can reach is the union of the
-sets S(c, σ) over all contacts c and both signs σ. The code computes the depths H_k from the set that k moves can reach.
+The depth of a point below a wall is its distance from the line of the wall. Suppose that, after k moves, one more move brings one
+particle to a contact c on a wall. Let the sign σ be 1 if this particle is particle 1, and -1 if it is particle 2. Let H_k(c, σ) be
+the largest possible depth of the other particle below the wall of c. Let S(c, σ) be the set of all vectors σ (q - c), where q is a
+point of the polygon with a depth of at most H_k(c, σ) below the wall of c. The set of position differences that k + 2 moves can
+reach is the union of the sets S(c, σ) over all contacts c and both signs σ. The code computes the depths H_k from the set that k
+moves can reach.
 """
 
 from __future__ import annotations
@@ -62,8 +63,8 @@ class PolygonReach:
         """Return for each position difference, shape (..., 2), whether the particles can reach it; bool, shape (...).
 
         For two moves, the result is exact. For more than two moves, the result can be wrongly False near the boundary of the
-        reachable set, because the method uses, between two neighbouring sample points, the smaller of the depths at these points.
-        The method `reaches` is exact for any number of moves.
+        reachable set. The reason is that the method knows the depths only at sample points of the walls. Between two neighbouring
+        sample points, the method uses the smaller of the two depths. The method `reaches` is exact for any number of moves.
         """
         import shapely
 

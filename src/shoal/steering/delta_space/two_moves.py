@@ -22,7 +22,7 @@ from shoal.steering.workspaces.convex_geometry import Points, clipped, hull
 
 @dataclass(frozen=True)
 class Crossing:
-    """A cycle of two moves: a particle (the toucher) moves to a wall, and the other moves while the wall holds the toucher.
+    """A cycle of two moves: the toucher moves to a wall, and then the other particle moves while the wall holds the toucher.
 
     Parameters
     ----------
@@ -36,8 +36,8 @@ class Crossing:
         Midpoint of the section from ``first`` to ``last``.
     slack : float
         Margin of feasibility, which is 0 at the boundary of the set of reachable position differences. For a polygon, the margin is
-        a length, as a fraction of the workspace's size. For a disk, it is half of the angle between ``first`` and ``last``, in
-        radians.
+        a length, as a fraction of the workspace's size. For a disk, the margin is half of the angle between ``first`` and ``last``,
+        in radians.
     """
 
     toucher: int
@@ -158,7 +158,7 @@ def _disk_crossings(workspace: ConvexWorkspace, before: Points, after: Points) -
 
 
 def contact_angles(radius: float, before: Points, after: Points) -> tuple[float, float, float] | None:
-    """Return start, end and half-width, in radians, of the arc of a disk's wall on which particle 1 can make a contact, or None.
+    """Return start, end and half-width (in radians) of the arc on which particle 1 can touch a disk's wall, or None if it is empty.
 
     From each contact on the arc, the vectors ``before`` and ``after`` both lead to points inside the disk, and the wall holds
     particle 1 while the position difference changes from ``before`` to ``after``. A contact of particle 2 has the same effect as a

@@ -156,8 +156,8 @@ def add_length(work, used, one, a, other, b, blur, weight, order):
 def add_limit(index, first, second, derivatives, value, used, curved, forgiven, slack, order):
     """Return ``-log(value + slack)``, or infinity if this logarithm is undefined. With ``order`` 1, update ``derivatives``.
 
-    If ``slack`` is NaN, it counts as 0; otherwise, it is the last unknown. The second derivatives ``second`` count only if
-    ``curved`` is true. For a value without unknowns, the result is 0 if the value is at least about ``-forgiven``, else infinity.
+    If ``slack`` is NaN, the kernel uses 0; otherwise, ``slack`` is the last unknown. Without ``curved``, the kernel ignores
+    ``second``. If ``value`` depends on no unknown, the result is 0 if ``value`` is at least about ``-forgiven``, else infinity.
     """
     steep = 0.0
     for u in range(used):

@@ -1,4 +1,4 @@
-"""The position difference nearest to that of the goals, among all position differences that one cycle can produce.
+"""Search for the position difference nearest to the goals' difference, among all position differences that one cycle can produce.
 
 Source: algorithms 2 and 3 (corrected) of paper W.
 

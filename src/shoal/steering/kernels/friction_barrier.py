@@ -1,10 +1,10 @@
 """The barrier curve across which wall reactions with friction cannot move the position difference Δ of two particles.
 
-If a wall holds or brakes a particle, the reaction of the wall changes the position difference Δ. For the first particle, the
-direction of the change differs by at most atan(friction) from the wall's outward normal; for the second particle, from the wall's
-inward normal. A particle can touch a wall only if the other particle is inside the workspace. For each direction of Δ, a particle
-can therefore touch a wall only up to some length of Δ. The code computes the barrier in polar coordinates. Angles of wall reactions
-are measured counter-clockwise from the direction opposite to Δ.
+If a wall holds or brakes a particle, the reaction of the wall changes the position difference Δ. For the first particle, the angle
+between the change and the wall's outward normal is at most atan(friction). For the second particle, the angle between the change
+and the wall's inward normal is at most atan(friction). A particle can touch a wall only if the other particle is inside the
+workspace. For each direction of Δ, a particle can therefore touch a wall only up to some length of Δ. The code computes the barrier
+in polar coordinates. Angles of wall reactions are measured counter-clockwise from the direction opposite to Δ.
 """
 
 from __future__ import annotations
@@ -25,10 +25,9 @@ FLAT = 1e-9  # in radians: wall reactions that leave a half-plane by less count 
 def touchable(angle, step, most, model, ends, turns):
     """Compute, for each wall and particle, up to which length of the position difference Δ the particle can touch the wall.
 
-    The results are for position differences Δ with the direction ``angle``. ``ends`` receives the greatest length of Δ at which the
-    particle can touch the wall, at most ``most``, or 0 if the particle can never touch the wall. ``turns`` receives the angles of
-    the wall reactions without friction. It is enough if the particle can touch the wall for some Δ whose direction differs from
-    ``angle`` by at most half of ``step``.
+    ``ends`` receives the greatest length of Δ at which the particle can touch the wall. The length is at most ``most``, and 0 if
+    the particle can never touch the wall. The kernel allows all directions of Δ that differ from ``angle`` by at most half of
+    ``step``. ``turns`` receives the angles of the wall reactions without friction, for the direction ``angle``.
     """
     normals, reaches, walls = model.normals, model.reaches, model.normals.shape[0]
     ray = np.array([np.cos(angle), np.sin(angle)])
@@ -60,7 +59,7 @@ def touchable(angle, step, most, model, ends, turns):
 
 @kernel
 def carried(radius, side, step, most, ends, turns, cone):
-    """Return two lengths of the position difference Δ: the largest after wall reactions turn Δ by one step, and the largest before.
+    """Return the largest length of the position difference Δ after wall reactions turn Δ by one step, and before this turn.
 
     At first, the length of Δ is at most ``radius``. Before the turn, wall reactions may already increase this length, but not if
     all possible wall reactions point into one half-plane.

@@ -129,7 +129,7 @@ def first_edge(point, move, ends, normals, lengths, links, reflex, size, boxes):
 
 @in_place_kernel
 def advance(point, move, edges):
-    """Move one particle in place. Return the fraction of the input after which an edge stopped the particle, or 1."""
+    """Move one particle in place. Return the fraction of the input after which an edge stopped it, or 1 if no edge stopped it."""
     if move[0] == 0 and move[1] == 0:
         return 1.0
     ends, normals, lengths, links, reflex, size, boxes = edges

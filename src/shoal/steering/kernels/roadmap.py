@@ -1,8 +1,8 @@
 """Links between position differences of two particles, and the search for the path with the fewest links.
 
 A position difference is the position of the second particle minus the position of the first. In a cycle, one particle moves to a
-wall, and then the wall holds this particle while the other particle moves. A link from one position difference to another means
-that one cycle can change the first into the second.
+wall, and then the wall holds this particle while the other particle moves. A link from a position difference D to a position
+difference E means that one cycle can change D into E.
 """
 
 from __future__ import annotations
@@ -52,8 +52,9 @@ def linked_on_circle(before, after, model, step):
     """Return whether one cycle on a disk can change the position difference ``before`` into ``after``. See `linked`.
 
     The toucher (the particle that the wall holds) is always the first particle. A cycle exists if three arcs of the circle
-    intersect: the contacts at which the other particle is inside the disk before its move, the contacts at which it is inside the
-    disk after its move, and the contacts at which the wall holds the toucher.
+    intersect. The first arc contains the contacts at which the other particle is inside the disk before its move. The second arc
+    contains the contacts at which the other particle is inside the disk after its move. The third arc contains the contacts at
+    which the wall holds the toucher.
     """
     radius, inner = model.circle[2], model.circle[2] - model.margin
     x, y = after[0] - before[0], after[1] - before[1]
@@ -80,7 +81,7 @@ def linked_on_circle(before, after, model, step):
 
 @kernel
 def farthest(delta, direction, back, most, model, tried, step):
-    """Return the largest length by which one cycle can change a position difference along a direction, or 0 if no cycle can.
+    """Return the largest change of a position difference that one cycle can make in a direction, or 0 if no cycle is possible.
 
     The cycle starts with the position difference ``delta`` or, if ``back`` is true, ends with ``delta``.
     """
@@ -104,8 +105,9 @@ def widen(delta, back, directions, most, model, gain, records, nodes, count):
     """Add to ``nodes`` extreme position differences that cycles can reach from ``delta``. Return the new number of nodes.
 
     A position difference is extreme if it is longer than all earlier nodes in about the same direction. If ``back`` is true, the
-    added position differences are those from which cycles can reach ``delta``, and extreme means shorter instead of longer.
-    ``records`` holds the most extreme length in each range of directions.
+    kernel instead adds position differences from which cycles can reach ``delta``. In this case, a position difference is extreme
+    if it is shorter than all earlier nodes in about the same direction. ``records`` holds the most extreme length in each range of
+    directions.
     """
     step, tried, bins = np.empty(3), np.empty(2), records.shape[0]
     size = np.sqrt(dot(delta, delta))

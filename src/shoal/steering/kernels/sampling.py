@@ -137,8 +137,8 @@ def differing(state, goal, size):
 def wall_point(point, world, rng, place, normal):
     """Draw a random point of a wall. Write the point to ``place``, and the wall's inward normal at the point to ``normal``.
 
-    On straight edges, a quarter of the draws give the point of a random edge that is nearest to ``point``, the position of a
-    particle.
+    The argument ``point`` is the position of a particle. On straight edges, a quarter of the draws choose a random edge, and give
+    the point of this edge that is nearest to the particle.
     """
     choice, where = rng.random(), rng.random()
     if world.flat:

@@ -1,10 +1,11 @@
 """Plans of few straight moves: trials in simulations give all moves except the last two, and formulas give the last two moves.
 
-The second-last move of a plan changes the position difference of the particles to that of the goals. It brings one particle (the
-toucher) to a wall, and moves the other particle while the wall holds the toucher. Meanwhile, the displacement of the other particle
-is the missing change of the position difference, with the opposite sign if the toucher is the second particle. This displacement
-determines the direction of the move. The length of the move is the distance from the toucher to its wall in this direction, plus
-the length of the displacement. The last move of a plan brings both particles to their goals.
+The second-last move of a plan changes the position difference of the particles to the position difference of the goals. The move
+brings one particle (the toucher) to a wall, and then moves the other particle while the wall holds the toucher. While the wall
+holds the toucher, the displacement of the other particle is the missing change of the position difference, with the opposite sign
+if the toucher is the second particle. This displacement determines the direction of the move. The length of the move is the
+distance from the toucher to its wall in this direction, plus the length of the displacement. The last move of a plan brings both
+particles to their goals.
 
 The last two moves are feasible if the other particle meets no wall during the second-last move. The *shortage* of a plan is the
 length of the second-last move, minus the distance that the other particle can move before it meets a wall. If no random plan is
@@ -31,8 +32,7 @@ def lengths_along(points, direction, shares, walls, lengths):
     """Write trial lengths of a move in a given direction to ``lengths``. Return the number of trial lengths.
 
     The shortest trial length brings one particle to a wall, and the longest trial length brings both particles to walls. A shorter
-    move would not change the position difference. A particle that a wall already holds counts as brought to a wall by a move of
-    length 0.
+    move would not change the position difference. For a particle that a wall already holds, the length of the move to a wall is 0.
     """
     first, second = np.inf, 0.0
     for p in range(2):
@@ -57,7 +57,7 @@ def shortage(points, goal, toucher, walls, direction):
 
     The shortage is the length of the move, minus the distance that the other particle (not the toucher) can move before it meets a
     wall. The shortage is infinite if the toucher meets no wall. ``direction`` receives the direction of the move. Shortage and
-    length are 0 if the position difference of the particles already equals that of the goals.
+    length are 0 if the position difference of the particles already equals the position difference of the goals.
     """
     d = points.shape[1]
     sign = 1.0 if toucher == 0 else -1.0
@@ -139,8 +139,8 @@ def holds_nearby(start, goal, toucher, trial, nudges, walls):
 def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
     """Search for plans of three moves: try many first moves, and compute the last two moves for each first move.
 
-    Write the shortest plan to ``best_moves``. Return the number of records: plans that were shorter than all plans found before.
-    The search ends when the number of records is ``enough``.
+    Write the shortest plan to ``best_moves``. Return the number of records. A record is a plan that is shorter than all plans found
+    before it. The search ends when the number of records is ``enough``.
     """
     d = start.shape[1]
     best, found = np.inf, 0
@@ -169,7 +169,10 @@ def search(start, goal, directions, shares, nudges, enough, walls, best_moves):
 
 @kernel
 def improve(start, goal, tried, step, nudges, walls, best_moves):
-    """Shorten a plan in place by small changes of all moves except the last two, which it computes anew. Return its length."""
+    """Shorten a plan in place by small changes of all moves except the last two moves. Return the length of the plan.
+
+    After each change, the kernel computes the last two moves anew.
+    """
     d = start.shape[1]
     trial, moves, state, spare = best_moves.copy(), np.empty((2, d)), np.empty((2, d)), np.empty(d)
     best = total_length(best_moves)
@@ -264,9 +267,9 @@ def draw(start, directions, shares, picks, walls, lengths, state, trial, spare):
 def search_guided(start, goal, directions, shares, picks, nudges, enough, walls, plan):
     """Search for plans with as many moves as ``plan`` has rows, and write the shortest plan to ``plan``.
 
-    Return the number of records: plans that were shorter than all plans found before. The array ``picks`` holds random integers,
-    int64, shape (tries, wide, moves - 2, 2). In each try, the search draws ``wide`` random plans, and repairs the plan with the
-    smallest shortage (see `shortage`). The search ends when the number of records is ``enough``.
+    Return the number of records. A record is a plan that is shorter than all plans found before it. The array ``picks`` holds
+    random integers, int64, shape (tries, wide, moves - 2, 2). In each try, the search draws ``wide`` random plans, and repairs the
+    plan with the smallest shortage (see `shortage`). The search ends when the number of records is ``enough``.
     """
     d = start.shape[1]
     lengths, state, direction = np.empty(shares.shape[0]), np.empty((2, d)), np.empty(d)

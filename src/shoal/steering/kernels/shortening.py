@@ -2,9 +2,9 @@
 
 Each step has a target, and makes the move that leads from the present positions of the particles to this target. The target of a
 contact is a point on a wall, or behind a wall, towards which one particle moves. The target of an adjustment is a position
-difference, which the particles reach while a wall holds one of them. The target of a translation is the midpoint between the two
-particles. Without noise, the last adjustment has the position difference of the goals as its target, and the cost of a plan is its
-length. With noise, the cost of a plan is the mean number of moves.
+difference, which the particles reach while a wall holds one of them. The target of a translation is a point, to which the midpoint
+between the two particles moves. Without noise, the last adjustment has the position difference of the goals as its target, and the
+cost of a plan is its length. With noise, the cost of a plan is the mean number of moves.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def play(steps, count, start, goal, tolerance, bound, world, state):
 
 @kernel
 def moves_left(state, goal, tolerance, noise, world, move):
-    """Estimate how many more moves bring both particles to their goals. The function overwrites the positions in ``state``."""
+    """Return an estimate of the number of further moves that bring both particles to their goals. Overwrite ``state``."""
     if is_near(state, goal, tolerance):
         return 0.0
     apart, way = 0.0, 0.0
@@ -139,7 +139,7 @@ def copy_steps(source, count, target):
 
 @kernel
 def shift(steps, first, count, by):
-    """Add ``by`` to the indices of the steps from index ``first`` on. Return the new number of steps."""
+    """Move the steps with the indices ``first`` to ``count - 1`` by ``by`` places. Return the new number of steps."""
     for n in range(count - first):
         k = first + n if by < 0 else count - 1 - n
         steps.kinds[k + by], steps.particles[k + by] = steps.kinds[k], steps.particles[k]
@@ -280,8 +280,8 @@ def cost(steps, count, start, goal, tolerance, bound, noise, world, state, move)
 def anneal(steps, count, start, goal, tolerance, most, changes, odds, noise, world, rng, trial, best):
     """Try ``changes`` random changes of a plan, in place. Write the best plan to ``best``.
 
-    Return the number of steps and the cost of the best plan. The cost is infinite if the initial plan does not end at the goals. A
-    changed plan has at most ``most`` steps.
+    Return the number of steps and the cost of the best plan. Without noise, the cost is infinite if the initial plan does not end
+    at the goals. A changed plan has at most ``most`` steps.
     """
     state, move, normal = np.empty((2, 2)), np.empty(2), np.empty(2)
     length = cost(steps, count, start, goal, tolerance, np.inf, noise, world, state, move)

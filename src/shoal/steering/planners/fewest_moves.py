@@ -56,7 +56,7 @@ class FewestMoves:
         return _fewer(best, chains)
 
     def _chains(self, task: SteeringTask) -> Points | None:
-        """Return the plan of a chain of wall contacts that has as few cycles as possible."""
+        """Return the moves of a chain of wall contacts with as few cycles as the searches find, or None if they find no chain."""
         best = None
         for first, query in task.departures():
             chain = shortest_chain(query, first_found=True)
@@ -66,7 +66,7 @@ class FewestMoves:
         return _fewer(self._long(task), Shortest().plan(task)) if best is None else best
 
     def _long(self, task: SteeringTask) -> Points | None:
-        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if the roadmap contains no chain."""
+        """Return the plan of the chain with the fewest cycles on a dense roadmap, or None if this search finds no plan."""
         if task.world.room.dimensions == 3 or task.world.friction < inf or task.late:
             return None
         best = None

@@ -1,4 +1,4 @@
-"""Planner greedy, algorithm 1 of paper W: each cycle leads to the reachable position difference nearest to that of the goals."""
+"""Planner greedy: each cycle brings the position difference of the particles as near as possible to the goals' difference."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _EQUAL = 1e-9  # relative to the size: among cycles that come equally near, the 
 
 @PLANNERS.register("greedy")
 class Greedy:
-    """A planner whose every cycle brings the position difference of the particles as near as possible to that of the goals.
+    """A planner in which each cycle brings the particles' position difference as near as possible to the goals' difference.
 
-    In a cycle, one particle (the touching particle) moves to a point of a wall (the contact), and then the wall holds it while the
-    other particle moves. Among equally good cycles, the planner chooses the cycle in which the touching particle has the shortest
-    path via the contact to its goal. In three dimensions, the planner first makes a plan in the plane and then adds vertical
-    components.
+    In a cycle, one particle (the touching particle) moves to a point of a wall (the contact). Then the wall holds this particle
+    while the other particle moves. Among equally good cycles, the planner chooses the cycle in which the touching particle has the
+    shortest path via the contact to its goal. In three dimensions, the planner first makes a plan in the plane and then adds
+    vertical components.
 
     Notes
     -----
@@ -61,8 +61,8 @@ def misses(task: SteeringTask, moves: Points) -> bool:
 def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain | None:
     """Return the chain that algorithm 1 of paper W finds, or a chain that another search finds if algorithm 1 progresses slowly.
 
-    The chain of algorithm 1 ends when its position difference is within ``tolerance`` of the goals' difference, or when it has as
-    many cycles as ``cycles`` allows. The result is None if algorithm 1 makes no progress and the other search finds no chain.
+    The chain of algorithm 1 ends when the position difference is within ``tolerance`` of the goals' difference, or after ``cycles``
+    cycles. The result is None if algorithm 1 makes no progress and the other search finds no chain.
     """
     if query.walls.dimensions == 3:
         return _spatial_chain(query, tolerance=tolerance, cycles=cycles)
@@ -105,7 +105,7 @@ def greedy_chain(query: ChainQuery, *, tolerance: float, cycles: int) -> Chain |
 
 
 def _is_slow(left: float, before: float, tolerance: float) -> bool:
-    """Return whether too many cycles would be needed if each cycle reduced the error by the mean factor of the last few cycles."""
+    """Return whether algorithm 1 needs more than 16 further cycles if each cycle reduces the error as the last four cycles did."""
     return (
         before < inf
         and left > tolerance
@@ -130,7 +130,7 @@ def any_chain(query: ChainQuery, *, roadmap: bool = True) -> Chain | None:
 
 
 def _next_cycle(query: ChainQuery, state: Points) -> tuple[Cycle, float, Points] | None:
-    """Return the cycle that comes nearest to the position difference of the goals, and the contact of this cycle.
+    """Return the cycle that comes nearest to the goals' position difference, its contact's place on the wall, and the contact.
 
     Among equally good cycles, the function returns the cycle in which the touching particle has the shortest path to its goal.
     """

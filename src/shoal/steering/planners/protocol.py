@@ -24,8 +24,8 @@ class Planner(Protocol):
     particles in a convex workspace.
 
     The attribute ``prefers`` is "length" or "moves", the measure by which Shoal compares the plans for different assignments of
-    interchangeable goals. The method ``control(task, apparatus)`` runs a closed loop: it sends moves and observes the particles
-    instead of making a plan in advance. The argument ``apparatus`` of ``control`` is a
+    interchangeable goals. The method ``control(task, apparatus)`` runs a closed loop. The method sends moves and observes the
+    particles instead of making a plan in advance. The argument ``apparatus`` is a
     `shoal.steering.simulation.apparatus.Apparatus`.
     """
 

@@ -43,8 +43,8 @@ class Sampling:
 
     A manoeuvre brings one particle to a wall and then moves another particle. The second move of a manoeuvre corrects the relative
     positions of the particles completely or partly, or is random. The planner simulates each manoeuvre and adds the resulting state
-    to the search tree. When the particles have the relative positions of their goals, the planner translates them around obstacles
-    on the shortest path without wall contact. With more than two particles, the planner ``sampling`` is experimental.
+    to the search tree. When the particles have the relative positions of their goals, the planner translates all particles around
+    obstacles on the shortest path without wall contact. With more than two particles, the planner ``sampling`` is experimental.
 
     Notes
     -----
@@ -147,7 +147,7 @@ class Tree:
         return bool(hit)
 
     def _direct(self, translations: Translations) -> Points | None:
-        """Return the moves to the last node and the translations from there to the goals, or None if no translations exist."""
+        """Return the moves to the last node, followed by translations to the goals, or None if no such translations exist."""
         state = self.nodes.states[self.total - 1]
         x, y, away = kernels.spread(state, np.ascontiguousarray(self.task.goal))
         if away > self.task.tolerance:
@@ -213,8 +213,8 @@ class FreeOffsets:
     reach : float
         Maximum distance of an offset from ``inner``. If an offset is farther away, the search does not connect it with ``inner``.
     seen : dict of int to ndarray of bool, shape (n,)
-        Stored results: for each place that the search has visited, whether a straight collision-free path leads to each of the n
-        places.
+        Stored results, by the index of a place that the search has visited: whether a straight collision-free path leads from this
+        place to each of the n places.
     """
 
     free: Any
@@ -257,7 +257,7 @@ class FreeOffsets:
 
 
 def free_offsets(room: Region, goal: Points, margin: float) -> FreeOffsets | None:
-    """Return the offsets with a path to the goals on which all particles keep ``margin`` from the walls, or None."""
+    """Return the offsets from which a path leads to the goals at least ``margin`` from all walls, or None if none exist."""
     import shapely
     from shapely import affinity
 

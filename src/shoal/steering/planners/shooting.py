@@ -1,4 +1,4 @@
-"""Plans with a given number of straight moves: trials in simulations give the first moves, and formulas give the last two."""
+"""Plans with a given number of straight moves: simulated trials give the first moves, and formulas give the last two moves."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Random changes that shorten plans for two particles around obstacles; they first change many plans, then only the shortest."""
+"""Random changes that shorten plans for two particles around obstacles: first many plans, and then only the shortest plans."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ class Plan:
     count : int
         Number of steps in the plan.
     cost : float
-        Without noise, the length of the plan; with noise, its mean number of moves. The cost of a plan that misses the goals is
-        infinite.
+        Without noise, the length of the plan; with noise, the mean number of moves in simulations. Without noise, the cost of a
+        plan that misses the goals is infinite.
     """
 
     steps: kernels.Steps
@@ -107,7 +107,8 @@ def new_steps() -> kernels.Steps:
 def steps_of(task: SteeringTask, moves: Points) -> Plan:
     """Return the plan with given moves as a sequence of steps (translations, contacts and adjustments).
 
-    If the plan has more than ``MOST_STEPS`` steps, the result contains only the first ``MOST_STEPS`` steps.
+    If the plan has more than ``MOST_STEPS`` steps, the arrays of the result hold only the first ``MOST_STEPS`` steps. The attribute
+    ``count`` is nevertheless the number of all steps.
     """
     parts, state = [], task.start
     for move in moves[np.hypot(*moves.T) > 0]:

@@ -19,13 +19,13 @@ class Shortest:
 
     The plan is not longer than the plan of the planner greedy, unless rounding errors could make the plan of greedy fail.
 
-    In a cycle, one particle touches a wall, and then the other particle moves (adjustment) while the wall holds the first. The
-    planner tries all chains of one, two or three cycles, that is, all sequences of touching particles and walls. From the shortest
-    chains, the planner makes shorter chains by inserting and removing cycles.
+    In a cycle, one particle touches a wall. Then the other particle moves (adjustment) while the wall holds the first particle. For
+    chains of one, two or three cycles, the planner tries all sequences of touching particles and walls. From the shortest chains,
+    the planner makes shorter chains by inserting and removing cycles.
 
     Notes
     -----
-    Source: section V of paper W, with contacts limited to their feasible range, and with an extension to several cycles.
+    Source: section V of paper W. Shoal limits contacts to their feasible range, and extends the method to several cycles.
     """
 
     name = "shortest"

@@ -1,6 +1,6 @@
 """The class SteeringTask, which describes to a planner what its plan must achieve.
 
-The module contains proofs that two particles in a convex workspace cannot reach their goals.
+The module also contains functions that prove that two particles in a convex workspace cannot reach their goals.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class SteeringTask(StartAndGoal):
         return float(np.linalg.norm(points - self.goal, axis=1).max())
 
     def translation(self) -> Points | None:
-        """Return the moves of a translation that solves the task, shape (moves, d), or None if no translation does."""
+        """Return the moves of a translation that solves the task, shape (moves, d), or None if no translation solves the task."""
         shifts = self.goal - self.start
         if float(np.linalg.norm(shifts - shifts.mean(axis=0), axis=1).max()) > self.tolerance * (1 - 1e-9):
             return None

@@ -26,7 +26,7 @@ def plan_from_base(task: SteeringTask, planner: Planner) -> Points | None:
 
 
 def planar_task(task: SteeringTask) -> SteeringTask:
-    """Return a three-dimensional task without vertical coordinates, as a task in the base of the prism or cylinder."""
+    """Return the task in the base of the prism or cylinder: ``task`` without vertical coordinates, and with half the tolerance."""
     room = task.world.room
     world, start, goal = ContactWorld(room.base), task.start[:, :2], task.goal[:, :2]
     return replace(task, world=world, start=start, goal=goal, tolerance=task.tolerance / 2)

@@ -18,7 +18,7 @@ class Apparatus:
     Attributes
     ----------
     problem : SteeringProblem
-        The problem of the run; a planner may read its noise.
+        The problem of the run, in which a planner may read the standard deviation of the noise.
     states : list of ndarray of float64, shape (n, d)
         True positions of the n particles at the start and after each move.
     inputs : list of ndarray of float64, shape (d,)

@@ -40,6 +40,7 @@ class SteeringBatch:
     errors : ndarray of float64, shape (worlds,)
         For each world, the largest distance of a particle from its goal, with the best order of the goals.
     moves, seeds : ndarray of int64, shape (worlds,)
+        ``moves``: for each world, the number of moves in the current episode. ``seeds``: the seed of the current episode.
     terminated, truncated : ndarray of bool, shape (worlds,)
         ``terminated``: all particles of the world are within the tolerance of their goals. ``truncated``: the world has made the
         maximum number of moves, but not all of its particles are at their goals.

@@ -36,7 +36,7 @@ class SteeringWorkspace(ABC):
     @property
     @abstractmethod
     def rings(self) -> tuple[Points, ...]:
-        """Corners of the outline and of each obstacle, each float64 of shape (n, 2).
+        """One array of corners for the outline, followed by one array for each obstacle; each float64, shape (n, 2).
 
         The free space lies on the left of each edge from one corner to the next.
         """
@@ -53,7 +53,7 @@ class SteeringWorkspace(ABC):
 
     @cached_property
     def edges(self) -> NDArray[np.float64]:
-        """The edges of the workspace as (x, y) of their start and (x, y) of their end; float64, shape (edges, 4).
+        """One row (start x, start y, end x, end y) for each edge of the workspace; float64, shape (edges, 4).
 
         The free space lies on the left of each edge.
         """
@@ -75,7 +75,7 @@ class SteeringWorkspace(ABC):
         return np.asarray(self.depth(points) >= -TOUCH * self.size)
 
     def check_inside(self, points: ArrayLike, *, what: str) -> Points:
-        """Check that points lie in the workspace, and return them as a float64 array of shape (n, dimensions).
+        """Check that points lie in the workspace, and return the points as a float64 array of shape (n, dimensions).
 
         Raises
         ------

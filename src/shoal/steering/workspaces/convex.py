@@ -73,12 +73,12 @@ class ConvexWorkspace(SteeringWorkspace):
 
     @property
     def middle(self) -> Points:
-        """The centre of the workspace, in three dimensions at half its height; float64, shape (dimensions,)."""
+        """The centre of the workspace, which lies at half the height of a prism or cylinder; float64, shape (dimensions,)."""
         return self.center if self.dimensions == 2 else np.append(self.center, self.height / 2)
 
     @cached_property
     def normals(self) -> Points:
-        """Inward unit normals of the side walls, followed by those of floor and ceiling; float64, shape (walls, dimensions)."""
+        """Inward unit normals of the side walls, then of the floor and the ceiling; float64, shape (walls, dimensions)."""
         along = np.roll(self.vertices, -1, axis=0) - self.vertices
         sides: Points = np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
         if self.dimensions == 2:
@@ -138,7 +138,7 @@ class ConvexWorkspace(SteeringWorkspace):
         return np.asarray(np.minimum(nearest, self.circle_distance(points)))
 
     def extent(self, direction: ArrayLike) -> float:
-        """Return the largest absolute scalar product of ``direction`` with a vector from the centre to a point of the workspace."""
+        """Return the largest ``|direction · (p - c)|`` for all points p of the workspace, where the point c is the centre."""
         vector = np.asarray(direction, dtype=np.float64)
         flat = vector[:2]
         side = self.radius * np.hypot(*flat) if self.round else np.max(np.abs((self.vertices - self.center) @ flat))

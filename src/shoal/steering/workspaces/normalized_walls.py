@@ -24,8 +24,9 @@ class NormalizedWalls:
     frames : ndarray of float64, shape (walls, d, d)
         For each flat wall, its midpoint and d - 1 unit vectors along the wall.
     reaches : ndarray of float64, shape (walls,)
-        For each side wall, half of its largest extent along its unit vectors in ``frames``; for the end caps, 1.
+        For each side wall, half of its length; in space, half of the larger of its length and its height. For the end caps, 1.
     normals, offsets : ndarray of float64, shapes (walls, d) and (walls,)
+        Inward unit normals and offsets of the flat walls: a point is inside these walls if ``normals @ point >= offsets``.
     near : ndarray of bool, shape (walls + 1, walls)
         For each wall (row) and each flat wall (column), whether the flat wall may interfere with a contact on the wall of the row.
         The last row is for the round wall.
@@ -132,10 +133,11 @@ def _with_frames(
 
 @lru_cache(maxsize=64)
 def with_few_sides(walls: NormalizedWalls, count: int) -> NormalizedWalls | None:
-    """Return the walls of a polygon with only ``count`` of its sides, or None if the chosen sides enclose no area.
+    """Return the walls of a polygon or prism with at most ``count`` of its sides, or None if the kept sides enclose no area.
 
-    The function divides the boundary of the polygon into ``count`` parts of equal size, and keeps the longest side of each part.
-    The size of a part is the mean of its fraction of the boundary's length and its fraction of the boundary's turning angle.
+    The function divides the sides, in their order, into ``count`` groups of about equal size, and keeps the longest side of each
+    group. The size of a group is the mean of two fractions: the length of the group divided by the length of the boundary, and
+    the turning angle of the group divided by 2π.
     """
     flat = walls.normals[: walls.sides, :2]
     lengths = 2 * np.hypot(*(walls.frames[: walls.sides, 0, :2] - walls.corners).T)

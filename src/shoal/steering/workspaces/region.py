@@ -16,7 +16,9 @@ from shoal.steering.workspaces.convex_geometry import Points
 
 @dataclass(frozen=True, eq=False)
 class Region(SteeringWorkspace):
-    """A workspace with obstacles: the points inside an outline and outside the obstacles. The function `region` creates a Region.
+    """A workspace with obstacles: the points inside an outline and outside the obstacles.
+
+    The function `region` creates a Region.
 
     Parameters
     ----------
@@ -53,7 +55,9 @@ class Region(SteeringWorkspace):
 
 
 def region(outline: ArrayLike, obstacles: Sequence[ArrayLike] = ()) -> Region:
-    """Return a workspace with obstacles, which must lie inside ``outline`` and must not touch each other.
+    """Return the workspace that lies inside ``outline`` and outside the obstacles.
+
+    The obstacles must lie inside ``outline`` and must not touch each other.
 
     Raises
     ------

@@ -38,7 +38,7 @@ def rings_of_path(text: str, *, where: str) -> list[Points]:
 
 
 def read_drawing(text: str, *, where: str) -> ConvexWorkspace | list[Points]:
-    """Return the content of an SVG drawing: a disk for a single circle, or else the closed lines, largest first.
+    """Return a disk if an SVG drawing shows only one circle, and otherwise its closed lines, sorted by decreasing area.
 
     The function reads paths (with lines, curves and arcs), polygons, polylines, rectangles, circles and ellipses. It also reads
     groups, transforms and repeated elements (``use``), and skips elements that are not displayed. The returned lines have the units

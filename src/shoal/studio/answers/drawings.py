@@ -59,7 +59,7 @@ class Drawing:
         return problem.at_place(with_margin(region, problem.margin))
 
     def write(self, folder: Folder, stem: str) -> str:
-        """Write the drawn polygons and no-go zones to a new file: GeoJSON, or CSV in metres. Return the name of the file."""
+        """Write the drawn polygons and no-go zones to a new GeoJSON file (CSV for a drawing in metres), and return its name."""
         suffix = ".csv" if self.frame is None else ".geojson"
         name = folder.new_name(stem, suffix)
         with atomic(folder.path(name)) as temporary:

@@ -10,7 +10,7 @@ from shoal.studio.folder import PAPERS, Folder
 
 
 def papers(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Return the list of figures of the papers. The result of a figure is None unless the figure was reproduced in the folder."""
+    """Return the figures of the papers, each with its result, or with None if the figure was not reproduced in the folder."""
     from shoal.papers.reproduce import recipes
 
     told = []

@@ -155,12 +155,12 @@ def missions(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
 
 
 def flown(problem: SearchProblem) -> SearchProblem:
-    """Return the problem with a vehicle, which missions need. The default vehicle is a multirotor, as in `shoal search`."""
+    """Return the problem with a vehicle, because missions need one. The default is a multirotor, as in ``shoal search``."""
     return problem if problem.vehicle is not None else problem.replaced(vehicle="multirotor").at_place(problem.place)
 
 
 def simulate(folder: Folder, about: dict[str, Any]) -> dict[str, Any]:
-    """Simulate a search, and return the data of the search for the player. Do not write a file."""
+    """Simulate a search, and return the data of the search for the player, without writing a file."""
     from shoal.search.run import run
     from shoal.views.search.page import page_data
 

@@ -30,7 +30,7 @@ def opened(problem: Any) -> Any:
 
 
 def fit_to_page(pixels: NDArray[Any]) -> NDArray[Any]:
-    """Return every k-th pixel of a picture, so that the larger side of the result has at most `LARGEST_SHOWN` pixels."""
+    """Return every k-th row and column of a picture, so that the result has at most `LARGEST_SHOWN` pixels on each side."""
     step = -(-max(pixels.shape[:2]) // LARGEST_SHOWN)
     return pixels[::step, ::step]
 

@@ -156,7 +156,7 @@ def _compared(policies: list[str], rows: list[list[Any]]) -> dict[str, Any]:
 
 
 def export_episode(folder: Folder, spec: dict[str, Any], say: Say) -> dict[str, Any]:
-    """Write a figure, a film or a player page of an episode."""
+    """Write a figure, a film or a player page of an episode, and return the name of the file."""
     from shoal.views import figure, film, save_figure
 
     suffix = check_choice(spec.get("format"), what="format", choices=FORMATS)

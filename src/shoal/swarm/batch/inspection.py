@@ -31,10 +31,10 @@ PLANES = ("particles", "free", "obstacles", "frontier", "unknown", "map")
 """Names of the planes. Each plane has one value per cell.
 
 The plane "particles" contains the number of particles in each cell, at most 255. Every other plane contains 1 for the cells that
-the name of the plane describes, and 0 for all other cells. "free": cells that are known to be free. "obstacles": cells that are
-known to be obstacles, and cells beyond the border of a small map. "frontier": in a mapping, unknown cells beside known free cells;
-in a coverage, cells that are not yet covered. "unknown": unclassified cells. "map": the true free cells, which a mapping policy
-must not use.
+the name of the plane describes, and 0 for all other cells. The plane "free" shows the cells that are known to be free. The plane
+"obstacles" shows the cells that are known to be obstacles, and the cells beyond the border of a small map. In a mapping, the plane
+"frontier" shows the unknown cells beside known free cells. In a coverage, it shows the target cells that are not yet covered. The
+plane "unknown" shows the unclassified cells. The plane "map" shows the true free cells, which a mapping policy must not use.
 """
 
 
@@ -54,7 +54,7 @@ class Boards(NamedTuple):
 
 
 class Measures(NamedTuple):
-    """Sums over the particles of each world. Each array of sums has one row per world.
+    """Sums over the particles of each selected world. Each array of sums has one row per selected world.
 
     In the sums, a cell with more than 255 particles counts as a cell with 255 particles.
     """
@@ -72,7 +72,7 @@ class Measures(NamedTuple):
 
     @property
     def middle(self) -> NDArray[np.float64]:
-        """Mean position of the particles of each world, in plane indices (float64, shape (worlds, ndim))."""
+        """Mean position of the particles of each world, as indices into the planes (float64, shape (worlds, ndim))."""
         return self.places / np.maximum(self.particles, 1)[:, None]
 
     @property
@@ -104,7 +104,7 @@ class Inspection:
 
     @property
     def boards(self) -> Boards:
-        """The boards of all worlds, which are not copied: each step of the batch writes to the boards."""
+        """Read-only views of the boards of all worlds. Each step of the batch changes the boards."""
         views = [getattr(self._worlds, name).reshape(len(self), *self.layout.words) for name in Boards._fields]
         for view in views:
             view.flags.writeable = False
@@ -132,7 +132,8 @@ class Inspection:
         Parameters
         ----------
         names : sequence of str
-            Names of planes from `PLANES`. The default is particles, free, obstacles and frontier.
+            Names of planes from `PLANES`. By default, the method returns the planes "particles", "free", "obstacles" and
+            "frontier".
         where : array_like of bool, shape (worlds,), optional
             Mask of the worlds to observe. By default, the method observes all worlds.
         out : ndarray of uint8, C-contiguous, optional
@@ -162,14 +163,16 @@ class Inspection:
     def windows(
         self, names: Sequence[str], centers: NDArray[np.int64], side: int, *, where: ArrayLike | None = None
     ) -> NDArray[np.uint8]:
-        """Return, for each world, planes of a square or cube of cells around one cell. Cells beyond the map appear as obstacles.
+        """Return planes of a square or cube of cells around one cell of each selected world.
+
+        Cells beyond the map appear as obstacles.
 
         Parameters
         ----------
         names : sequence of str
             Names of planes from the list `PLANES`.
         centers : ndarray of int64, shape (worlds, ndim)
-            Plane indices of the central cell in each world.
+            Indices, into the planes, of the central cell of each selected world.
         side : int
             Number of cells along each side of the square or cube.
         where : array_like of bool, shape (worlds,), optional
@@ -207,7 +210,7 @@ class Inspection:
         )  # fmt: skip
 
     def nearest_frontier(self, *, where: ArrayLike | None = None) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-        """Return the length, the first command and the last cell of the shortest path from any particle to a frontier cell.
+        """Return the length, first command and last cell of the shortest path from any particle to a frontier cell, for each world.
 
         Returns
         -------
@@ -216,7 +219,7 @@ class Inspection:
         ndarray of int64, shape (worlds,)
             Code of the first command of each shortest path.
         ndarray of int64, shape (worlds, ndim)
-            Plane indices of the last cell of each shortest path.
+            Indices, into the planes, of the last cell of each shortest path.
         """
         chosen, searches = self._chosen(where), self._searches
         found = np.zeros((len(chosen), 5), dtype=np.int64)
@@ -234,11 +237,13 @@ class Inspection:
         return [search_of(self.layout, ties="column-major", neighbours="lurd", plan_size=size) for _ in range(self.threads)]
 
     def action_masks(self, *, where: ArrayLike | None = None) -> NDArray[np.int8]:
-        """Return which commands can have an effect, according to the belief of each world (int8, shape (worlds, commands)).
+        """Return a mask of the commands that can have an effect, according to the belief of each world.
 
-        Under the rules block and tilt, a command has an effect if the next cell of some particle holds no particle and is not a
-        known obstacle. Under the rule merge, a command has an effect if the next cell of some particle is not a known obstacle. In
-        an episode with noise, every command may have an effect.
+        The mask is int8 and has the shape (worlds, commands).
+
+        Under the rules block and tilt, a command can have an effect if the next cell of any particle holds no particle and is not a
+        known obstacle. Under the rule merge, a command can have an effect if the next cell of any particle is not a known obstacle.
+        In an episode with noise, every command may have an effect.
         """
         chosen = self._chosen(where)
         masks = np.ones((len(chosen), len(letters_of(self.layout.ndim))), dtype=np.int8)

@@ -61,9 +61,9 @@ class PaddedMaps:
         return Board(layout, self._cut(flat, layout).reshape(layout.words).copy())
 
     def lines(self, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return the row (counted over all layers) and the column of a map's cells on boards of the common shape.
+        """Return the rows and the columns of a map's cells on boards of the common shape (int64, shape (n, 2)).
 
-        The result has the type int64 and the shape (n, 2).
+        The rows of a 3-D board are numbered over all layers.
         """
         moved = cells + 1
         if moved.shape[1] == 3:

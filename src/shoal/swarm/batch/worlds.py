@@ -39,9 +39,9 @@ class WorldBatch(Inspection):
     Parameters
     ----------
     problem : SwarmProblem, or sequence of them
-        One problem for all worlds, or several problems, of which each episode draws one at random. Several problems in one batch
-        must have equal fields, except the fields that define the start of an episode, such as map, particles and placement. The
-        boards of all worlds are padded to a common shape. The batch ignores the policy of a problem.
+        One problem for all worlds, or several problems. With several problems, each episode draws one problem at random. All
+        problems of a batch must have equal values of the fields rule, task, slip, misplace, miss and confidence. The boards of all
+        worlds are padded to a common shape. The batch ignores the policy of a problem.
     worlds : int
         Number of worlds.
     seed : int, sequence of int, or None
@@ -55,14 +55,14 @@ class WorldBatch(Inspection):
     layout : GridLayout
         The window of cells of all boards and planes, including a rim of one cell.
     moves, limits : ndarray of int64, shape (worlds,)
-        ``moves`` is the number of commands sent in the current episode, and ``limits`` is the maximum number of commands. Each step
-        and each reset writes to the arrays ``moves`` and ``limits``.
+        ``moves`` is the number of commands sent in the current episode of each world, and ``limits`` is the maximum number of
+        commands. Each step and each reset writes to the arrays ``moves`` and ``limits``.
     frontier : ndarray of int32, shape (worlds,)
         Number of frontier cells in the belief of each world.
     complete, terminated, truncated : ndarray of bool, shape (worlds,)
-        ``complete`` is true for a world whose task is done. ``terminated`` is true for a world without frontier cells; in an
-        episode with noise, some cells may remain unclassified. ``truncated`` is true for a world whose episode reached its maximum
-        number of commands before it terminated.
+        ``complete`` is true for a world whose task is done. ``terminated`` is true for a world without frontier cells. In an
+        episode with noise, some cells of such a world may be unclassified. ``truncated`` is true for a world whose episode reached
+        its maximum number of commands while frontier cells remained.
     seeds, maps : ndarray of int64, shape (worlds,)
         ``seeds`` contains the seed of each world's current episode, and ``maps`` contains the index of each world's current
         problem.

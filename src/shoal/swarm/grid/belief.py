@@ -74,5 +74,5 @@ class Belief:
         return Belief(self.open | found, known, (self.frontier | found.dilated()) - known)
 
     def covered(self, after: Board) -> Belief:
-        """Return the belief of a coverage after one push. Cells of ``after``, which hold particles now, leave the frontier."""
+        """Return the belief of a coverage after one push. The cells ``after``, which now hold particles, leave the frontier."""
         return Belief(self.open, self.known, self.frontier - after)

@@ -25,7 +25,7 @@ def letters_of(ndim: int) -> str:
 
 
 def offsets_of(shape: tuple[int, ...]) -> NDArray[np.int64]:
-    """Return, for each command letter in order, the difference that one step makes to a cell's flat array index.
+    """Return how much one step in each direction changes the flat array index of a cell, in the order of `letters_of`.
 
     Examples
     --------

@@ -67,7 +67,7 @@ def place(workspace: GridWorkspace, n: int, placement: str | Placement, rng: Gen
 
 
 def make_placement(placement: str | Placement) -> Placement:
-    """Return the placement with a given name. Return a placement function unchanged. Other arguments raise InvalidInputError."""
+    """Return the placement function for a name. Return a given function unchanged. Other arguments raise InvalidInputError."""
     made: Placement = configured(PLACEMENTS, placement) if isinstance(placement, str) else placement
     if not callable(made):
         raise _no_placement(made)

@@ -1,7 +1,7 @@
 """Scan rules choose the number of equal commands before each scan. `states_of_run` infers the states between two scans.
 
-A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order, so that
-the i-th particle of the line before the run is the i-th particle after the run. Two scans, before and after a run, show the
+A run is a sequence of equal commands. During a run, the particles in a line along the direction of motion keep their order. The
+i-th particle of the line before the run is therefore the i-th particle after the run. Two scans, before and after a run, show the
 displacement of each particle, although particles have no labels. A particle that is displaced by d cells entered d free cells. If a
 particle is displaced by fewer cells than the run has commands, an obstacle or a stopped particle stopped it. The scans before and
 after a run determine the positions after every command of the run, because a stopped particle does not move again during the run. A
@@ -39,8 +39,8 @@ class ScanRule:
     kind : str
         The kind of the scan rule. "equal": scan after every ``step`` commands. "doubling": scan after 1, 2, 4, 8, ... commands in
         one direction. "hyper": scan after 1, 4, 27, 256, ... commands in one direction. "adaptive": scan after the number of
-        commands that classifies the most cells per unit of price, in expectation. The kind "adaptive" omits scans whose outcome is
-        certain.
+        commands with the highest expected number of classified cells per unit of price. The kind "adaptive" omits scans whose
+        outcome is certain.
     step : int
         Number of commands before each scan, for the kind "equal".
     scan_cost, move_cost : float

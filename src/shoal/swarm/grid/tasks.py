@@ -93,7 +93,9 @@ class Coverage:
         return workspace.free
 
     def begin(self, world: GridWorld, state: SwarmState, targets: NDArray[np.bool_] | None = None) -> Belief:
-        """Return the belief at the start of a coverage. All cells are known; target cells without a particle are frontier cells.
+        """Return the belief at the start of a coverage.
+
+        All cells are known. The frontier cells are the target cells without a particle.
 
         Raises
         ------
@@ -161,7 +163,7 @@ def check_reachable(workspace: GridWorkspace, start: NDArray[np.int64], targets:
 
 
 def make_task(task: str | Task) -> Task:
-    """Return the task with a name such as "mapping" or "subset-coverage:fraction=0.2". Return a task object unchanged."""
+    """Return the task object for a name such as "mapping" or "subset-coverage:fraction=0.2". Return a given object unchanged."""
     made = configured(TASKS, task) if isinstance(task, str) else task
     if not isinstance(made, Task):
         raise InvalidInputError(f"task: expected an object with name, choose_targets, begin and update, got {made!r}")

@@ -105,9 +105,9 @@ class GridWorld:
     def pushes(self, state: SwarmState, command: str) -> Iterator[SwarmState]:
         """Yield the state of the swarm after each push of one command. In a push, all particles try to move by one cell.
 
-        Under the move rules block and merge, a command is one push. Under the move rule tilt, a command is a series of pushes that
-        ends with a push in which no particle moves, because this push reveals the walls. An observer who sees only the first and
-        the last state of a tilt can infer all states between them, because particles in one line keep their order.
+        Under the move rules block and merge, a command is one push. Under the move rule tilt, a command is a series of pushes. In
+        the last push, no particle moves: this push reveals the walls. An observer who sees only the first and the last state of a
+        tilt can infer all states between them, because particles in one line keep their order.
         """
         letters = encode(command, ndim=self.workspace.ndim)
         if len(letters) != 1:

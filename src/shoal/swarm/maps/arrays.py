@@ -35,10 +35,11 @@ def encode_npy(workspace: GridWorkspace) -> bytes:
 
 
 def free_by_number(array: NDArray[Any], options: MapOptions, *, where: str) -> NDArray[Any]:
-    """Return the free cells of a numeric array: the cells whose number is at least ``level``, or equals ``label``.
+    """Return the free cells of a numeric array.
 
-    If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must have one common
-    number other than 0.
+    If ``level`` is given, a cell is free if its number is at least ``level``. If ``label`` is given, a cell is free if its number
+    equals ``label``. If neither ``level`` nor ``label`` is given, all obstacles must have the number 0, and all free cells must
+    have one common number other than 0.
 
     Raises
     ------

@@ -24,7 +24,7 @@ from shoal.swarm.maps.workspace import GridWorkspace
 Cells = tuple[NDArray[Any], tuple[float, ...] | None]
 """The content of a map file: the free cells, and the size of a cell along each axis (mm).
 
-The size of a cell is None if the file does not contain it.
+The size of a cell is None if the file does not contain the size.
 """
 
 
@@ -125,7 +125,7 @@ def _suffix(path: Path) -> str:
 
 
 def write_map(workspace: GridWorkspace, path: str | os.PathLike[str]) -> None:
-    """Write a workspace to a map file, from which `read_map` can read the same free cells.
+    """Write a workspace to a map file. The function `read_map` reads equal free cells from the file.
 
     Parameters
     ----------

@@ -36,11 +36,11 @@ def open_map(
     Parameters
     ----------
     place : str, path, GridWorkspace or array_like
-        The name of a generated map (such as "vessels:5000"), the path of a map file, an array, or a workspace, which is returned
-        unchanged. An array contains booleans or numbers, and has the shape (H, W) or (D, H, W). The command ``shoal maps`` lists
-        the generated maps. The documentation of `shoal.swarm.maps.files.read_map` lists the file formats.
+        The name of a generated map (such as "vessels:5000"), the path of a map file, an array, or a workspace. The function returns
+        a workspace unchanged. An array contains booleans or numbers, and has the shape (H, W) or (D, H, W). The command
+        ``shoal maps`` lists the generated maps. The documentation of `shoal.swarm.maps.files.read_map` lists the file formats.
     vessels : bool
-        Whether the file is a photograph whose vessels form the map. Vessels in photographs need the extra ``shoal[imaging]``.
+        Whether the file is a photograph whose vessels form the map. Finding vessels needs the extra ``shoal[imaging]``.
     width, low, high, bright, thickest
         Options for finding vessels in a photograph. `shoal.swarm.maps.imaging.segment_vessels` explains the options.
     **options

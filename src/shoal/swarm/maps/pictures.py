@@ -77,7 +77,7 @@ def read_pixels(path: Path) -> NDArray[np.uint8]:
 
 
 def encode_picture(workspace: GridWorkspace, suffix: str) -> bytes:
-    """Return the bytes of a picture of a map; free cells are white. Each layer of the map becomes a page of a TIFF file.
+    """Return the bytes of a picture of a map, in which free cells are white. Each layer of the map becomes a page of a TIFF file.
 
     Free cells and obstacles remain distinguishable after JPEG compression.
     """

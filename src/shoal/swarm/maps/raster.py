@@ -78,7 +78,7 @@ def in_strips(raster: NDArray[np.uint8]) -> NDArray[np.uint8]:
 def png_bytes(raster: NDArray[np.uint8], *, side: int = 640) -> bytes:
     """Return a picture as the bytes of a PNG file with sides of at most ``side`` pixels.
 
-    A larger picture loses rows and columns at regular intervals. A smaller picture is enlarged by a whole number.
+    A larger picture loses rows and columns at regular intervals. A smaller picture is enlarged by a whole-number factor.
     """
     from PIL import Image
 

@@ -23,9 +23,9 @@ NEVER = -700.0  # log-odds
 
 
 def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the shape of the kernels' arrays for a workspace.
+    """Return the shape of the arrays in which kernels store a workspace of the given shape.
 
-    The arrays of kernels have three more cells on each side than the workspace.
+    Each array has a margin of three cells on each side of the workspace.
     """
     return tuple(size + 2 * PAD for size in shape)
 
@@ -63,7 +63,7 @@ def inner_of(flat: NDArray[np.generic], shape: tuple[int, ...], *, rim: int = 0)
 
 
 class NoisyBelief:
-    """The belief about each cell in log-odds. Each command and each scan changes the belief object in place.
+    """The belief of a swarm under noise: the log-odds that each cell is free. Commands and scans change the object in place.
 
     Parameters
     ----------
@@ -72,8 +72,8 @@ class NoisyBelief:
         The cells in which the first scan shows particles.
     noise : Noise
     confidence : float
-        A cell counts as classified if the cell is free, or an obstacle, with a probability of at least ``confidence``. The
-        confidence must exceed 0.75.
+        A cell counts as classified if its probability of being free, or its probability of being an obstacle, is at least
+        ``confidence``. The confidence must exceed 0.75.
 
     Raises
     ------
@@ -83,13 +83,13 @@ class NoisyBelief:
     -----
     At each move, the belief spreads the probability of every particle over the cells that the particle may have entered. At each
     scan, Bayes' rule updates the log-odds of each cell together with the neighbouring cell from which a particle may have come. The
-    belief treats cells as independent, except neighbouring cells between which a particle may have moved. A move without a scan
-    changes no log-odds. The page docs/concepts/noise.md explains the estimation.
+    belief treats all cells as independent of each other, except two neighbouring cells between which a particle may have moved. A
+    move without a scan changes no log-odds. The page docs/concepts/noise.md explains the estimation.
 
     Examples
     --------
-    In the following example, two commands push a particle against the wall on its left, and each command lowers the probability
-    that the wall cell is free.
+    In the following example, two commands push a particle against the wall on its left. Each command lowers the probability that
+    the wall cell is free.
 
     >>> layout = GridLayout((1, 3))
     >>> here = Board.of_cells(layout, [(0, 0)])
@@ -129,7 +129,8 @@ class NoisyBelief:
     def learn(self, code: np.int8) -> int:
         """Update the belief after one command and one scan, as `update` does. ``code`` is the number of the command.
 
-        ``state.seen`` contains the scan. Return the number of cells classified for the first time.
+        Before the call, ``state.seen`` must contain the cells in which the scan shows particles. Return the number of cells
+        classified for the first time.
         """
         kernels.learn_noisy(self.state, code)
         return int(noisy_episode.refresh(self.state, self._field, self.guard))
@@ -194,7 +195,7 @@ class NoisyBelief:
 
     @property
     def belief(self) -> Belief:
-        """The belief in the form that policies use: a `Belief` with all cells that are classified at the stated confidence."""
+        """The belief in the form that policies use: a `Belief` with all cells that are classified at the given confidence."""
         field = self._field
         return Belief(
             *(Board(self.layout, words.reshape(self.layout.words).copy()) for words in (field.open, field.known, field.frontier))

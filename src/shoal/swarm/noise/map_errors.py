@@ -13,7 +13,9 @@ from shoal.swarm.maps.workspace import GridWorkspace
 
 @dataclass(frozen=True)
 class MapErrors:
-    """Numbers of wrong and missing cells in a noisy map, among the cells that a mapping without noise would classify.
+    """The number of cells that a mapping with noise classified wrongly, and the number of cells that it left undecided.
+
+    The numbers include only cells that a mapping without noise would classify.
 
     Parameters
     ----------
@@ -36,7 +38,7 @@ class MapErrors:
 
     @classmethod
     def of(cls, workspace: GridWorkspace, start: NDArray[np.int64], belief: Belief) -> MapErrors:
-        """Compare the final belief of a mapping with the true workspace. ``start`` contains the start cells of the particles."""
+        """Return the errors in the final belief of a mapping. ``start`` contains the start cells of the particles."""
         labels = workspace.components
         reached = Board.of_mask(workspace.free & np.isin(labels, labels[tuple(start.T)]))
         walls = reached.dilated() - reached
@@ -50,7 +52,7 @@ class MapErrors:
 
     @property
     def right(self) -> float:
-        """Fraction of the cells that the swarm classified correctly."""
+        """Number of correctly classified cells divided by ``free + walls``."""
         cells = self.free + self.walls
         return 1 - (self.false_free + self.false_obstacles + self.undecided) / cells
 

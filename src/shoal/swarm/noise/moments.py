@@ -31,10 +31,10 @@ class Moment:
         Mask that is True for each cell with a particle. For a rig, the mask is True for each cell in which the last scan showed a
         particle.
     looks : ndarray of uint8
-        The shade of each cell, which is linear in the log-odds that the cell is free. A classified obstacle has the shade
-        ``OBSTACLE``, an unknown cell has the shade ``UNKNOWN``, and a classified free cell has the shade ``FREE``. The constant
-        ``FRONTIER`` is added to the shade of every frontier cell. If the true map is known, wrongly classified cells have the shade
-        ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
+        The shade of each cell. A classified obstacle has the shade ``OBSTACLE``, an unknown cell has the shade ``UNKNOWN``, and a
+        classified free cell has the shade ``FREE``. Between these three shades, the shade is linear in the log-odds that the cell
+        is free. The constant ``FRONTIER`` is added to the shade of every frontier cell. If the true map is known, wrongly
+        classified cells have the shade ``FALSE_FREE`` or ``FALSE_OBSTACLE``.
     """
 
     particles: NDArray[np.bool_]

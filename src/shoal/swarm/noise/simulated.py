@@ -14,7 +14,7 @@ from shoal.swarm.noise.model import Noise
 
 
 def truth_of(workspace: GridWorkspace, start: NDArray[np.int64], about: Noise, confidence: float) -> noisy_state.NoisyState:
-    """Return the arrays with which kernels simulate noise: the workspace, its particles, and an empty belief."""
+    """Return the arrays with which kernels simulate noise: the workspace, the start cells of the particles, and an empty belief."""
     noisy = noisy_state_of(GridLayout(workspace.shape), about, confidence)
     inner_of(noisy.truth, workspace.shape)[...] = workspace.free
     inner_of(noisy.there, workspace.shape)[tuple(start.T)] = True

@@ -1,4 +1,4 @@
-"""Policies: methods that choose the next commands of a swarm. Each policy has a file of its own."""
+"""Policies: methods that choose the next commands of a swarm."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ POLICIES.add("best", BeamRollout)  # an alias, which may denote another policy i
 
 
 def make_policy(policy: str | Policy) -> Policy:
-    """Return the policy with a given name. Return a policy object unchanged.
+    """Return the policy object for a name. If ``policy`` is already a policy object, return this object.
 
     Parameters
     ----------
     policy : str or Policy
-        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a text "module:attribute" that
-        names a third-party object or class; or an object with the methods of `Policy`. A third-party class is called without
-        arguments.
+        A name such as "closest-frontier", "closest-frontier:ties=row-major" or "manual:llurr"; a text "module:attribute" that names
+        a third-party object or class; or an object with the methods of `Policy`. If the attribute is a class, the policy is an
+        object of this class, made without arguments.
 
     Raises
     ------

@@ -16,10 +16,10 @@ from shoal.swarm.policies.protocol import Decision, View
 class ClosestFrontier(Searching):
     """Find the shortest path from any particle to any frontier cell, send the commands of the path, and repeat.
 
-    A path always classifies the frontier cell at its end: if another particle blocks the moving particle, this other particle
-    follows the rest of the path. In 2-D, the policy needs at most m(3m + 1) moves, where m is the number of free cells. Theorem 2
-    of paper M states a bound of m(m+1)/2 moves, which ignores the moves that probe walls. Source: paper M, algorithm 3. The page
-    docs/concepts/policies.md explains the choice between equally short paths.
+    The commands of a path always classify the frontier cell at its end. If another particle blocks the moving particle, the
+    blocking particle follows the rest of the path. In 2-D, the policy needs at most m(3m + 1) moves, where m is the number of free
+    cells. Theorem 2 of paper M states a bound of m(m+1)/2 moves, which ignores the moves that probe walls. Source: paper M,
+    algorithm 3. The page docs/concepts/policies.md explains the choice between equally short paths.
     """
 
     kind: ClassVar[str] = "closest-frontier"

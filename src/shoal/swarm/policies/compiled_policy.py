@@ -1,6 +1,7 @@
 """Base classes of the built-in policies.
 
-The base classes define the number by which kernels identify each policy, and the order of equally near cells in a search.
+The base classes define the number by which kernels identify each policy. They also define the order in which a search visits
+equally near cells.
 """
 
 from __future__ import annotations
@@ -65,7 +66,7 @@ class Searching(Compiled):
 
 
 def check_rules(policy: Policy, layout: GridLayout, rule: str) -> None:
-    """Refuse a move rule or a number of dimensions that is missing in the policy's attributes ``rules`` and ``dimensions``.
+    """Refuse a move rule that the policy's ``rules`` omit, or a number of dimensions that the policy's ``dimensions`` omit.
 
     A policy without the attributes ``rules`` and ``dimensions`` supports all move rules, and two and three dimensions.
 

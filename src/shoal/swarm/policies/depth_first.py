@@ -25,15 +25,15 @@ class _Trail:
 
 @dataclass(frozen=True)
 class DepthFirst(Compiled):
-    """Move one particle, the first in row-major order, through the workspace.
+    """Move one particle through the workspace: the first particle in row-major order.
 
     The particle tries to enter each neighbouring cell that is unknown, or that is free and not yet visited. If the particle has
     visited all free neighbours of its cell, the particle goes back by one cell.
 
     In a workspace of m free cells, the particle makes at most 2(m - 1) moves between cells, and one blocked move for each wall that
-    it finds. The number of moves between cells is at most twice the number of moves of the optimal tour of all free cells. On
-    general grid graphs, no strategy has a better competitive ratio than 2. All particles obey the commands, and each particle can
-    classify cells. Source: paper M, section III.B.1.
+    the particle finds. The number of moves between cells is at most twice the number of moves of the optimal tour of all free
+    cells. On general grid graphs, no strategy has a better competitive ratio than 2. All particles obey the commands, and each
+    particle can classify cells. Source: paper M, section III.B.1.
     """
 
     kind: ClassVar[str] = "depth-first"

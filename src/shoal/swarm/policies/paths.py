@@ -58,7 +58,7 @@ def path_to_frontier(
     ties: str = "column-major",
     neighbours: str = "lurd",
 ) -> str:
-    """Return the shortest sequence of commands that moves a particle from ``sources`` to the frontier, or "" if none exists.
+    """Return the shortest sequence of commands that moves a particle from ``sources`` to the frontier, or "" if no path exists.
 
     The breadth-first search passes through cells that are known to be free and ends at the first frontier cell found.
 

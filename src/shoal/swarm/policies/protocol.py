@@ -55,7 +55,7 @@ class Policy(Protocol):
     the task is complete earlier. If the policy can make no progress, ``commands`` is an empty text. ``memory`` is None at the first
     decision of an episode. A policy object never changes, so that one policy object can serve many episodes.
 
-    A policy may have the attributes ``rules`` and ``dimensions``, such as ``rules = ("block",)`` and ``dimensions = (2,)``, which
+    A policy may have the attributes ``rules`` and ``dimensions``, such as ``rules = ("block",)`` and ``dimensions = (2,)``. They
     state the move rules and the numbers of dimensions that the policy supports. Shoal refuses a problem with another move rule or
     another number of dimensions. A policy without these attributes supports all move rules, and two and three dimensions.
     """

@@ -27,8 +27,8 @@ class WallSweep(Compiled):
     to the right and the way back form one cycle. The policy repeats the cycle until a whole cycle classifies no cell. The episode
     then ends as stalled.
 
-    On a rectangle of m free cells that is k cells tall, the policy needs 4m/k moves if k particles start along the left wall
-    (placement left-wall). The policy sweep is suitable for rectangles only. Source: paper D, section III.B.2.
+    Consider a rectangle with m free cells and a height of k cells. If k particles start along the left wall (placement left-wall),
+    the policy needs 4m/k moves. The policy sweep is suitable for rectangles only. Source: paper D, section III.B.2.
     """
 
     kind: ClassVar[str] = "sweep"

@@ -90,7 +90,7 @@ class Drive(WithTrace):
 
 
 def drive(rig: Rig, *, seed: int = 0, log: DriveLog | None = None, on_moves: OnMoves | None = None, **fields: Any) -> Drive:
-    """Map the workspace of a rig. The policy knows no positions except those that the rig reports.
+    """Map the workspace of a rig. The policy knows only the positions that the rig reports.
 
     At the end of the run, the function stops the rig, even after an error or Ctrl-C.
 

@@ -1,7 +1,7 @@
 """Messages between Shoal and a rig (protocol version 1). Each message is one line: a JSON object that ends with a checksum.
 
-Shoal numbers its requests consecutively. A rig that receives a request number for the second time repeats its answer, but does not
-carry out the request a second time. The page docs/concepts/rigs.md describes every message.
+Shoal numbers its requests consecutively. If a rig receives a request number for the second time, the rig repeats its answer, but
+does not carry out the request again. The page docs/concepts/rigs.md describes every message.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Stop(_Message):
 
 
 class Welcome(_Message):
-    """Answer of a rig to the request hello: a description of the rig, and the number of the last request that it carried out."""
+    """Answer of a rig to the request hello: a description of the rig, and the number of the last request carried out."""
 
     type: Literal["welcome"] = "welcome"
     protocol: int
@@ -89,7 +89,7 @@ class Stopped(_Message):
 
 
 class Again(_Message):
-    """Message that the last line arrived damaged. The receiver of this message must repeat the damaged line."""
+    """Report that the last received line was damaged. The receiver of this message must send the damaged line again."""
 
     type: Literal["again"] = "again"
 

@@ -64,9 +64,9 @@ class LinkCounts:
 class RemoteRig:
     """A remote rig, which exchanges the messages of `shoal.swarm.rigs.messages` with Shoal over a connection.
 
-    Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The rig carries out a request once,
-    even if Shoal repeats the request. After ``end_after`` seconds without an answer, Shoal raises an error. If the connection
-    is lost, Shoal opens it again and continues the session.
+    Shoal numbers its requests, and repeats an unanswered request with an unchanged number. The rig carries out a request once, even
+    if Shoal repeats the request. After ``end_after`` seconds without an answer, Shoal raises an error. If the connection is lost,
+    Shoal opens the connection again and continues the session.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ class RemoteRig:
     Notes
     -----
     A `RemoteRig` is a context manager that closes the connection at the end of the ``with`` block. Closing the connection does not
-    stop the rig; the method `stop` does.
+    stop the rig. To stop the rig, call `stop`.
     """
 
     def __init__(

@@ -25,9 +25,10 @@ from shoal.swarm.simulation.compiled import policy_state_of, scan_planner_of
 PATIENCE = policy_episode.PATIENCE
 """Number of consecutive runs, without any motion or classified cell, after which the episode ends as stalled."""
 NOISY_TIMES = 20
-"""Maximum number of moves without a newly classified cell in episodes with noise, as a multiple of a budget of moves.
+"""Factor in the limit on moves without a newly classified cell, for episodes with noise.
 
-The budget is the budget that the policy closest-frontier would give to a path through all known free cells.
+The limit is ``NOISY_TIMES * (NOISY_PATIENCE + TIMES * d)`` moves, where d is the number of known free cells. The expression in
+brackets is the budget that the policy closest-frontier gives to a path of d moves.
 """
 
 

@@ -28,7 +28,7 @@ from shoal.swarm.problem import SwarmProblem
 FORMAT: Literal[1] = 1
 _COLUMNS = {name: kind for name, kind in COLUMNS.items() if name != "scanned"}
 MOST_COMMANDS = 20_000_000
-"""Maximum number of commands in an episode file. A file with the maximum number of commands has 340 MB."""
+"""Maximum number of commands in an episode file. A file with the maximum number of commands has a size of 340 MB."""
 
 _ROOM = 1024  # maximum bytes of an array's header
 _LIMITS = {

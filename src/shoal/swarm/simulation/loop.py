@@ -83,7 +83,8 @@ def closed_loop(
         Object that converts the policy's commands into runs of equal commands.
     max_moves : int
     mapping : bool
-        Whether frontier cells are unknown (in a mapping) or known to be free (in a coverage). Policies receive ``mapping``.
+        True for a mapping, whose frontier cells are unknown. False for a coverage, whose frontier cells are known to be free.
+        Policies receive ``mapping`` in their `View`.
     on_moves, on_trace : callable, optional
 
     Returns

@@ -143,9 +143,9 @@ class _BeliefReplay(ABC):
 
     @abstractmethod
     def beliefs(self) -> Iterator[tuple[NoisyBelief, NDArray[np.bool_]]]:
-        """Yield the belief and the cells of the particles (a mask with the rim) at the start and after each command.
+        """Yield the belief and a mask of the cells of the particles, at the start and after each command.
 
-        The belief object changes in place.
+        The mask includes the rim. The yielded belief is always the same object, which changes in place.
 
         For a rig, the cells of the particles are the cells in which the last scan showed particles.
         """

@@ -131,7 +131,7 @@ def lower_bound(
 
 
 def _only_by(free: NDArray[np.bool_], offsets: NDArray[np.int64], wanted: NDArray[np.bool_], command: int) -> int:
-    """Return the number of wanted walls that particles can probe by ``command`` only, because they have a single free neighbour."""
+    """Return the number of wanted walls with a single free neighbour, from which particles probe the wall by ``command``."""
     walls = np.flatnonzero(wanted & ~free)
     inside = [(walls - offset >= 0) & (walls - offset < free.size) for offset in offsets]
     entered = [ok & free[np.clip(walls - offset, 0, free.size - 1)] for ok, offset in zip(inside, offsets, strict=True)]

@@ -27,7 +27,7 @@ class Optimum:
     commands : str
         A plan with the minimum number of moves, as command letters.
     states : int
-        Number of states that the search expanded.
+        Number of different states that the search has found, including states that it has not expanded.
     """
 
     moves: int
@@ -50,11 +50,13 @@ def optimum(
     workspace : GridWorkspace
         A small workspace, because the number of states grows exponentially with the number of cells.
     start : array_like of int, shape (n, ndim)
+        Start cells of the particles.
     targets : ndarray of bool, the shape of the workspace, optional
+        The cells that the particles must cover. By default, the particles must cover all free cells.
     rule : str
         The move rule: "block" or "merge".
     most_states : int
-        Maximum number of states that the search may expand.
+        Maximum number of different states that the search may find.
 
     Raises
     ------

@@ -65,7 +65,7 @@ class Canvas:
         """Draw several lines at once.
 
         One call of `lines` is faster than a call of `line` for each line. At a crossing of transparent lines, `lines` paints the
-        colour once, but several calls of `line` paint it once for each line, so that the crossing is darker.
+        colour once. Several calls of `line` paint the colour once for each line, so that the crossing is darker.
         """
         if pieces:
             self._draw(_path([np.asarray(piece) for piece in pieces], closed=False), None, colour, width, alpha, None)

@@ -56,7 +56,7 @@ def bare_axes(axes: Axes) -> None:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a figure as PNG, SVG or PDF; a failed write leaves no partial file.
+    """Write a figure as PNG, SVG or PDF. A failed write leaves no partial file.
 
     Parameters
     ----------

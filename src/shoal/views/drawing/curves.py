@@ -31,7 +31,7 @@ class Published:
     std : ndarray of float64, shape (n,), optional
         Published standard deviations, with NaN at points where the paper gives no standard deviation.
     points : bool
-        Whether to draw circles instead of a curve, because the paper gives only single points.
+        Whether the paper gives only single points. A chart shows single points as circles instead of a curve.
     """
 
     x: Numbers
@@ -72,7 +72,7 @@ class Labels:
 
 
 def mean_curves(curves: Sequence[Curve], labels: Labels, *, log_x: bool = False, log_y: bool = True) -> Figure:
-    """Return a figure of means with confidence bands; published curves are grey, with a band of ± one standard deviation.
+    """Return a figure of means with confidence bands. Published curves are grey, with a band of ± one standard deviation.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _behind(axes: Axes, published: Published | None, colour: str) -> None:
 
 
 def _above_zero(mean: Numbers, errors: Numbers | None) -> Numbers | None:
-    """Return lower and upper errors, with the lower errors limited so that a logarithmic axis can show them."""
+    """Return the lower and upper errors of ``mean``. The lower errors are limited to 80 % of ``mean``, for a logarithmic axis."""
     return None if errors is None else np.stack([np.minimum(errors, 0.8 * mean), errors])
 
 
@@ -178,7 +178,7 @@ def frontier_curves(
         For each named group of trials, the number of frontier cells before the first move and after each move of each trial.
     title, note : str
     printed : mapping from name to float, optional
-        For some groups, the mean number of moves that a paper prints; the figure marks this number.
+        For some groups, the mean number of moves that a paper prints. The figure marks this number.
 
     Raises
     ------

@@ -21,7 +21,7 @@ from shoal.core.errors import InvalidInputError, MissingExtraError
 SUFFIXES = (".gif", ".mp4", ".html")
 LONGEST = {".gif": 400, ".mp4": 1800}  # frames
 OnFrame = Callable[[int, int], None]
-"""Function that is called with (frames done, total frames)."""
+"""Function that is called with the number of finished frames and the total number of frames."""
 Frame = NDArray[np.uint8]
 At = TypeVar("At")
 _SAMPLES = 6  # number of frames from which the palette of a GIF is computed

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 
 class LiveWindow:
-    """A window that shows one picture; on a machine without a display, it shows nothing and raises no error."""
+    """A window that shows one picture. On a machine without a display, the class shows nothing and raises no error."""
 
     def __init__(self, title: str) -> None:
         self._figure = plt.figure()

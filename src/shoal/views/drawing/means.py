@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ASIDE = 0.007
-"""Horizontal distance between the intervals of two lines at the same axis value, as a fraction of the axis."""
+"""Horizontal distance between the intervals of two lines at the same axis value, as a fraction of the length of the axis."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def _label(measure: str) -> str:
 
 
 def _axis_of_numbers(points: Sequence[Mapping[str, Any]]) -> str | None:
-    """Return the name of the first numeric sweep axis with several values, or None."""
+    """Return the name of the first numeric sweep axis with several values, or None if no such axis exists."""
     for name in points[0]:
         found = {point[name] for point in points if isinstance(point[name], int | float) and not isinstance(point[name], bool)}
         if len(found) > 1 and all(isinstance(point[name], int | float) for point in points):

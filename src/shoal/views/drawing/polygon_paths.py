@@ -28,6 +28,6 @@ def path_of_rings(rings: Iterable[Ring]) -> Any:
 
 
 def hole_in(frame: Ring, ring: Ring) -> Ring:
-    """Return a closed line (ring) with the orientation opposite to ``frame``, so that drawing makes it a hole in ``frame``."""
+    """Return the closed line ``ring`` with the orientation opposite to ``frame``. In drawings, this line is a hole in ``frame``."""
     areas = [float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y)) for x, y in (ring.T, frame.T)]
     return ring if areas[0] * areas[1] < 0 else ring[::-1]

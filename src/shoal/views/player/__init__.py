@@ -1,10 +1,10 @@
 """The player: a self-contained HTML page that plays an episode of swarm, steering or search.
 
 The folder ``shared/`` contains the page template, styles and scripts for all episodes. The folders ``swarm/``, ``steering/`` and
-``search/`` contain additional files for the episodes of one part of Shoal. The player page of a swarm episode is small (about
-70 kB), because the page simulates the episode from the start cells and the commands of the particles, which take only a few kB.
-A player page cannot simulate noise, so the page of an episode with noise contains the observable data of each move. The player
-pages of steering episodes and of searches contain trajectories that consist of straight segments.
+``search/`` contain additional files for the episodes of one part of Shoal. The player page of a swarm episode is small (about 70
+kB). The page contains only the start cells and the commands of the particles (a few kB), and simulates the episode. A player page
+cannot simulate noise, so the page of an episode with noise contains the observable data of each move. The player pages of steering
+episodes and of searches contain trajectories that consist of straight segments.
 """
 
 from __future__ import annotations

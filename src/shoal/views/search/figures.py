@@ -121,7 +121,7 @@ def _draw_ground(axes: Axes, history: SearchHistory) -> None:
 
 
 def _even_odd(rings: Sequence[NDArray[np.float64]]) -> Any:
-    """Return a path that contains the points inside an odd number of closed lines. The first line must enclose all others."""
+    """Return a path that contains the points inside an odd number of closed lines. The first line must enclose all other lines."""
     frame, *rest = rings
     return path_of_rings([frame, *(hole_in(frame, one) for one in rest)])
 
@@ -293,7 +293,7 @@ def _not_seen(history: SearchHistory) -> Any:
 
 
 def _holes_text(region: SearchRegion) -> str:
-    """Return a text that names the kinds of holes in a region (hole, no-go zone, or both); an empty text without holes."""
+    """Return the kinds of holes in a region as text (hole, no-go zone, or both). For a region without holes, the text is empty."""
     barred = {bool(hole.intersects(region.no_go)) for hole in region.holes}
     return " or ".join(name for name, is_zone in (("hole", False), ("no-go zone", True)) if is_zone in barred)
 

@@ -1,4 +1,4 @@
-"""The history of a search episode for drawing: the positions and activities of each robot over time, and the robot of each cell."""
+"""The history of a search episode for drawings: each robot's positions and activities, and the robot that searched each cell."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class SearchHistory:
 
     @cached_property
     def end(self) -> float:
-        """Time of the last event of the search, in cell times (the time that a robot of speed 1 needs for one cell); above 0."""
+        """Time of the last event of the search, in cell times (the time that a robot of speed 1 needs for one cell); at least 1."""
         moments = [state[0] for log in self.episode.trace.robots for state in log.states]
         moments += [float(log.times[-1]) for log in self.episode.trace.robots if log.times.size]
         return max([1.0, *moments, *self.episode.trace.declared.values()])
@@ -109,7 +109,8 @@ class SearchHistory:
 
         A stop is a cell in which the robot searched. For a stop in the robot's own part of the tour, the value is 0. With a
         footprint wider than one cell, the value is 0 if the robot sees at least one new cell of its own part. If the robot sees new
-        cells of other parts only, the value names the part with the most newly seen cells.
+        cells of other parts only, the value names the part with the most newly seen cells. If several robots must search each cell,
+        the parts of the next robots along the tour also count as the robot's own part.
         """
         owner, ranks = self.owners
         theirs = owner[self.episode.trace.robots[robot].cells]
@@ -130,7 +131,7 @@ class SearchHistory:
 
     @cached_property
     def first(self) -> tuple[Floats, Numbers]:
-        """For each cell, the time of its first search (infinity for none), and the number of the searching robot (0 for none).
+        """The time of the first search of each cell, and the number of the searching robot; infinity and 0 for an unsearched cell.
 
         A search by a robot with the fault `Liar` does not count.
         """
@@ -149,7 +150,7 @@ class SearchHistory:
 
     @cached_property
     def taken(self) -> NDArray[np.bool_]:
-        """For each cell in tour order, whether the robot that searched the cell first did so for another robot; bool."""
+        """For each cell in tour order, whether the first search came from a stop in another robot's part (see `others`); bool."""
         found = np.zeros(self.n_cells, dtype=np.bool_)
         for robot in range(self.n_robots):
             seen = self.episode.seen[robot]

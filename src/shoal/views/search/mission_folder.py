@@ -28,12 +28,12 @@ MAP = "map.png"
 
 
 class MissionFolder:
-    """A folder for the missions of a search plan; the missions assume that no robot has a fault.
+    """A folder for the missions of a search plan. The missions assume that no robot has a fault.
 
     Raises
     ------
     InvalidInputError, UnknownNameError
-        If an option is invalid, or if a rover would have to leave the region; the constructor raises the error before any planning.
+        If an option is invalid, or if a rover would have to leave the region. The constructor raises the error before any planning.
     """
 
     def __init__(self, folder: Path, problem: SearchProblem, options: MissionOptions) -> None:

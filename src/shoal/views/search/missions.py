@@ -137,7 +137,7 @@ def _draw_ways(
     levels: Sequence[Any],
     region: SearchRegion,
 ) -> None:
-    """Draw the mission paths: solid from the first to the last waypoint of the search, and dashed on the ways out and home.
+    """Draw the path of each mission: solid in the search itself, and dashed from home to the search and from the search to the end.
 
     Dashed circles show where vehicles loiter.
     """
@@ -160,7 +160,7 @@ def _draw_ways(
 def _searched(mission: Mission, way: Any, region: SearchRegion) -> slice:
     """Return the slice of a mission's waypoints that belong to the search.
 
-    If a file does not tell these waypoints, the ways out and home are the waypoints outside the region, as in `searching`.
+    If a mission file does not mark these waypoints, the function derives them from the border of the region, as in `searching`.
     """
     if mission.waypoints_out is not None:
         return mission.searched
@@ -195,9 +195,10 @@ def _draw_places(axes: Axes, missions: Sequence[Mission], region: SearchRegion) 
 
 
 def label_offsets(places: Any) -> list[tuple[float, float]]:
-    """Return the offset of a label from each place, in the direction in which other places and labels are farthest; in points.
+    """Return the offset of each place's label from the place, in points (1/72 inch).
 
-    Of equally good directions, the function prefers down, and then up.
+    The function chooses the direction in which the label is farthest from the nearest other place or label. Of equally good
+    directions, the function prefers down, and then up.
     """
     angles = np.radians([270, 90, 180, 0, 225, 315, 135, 45])
     around = _BESIDE * np.column_stack([np.cos(angles), np.sin(angles)])
@@ -226,7 +227,7 @@ def _draw_approach(axes: Axes, approach: MissionApproach) -> None:
 
 
 def _heights_by_robot(missions: Sequence[Mission], levels: Sequence[Any]) -> list[tuple[int, str]]:
-    """Return each robot with its altitudes as text; an empty list for more robots than colours."""
+    """Return each robot's number and its range of altitudes as text. For more robots than colours, the list is empty."""
     found: dict[int, set[float]] = {}
     for mission, ups in zip(missions, levels, strict=True):
         found.setdefault(mission.robot, set()).update(ups.tolist())

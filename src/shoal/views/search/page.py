@@ -46,9 +46,9 @@ def page_data(episode: SearchEpisode) -> dict[str, object]:
 
         The drawing consists of rows of squares, usually one square for each cell. ``box`` holds the left, bottom, right and top
         edge of all squares together, in metres. ``shape`` holds the numbers of rows and columns of squares. ``size`` is the side of
-        a square in metres. ``cellSize`` is a text with the sides of the cells.
-        ``labels`` holds [text, x, y] for the label above each layer, if the drawing has several layers. ``parts`` is a list of the
-        region's polygons, each polygon a list of closed lines.
+        a square in metres. ``cellSize`` is a text with the sides of the cells. ``labels`` holds [text, x, y] for the label above
+        each layer, if the drawing has several layers. The list ``parts`` contains the polygons of the region. A polygon is a list
+        of closed lines.
 
         ``first`` holds the time of the first search of each searched square (float32, increasing). ``searched`` holds the times of
         the first searches of all cells, if the squares of the drawing are smaller than cells. For each searched square, ``by``

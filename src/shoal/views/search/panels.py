@@ -119,7 +119,7 @@ class LayerPanels:
 
     @property
     def labels(self) -> list[tuple[str, float, float]]:
-        """For each panel, its label and the x and y of its upper left corner in metres; an empty list for a single layer."""
+        """The label of each panel, and the x and y of its upper left corner in metres. For a single layer, the list is empty."""
         if len(self.layers) == 1:
             return []
         ups, tour, (left, _, _, top) = self.plan.altitudes, self.plan.tour, self.extent

@@ -53,9 +53,9 @@ class RobotWays:
         self.episode = episode
 
     def stop_ends(self, robot: int) -> Numbers:
-        """Return where a robot's route has its start and the points at which the robot searched a cell; int64, shape (k + 1,).
+        """Return indices of points of a robot's route; int64, shape (k + 1,).
 
-        The values are indices of points of the route.
+        The indices are those of the start and of the k points at which the robot searched a cell.
         """
         log, route = self.episode.trace.robots[robot], self.episode.routes[robot]
         ends = cell_spans(self.episode.plan, route, log)[:, 1] if len(log.cells) else np.zeros(0, dtype=np.int64)
@@ -64,9 +64,9 @@ class RobotWays:
     def of(self, robot: int) -> Floats:
         """Return the route of a robot, (x, y) in metres and possibly the layer; float64, shape (k, 2) or (k, 3).
 
-        The third column holds the layer, and exists only if the grid has several layers. A point between two cells belongs to the
-        layer with the nearer altitude. If the altitudes of both cells are equally near, a point between them belongs to the layer
-        of the second cell.
+        If the grid has several layers, a third column holds the layer. A point between two cells belongs to the layer with the
+        nearer altitude. If the altitudes of both cells are equally near, a point between them belongs to the layer of the second
+        cell.
         """
         plan, route, log = self.episode.plan, self.episode.routes[robot], self.episode.trace.robots[robot]
         if route.points.shape[1] == 2 or not len(log.cells):
@@ -132,7 +132,10 @@ class RobotWays:
         return self._with_ways_home(robot, RobotTrajectory(times[new], points[new]))
 
     def _with_ways_home(self, robot: int, trajectory: RobotTrajectory) -> RobotTrajectory:
-        """Insert a path to the start and back wherever the time between two searched cells shows that the robot recharged."""
+        """Return the trajectory with a path to the launch point and back wherever the robot recharged between two searched cells.
+
+        The time between the two searches shows that the robot recharged.
+        """
         plan, log, brief = self.episode.plan, self.episode.trace.robots[robot], self.episode.scenario.brief
         if brief.energy == inf or plan.tour_cost.stepwise:  # the latter's paths home are part of the route
             return trajectory

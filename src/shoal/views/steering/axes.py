@@ -82,7 +82,11 @@ def legend_below(axes: Axes, *, off: float = 0.06) -> None:
 
 
 def _ends(way: NDArray[np.float64], size: float) -> list[tuple[NDArray[np.float64], list[str]]]:
-    """Return the end points of the moves with the numbers of the moves, except for moves that do not displace the particle."""
+    """Return the points of a particle's path at which moves end, each with the numbers of these moves.
+
+    The list omits moves that do not displace the particle. Nearly equal end points share one entry. If the path has more than
+    `_BENT` moves, the list is empty.
+    """
     labelled: list[tuple[NDArray[np.float64], list[str]]] = []
     if len(way) - 1 > _BENT:
         return labelled

@@ -1,4 +1,4 @@
-"""The number of each move in a chart, written beside the end point of the move, where it covers no path, wall or mark."""
+"""The number of each move in a chart, written beside the end point of the move, if possible clear of paths, walls and marks."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class MoveNumbers:
         self._taken = np.concatenate([*(_dense(line * self._scale) for line in lines), rings])
 
     def write(self, place: NDArray[np.float64], numbers: list[str], colour: str) -> None:
-        """Write the numbers of the moves that end at ``place`` beside this place, where the text covers the least."""
+        """Write the numbers of the moves that end at ``place`` beside this point, at the offset where the text covers the least."""
         text = ", ".join(numbers[:_MOST]) + ("…" if len(numbers) > _MOST else "")
         half = SIZE * np.array([0.3 * len(text), 0.4])
         offsets = [apart * way + half * way / np.abs(way).max() for apart in _APART for way in _WAYS]
@@ -59,7 +59,7 @@ class MoveNumbers:
         )
 
     def _space(self, middle: NDArray[np.float64], half: NDArray[np.float64]) -> float:
-        """Return the distance between a box and the nearest thing drawn, in points; negative if the box covers something."""
+        """Return the distance between a box and the nearest drawn object, in points; negative if the box covers an object."""
         apart = np.abs(self._taken - middle) - half
         inside = apart.max(axis=1)
         outside = np.hypot(*np.maximum(apart, 0.0).T)
@@ -71,14 +71,14 @@ _CORNERS = np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)]
 
 
 def _points_per_unit(axes: Axes) -> float:
-    """Return the scale of axes that have the same scale in both directions, in points of the figure."""
+    """Return the length of one unit of the axes in points (1/72 inch), for axes with the same scale in both directions."""
     box, dpi = axes.get_window_extent(), axes.figure.dpi
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     return float(min(box.width / (right - left), box.height / (high - low)) * 72.0 / dpi)
 
 
 def _dense(line: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points on a line that are at most two units apart; float64, shape (n, 2)."""
+    """Return points on a line, at most two units from each point to the next point; float64, shape (n, 2)."""
     parts = [line[-1:]]
     for here, there in pairwise(line):
         count = int(np.ceil(np.hypot(*(there - here)) / 2.0)) + 1

@@ -228,7 +228,7 @@ def points_at(episode: SteeringEpisode, trajectories: list[MoveTrajectory], mome
 def draw_trails(
     canvas: Canvas, trajectories: list[MoveTrajectory], moment: FilmMoment, at: Any, unit: float, *, shadow: bool = False
 ) -> None:
-    """Draw the paths of all particles, with paler colours for earlier moves; if ``shadow`` is true, in grey."""
+    """Draw the paths of all particles in colours, or in grey if ``shadow`` is true. Earlier moves are paler."""
     for k, trajectory in enumerate(trajectories[: moment.move + 1]):
         old = k < moment.move
         ways = trajectory.points if old else trajectory.until(moment.share)

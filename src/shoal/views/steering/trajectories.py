@@ -185,7 +185,7 @@ class FilmSchedule:
         self.seconds = self.starts[-1] if trajectories else _FIRST_REST + _LAST_REST
 
     def at(self, seconds: float) -> FilmMoment:
-        """Return the moment of the film at a time in seconds; moves begin and end smoothly."""
+        """Return the moment of the film at a time in seconds. Moves begin and end smoothly."""
         if not self.lasting:
             return FilmMoment(0, 0.0)
         move = min(max(bisect_right(self.starts, seconds) - 1, 0), len(self.lasting) - 1)
@@ -193,7 +193,7 @@ class FilmSchedule:
         return FilmMoment(move, part * part * (3 - 2 * part))
 
     def moments(self, rate: float, at_most: int) -> tuple[list[FilmMoment], float]:
-        """Return the moments of a film's frames and the frame rate, which is lower than ``rate`` for long films."""
+        """Return the moments of a film's frames, and the frame rate. For a long film, the frame rate is lower than ``rate``."""
         count = max(2, min(round(self.seconds * rate), at_most))
         return [self.at(self.seconds * k / (count - 1)) for k in range(count)], count / self.seconds
 

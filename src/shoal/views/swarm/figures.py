@@ -136,7 +136,7 @@ def _legend(axes: Axes, *, coverage: bool, noisy: bool, seen: bool) -> None:
 def frontier_figure(episodes: SwarmEpisode | Sequence[SwarmEpisode]) -> Figure:
     """Return a figure of the number of frontier cells over the moves, as in figure 8 of paper M.
 
-    A line shows each of the first 200 episodes; for several episodes, a thick line shows the median of all episodes.
+    A line shows each of the first 200 episodes. For several episodes, a thick line shows the median of all episodes.
 
     Raises
     ------

@@ -28,7 +28,7 @@ VOLUME_SIDE = 720  # pixels of the rotating view
 
 
 def clip_of(episode: SwarmEpisode, suffix: str) -> Clip[int]:
-    """Return the film of a swarm episode, ready for encoding as GIF or H.264; the film of a long episode skips moves."""
+    """Return the film of a swarm episode, ready for encoding as GIF or H.264. The film of a long episode skips moves."""
     volume = episode.workspace.ndim == 3
     shown = shown_moves(episode.moves, LONGEST[".gif" if volume else suffix])
     return Clip(

@@ -110,17 +110,18 @@ def move_distributions(line: Line, sample: LineSample, *, printed: Sequence[floa
 
 
 def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike, growth: ArrayLike) -> Figure:
-    """Return a figure for theorem 1 of paper M: the larger of move ratio and scan ratio, against the wall's largest distance 10^k.
+    """Return a figure for theorem 1 of paper M: max(move ratio, scan ratio), drawn against the largest distance 10^k of the wall.
 
-    The move ratio is the number of moves divided by the smallest possible number, and the scan ratio is the same for scans.
+    The move ratio is the number of moves divided by the smallest possible number of moves. The scan ratio is the number of scans
+    divided by the smallest possible number of scans.
 
     Parameters
     ----------
     decades : sequence of int
         Exponents k of the largest distances 10^k.
     ours, best, growth : array_like of float, shape (k,)
-        ``ours`` is the larger of move ratio and scan ratio in the worst case for the schedule i^i, and ``best`` is the larger of
-        both ratios for the best possible schedule. ``growth`` is log D / log log D for the largest distance D.
+        ``ours`` is max(move ratio, scan ratio) of the schedule i^i in the worst case. ``best`` is the smallest possible value of
+        this maximum over all schedules. ``growth`` is log D / log log D for the largest distance D.
     """
     figure = new_figure(7.6, 3.8)
     left, right = figure.subplots(1, 2)
@@ -139,7 +140,11 @@ def simultaneous_ratios(decades: Sequence[int], ours: ArrayLike, best: ArrayLike
 
 
 def schedule_ratios(schedules: Sequence[ScanSchedule], *, max_distance: int) -> Figure:
-    """Return a figure of the moves and the scans of scan schedules, divided by their optima, against the distance of the wall."""
+    """Return a figure of the move ratios and the scan ratios of scan schedules, drawn against the distance of the wall.
+
+    The move ratio is the number of moves divided by the smallest possible number of moves. The scan ratio is the number of scans
+    divided by the smallest possible number of scans.
+    """
     figure = new_figure(7.6, 4.2)
     left, right = figure.subplots(1, 2)
     colours = (BLUE, ORANGE, GREEN, PURPLE, MUTED, SKY)

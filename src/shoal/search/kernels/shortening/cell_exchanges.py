@@ -1,9 +1,11 @@
-"""Exchanges of cells in a closed tour that make it shorter, where each turn costs some length.
+"""Exchanges of cells that make a closed tour shorter, where each turn counts as additional length.
 
-The tour is an ``order`` (N) of cells, and ``place`` (N) is the inverse of the order. ``points`` (N, 2) are the viewpoints of the
-cells in cell sides. ``beside`` (N, 9) are the cells around each cell, row by row, or -1 if no vehicle can move there directly.
+The array ``order`` (N) contains the cells in the order of the tour, and ``place`` (N) contains the index of each cell in ``order``.
+The array ``points`` (N, 2) contains the viewpoints of the cells in cell sides. Row k of ``beside`` (N, 9) contains the 3 x 3 cells
+around cell k, row by row, or -1 where no vehicle can move directly from cell k.
 
-An exchange replaces up to three links of the tour. The rows of ``cut`` and ``new`` are the replaced and the new links.
+An exchange replaces up to three links of the tour. The rows of ``cut`` are the replaced links, and the rows of ``new`` are the new
+links.
 """
 
 from __future__ import annotations
@@ -14,7 +16,7 @@ from shoal.jit import in_place_kernel, kernel
 
 _LESS = 1e-7
 _LONGEST = 3  # maximum number of consecutive cells that are moved together
-_STRAIGHT = 0.01745  # sine of a degree
+_STRAIGHT = 0.01745  # sine of an angle of one degree
 
 
 @in_place_kernel
@@ -26,7 +28,7 @@ def distance(points, one, other):
 
 @in_place_kernel
 def bends(points, before, here, after):
-    """Return whether the direction changes by more than a degree in a cell."""
+    """Return whether the direction changes by more than one degree in the cell ``here``."""
     x, y = points[here, 0] - points[before, 0], points[here, 1] - points[before, 1]
     u, v = points[after, 0] - points[here, 0], points[after, 1] - points[here, 1]
     size = np.sqrt((x * x + y * y) * (u * u + v * v))
@@ -35,7 +37,7 @@ def bends(points, before, here, after):
 
 @in_place_kernel
 def added_cost(points, order, place, bent, turn, cut, new, count, most):
-    """Return the added cost (length plus turns) of replacing ``count`` links; infinity for a cost above ``most``.
+    """Return the added cost (length plus turns) of replacing ``count`` links, or infinity if this cost exceeds ``most``.
 
     ``bent`` (N) is 1 for each cell in which the tour turns, otherwise 0.
     """
@@ -119,7 +121,7 @@ def move(order, place, first, count, behind, backwards, moved):
 
 @in_place_kernel
 def best_reversal(points, cells, beside, order, place, bent, turn, here, cut, new, found):
-    """Write to ``found`` the best exchange of two links that links the cell ``here`` to a cell beside it.
+    """Write to ``found`` the best exchange of two links in which a new link joins the cell ``here`` to a cell beside it.
 
     The first three entries of ``found`` are the saving, and the first and the last place of the reversed part of the tour.
     """
@@ -149,7 +151,7 @@ def best_move(points, cells, beside, order, place, bent, turn, here, cut, new, f
     """
     n = len(order)
     for k in range(18 * _LONGEST):
-        slot, count = k // (2 * _LONGEST), k // 2 % _LONGEST  # the number of cells, less one
+        slot, count = k // (2 * _LONGEST), k // 2 % _LONGEST  # ``count`` is the number of moved cells minus 1
         other, first = beside[here, slot], (place[here] - k % 2 * count) % n
         if other < 0 or other == here or (place[other] - first) % n <= count:
             continue

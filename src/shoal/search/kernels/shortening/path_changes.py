@@ -1,7 +1,7 @@
 """Changes of a path that make it shorter or straighter, while a square that moves along the path still passes over all targets.
 
-A ``path`` (M, 2) has two fixed points at each end. The square moves from the second point to the last but one. Each target is a
-box (left, low, right, high) around a point. The square passes over the point if its centre passes through the box.
+A ``path`` (M, 2) has two fixed points at each end. The square moves from the second point to the last but one. Each target is a box
+(left, low, right, high) around a point. The square passes over the point if the centre of the square passes through the box.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from shoal.search.kernels.stabbing import clip
 DELETE, TO_MIDDLE, TO_PREVIOUS, TO_NEXT, JOIN, BOTH_BACK = range(6)
 """The kinds of changes: see `changed`."""
 
-_LESS = 1e-3  # minimum saving relative to the price of a turn
+_LESS = 1e-3  # minimum saving, divided by the cost of a turn
 
 
 @in_place_kernel
@@ -46,7 +46,10 @@ def passes_over(path, count, boxes):
 
 @in_place_kernel
 def slide(path, v, other, step, result):
-    """Move point v by a step towards another point (away from it if ``step`` < 0), or return False if v would reach the point."""
+    """Write to ``result`` the point v, moved by ``step`` towards point ``other``. Return False if v would reach this point.
+
+    If ``step`` is negative, point v moves away from point ``other``.
+    """
     length = distance(path, v, other)
     if length < 1e-9 or step >= length:
         return False

@@ -17,7 +17,7 @@ from shoal.search.regions.formats.marks import can_mark, names_no_go
 from shoal.search.regions.limits import LARGEST_DATABASE, LARGEST_FILE, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutlines
 
-_STEPS = 50_000_000  # steps of SQLite's virtual machine; a table with the maximum number of polygons needs a hundredth of them
+_STEPS = 50_000_000  # maximum steps of SQLite's virtual machine; a table with the most allowed polygons needs 1 % of the steps
 _AT_ONCE = 10_000
 _POINT, _LINE, _POLYGON = 1, 2, 3  # types of well-known binary
 _DEEPEST = 10

@@ -65,7 +65,7 @@ def _outlines(text: str, where: str) -> RegionOutlines:
 
 
 def _zones(root: Element) -> set[int]:
-    """Return the identities of the polygons that their placemark, or a folder around them, marks as no-go zones."""
+    """Return the identities of the polygon elements that a placemark or a folder around the polygon marks as no-go zones."""
     marked = [one for one in root.walk() if one.tag in _CONTAINERS and names_no_go(_child(one, "name"))]
     marked += [one for one in root.all("Placemark") if _is_no_go(one)]
     return {id(polygon) for one in marked for polygon in one.all("Polygon")}

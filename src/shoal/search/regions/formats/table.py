@@ -15,7 +15,7 @@ from shoal.search.regions.formats.marks import names_no_go
 from shoal.search.regions.limits import LARGEST_FILE, MOST_CORNERS, MOST_PAIRS, MOST_POLYGONS, check_count
 from shoal.search.regions.outline_checks import RegionOutline, RegionOutlines, Ring, check_metres, check_ring, text_of
 
-_HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column contains, and whether it is in degrees, if known
+_HEADINGS: dict[str, tuple[int, bool | None]] = {  # the coordinate in a column, and whether it is in degrees (None if unknown)
     **dict.fromkeys(("x", "east", "easting"), (0, None)),
     **dict.fromkeys(("y", "north", "northing"), (1, None)),
     **dict.fromkeys(("x_m", "x[m]", "x (m)"), (0, False)),
@@ -24,7 +24,7 @@ _HEADINGS: dict[str, tuple[int, bool | None]] = {  # which coordinate a column c
     **dict.fromkeys(("latitude", "lat", "y_deg"), (1, True)),
 }
 _LABELS = ("ring", "part", "polygon", "zone", "name")
-_WIDEST_IN_DEGREES = 2.0  # a wider region is refused in any unit
+_WIDEST_IN_DEGREES = 2.0  # coordinates in degrees with a wider range cannot be a region
 
 
 class Vertex(NamedTuple):
@@ -164,7 +164,7 @@ def _pairs(shapes: list[Any], *, where: str) -> Iterator[tuple[int, int, bool, b
 
 
 def _nested(rings: list[Ring], *, metres: bool) -> tuple[RegionOutline, ...]:
-    """Separate outlines and holes. A ring inside an odd number of rings is a hole in the smallest ring around it."""
+    """Return outlines with their holes. A ring inside an odd number of rings is a hole in the smallest ring around it."""
     import shapely
 
     for ring in rings if metres else ():

@@ -59,7 +59,7 @@ def parse_xml(text: str, *, root: str) -> Element:
         If the text is not XML, is too large or too deeply nested, or has another root element. If only the root element is wrong,
         the attribute ``readable`` of the error is true.
     """
-    parser = expat.ParserCreate("utf-8")  # whatever encoding the text declares, because it is already decoded
+    parser = expat.ParserCreate("utf-8")  # the text is already decoded, so the parser ignores the encoding that the text declares
     parser.buffer_text = True
     top = Element("", 0, {})
     open_elements = [top]

@@ -176,8 +176,8 @@ class Agent:
     def _set_out(self, aim: Go, cell: int) -> None:
         """Start a leg to a cell.
 
-        The length of the leg is the robot's own estimate. Only if the robot stands between two cells, the length is measured from
-        the position of its vehicle.
+        The robot estimates the length of the leg. If the robot stands between two cells, the agent measures the length from the
+        position of the vehicle.
         """
         if aim.through:
             length = self.robot.cost
@@ -195,7 +195,7 @@ class Agent:
         at = way[-1] if way else self.robot.cell
         self._passed += way
         cost = self._scenario.path_length(self.robot.cell, way) + LOOK + self.robot.way_out(at)
-        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # the leg ends one cell before its end
+        self._drive_to(Halt(obstacle, at), at, cost, cost + 1.0)  # the vehicle stops one cell before the end of this leg
         self._leave()
 
     def _go_home(self, aim: GoHome) -> None:

@@ -49,7 +49,7 @@ def main(file: int, size: int, pipes: list[tuple[int, int]]) -> int:
         while os.read(_STARTER, 1):
             pass
     finally:
-        for robot in robots:  # not waited for earlier, so that each number still identifies its process
+        for robot in robots:  # no process has been waited for, so each number still identifies its process
             os.kill(robot, signal.SIGKILL)
         for robot in robots:
             os.waitpid(robot, 0)

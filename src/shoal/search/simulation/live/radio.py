@@ -28,7 +28,7 @@ LOOPBACK = "127.0.0.1"
 LARGEST = 65_507  # maximum bytes of a datagram
 _WAITING = 1 << 20  # bytes of the receive buffer
 _AT_ONCE = 1000  # maximum number of messages processed before the robot does something else
-# number of refused messages after which the robot does something else; the same per source, which is then ignored for a while
+# number of refused messages after which the radio rests, and number from one source after which the radio ignores the source
 _REFUSED = 50
 _REST, _BANNED = 0.01, 1.0  # seconds without listening after too many refusals, and seconds for which a source is ignored
 

@@ -1,4 +1,4 @@
-"""The supervisor of a live search: it starts robots, kills those that are to crash, records reports, and ends all processes."""
+"""The supervisor of a live search starts robots, kills the robots that are to crash, records reports, and ends all processes."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from shoal.search.simulation.live.task import LiveTask
 from shoal.search.simulation.scenario import Scenario
 
 _STARTUP = 120.0  # seconds
-_AHEAD = 0.1  # seconds: robots learn time 0 in advance, so that all start at once
+_AHEAD = 0.1  # seconds from the order to start until the start, so that all robots start at once
 _LAST = ("declared", "killed", "stopped", "failed")  # events after which a process may end
-_SLACK = (60.0, 10.0)  # time limit: seconds, and multiple of the time that one robot needs for the whole search
+_SLACK = (60.0, 10.0)  # time limit: seconds, plus this multiple of the time that one robot needs for the whole search
 
 
 def run_live(
@@ -119,7 +119,7 @@ def _check(scenario: Scenario, *, speed: float, port: int) -> None:
 
 
 def _key_of(brief: Brief, starts: Sequence[int], key: bytes) -> bytes:
-    """Return the key that signs the messages of one search. Different searches have different keys, even with the same ``key``."""
+    """Return the key that signs the messages of one search. Different searches get different keys from the same secret ``key``."""
     told = hashlib.sha256(brief.tour_cost.tour.cells.tobytes())
     told.update(repr((brief.allocator, brief.multiplicity, tuple(starts))).encode())
     return hmac.digest(key or secrets.token_bytes(32), told.digest(), "sha256")
@@ -140,7 +140,7 @@ def _reserved(channel: str, port: int, stack: ExitStack) -> tuple[Channel, int]:
 
 
 class _Watch:
-    """An observer of the robots during the search, which does nothing but kill processes and record events."""
+    """An observer of a search. The observer only kills processes and records events."""
 
     def __init__(self, pool: ProcessPool, task: LiveTask, on_event: Callable[[LiveEvent], None] | None, startup: float) -> None:
         self._pool, self._task, self._on_event, self._startup = pool, task, on_event, startup

@@ -16,14 +16,15 @@ TURN = 0.9  # fraction of the largest turn that a cycle allows
 def antipodal_chain(query: ChainQuery, *, cycles: int, sides: tuple[float, float] = (1.0, -1.0)) -> Chain | None:
     """Return a chain of wall contacts on a disk to a position difference that is nearly as long as the diameter of the disk.
 
-    The result is None if the goals' distance is much shorter than the diameter of the disk, or if the chain would need more cycles
-    than ``cycles`` allows.
+    The result is None if the goals' distance is much shorter than the diameter of the disk, or if the chain would need more than
+    ``cycles`` cycles.
 
     On a disk of radius r, one cycle can increase the distance D of the particles to sqrt(2 r D) at most. Such a cycle turns the
-    position difference by acos(sqrt(D / (2 r))) radians to the left or to the right. The algorithm plans backwards from the goals:
-    a cycle that ends at the distance D and turns by the angle t starts at the distance D cos t. The algorithm adds such cycles
-    until a chain of a few cycles can lead from the start to the first of them. ``sides`` contains two signs, which the backward
-    turns use alternately; a positive sign means a counter-clockwise turn.
+    position difference by acos(sqrt(D / (2 r))) radians to the left or to the right. The algorithm plans backwards from the goals.
+    A cycle that ends at the distance E and turns by the angle t starts at the distance E cos t. The algorithm adds such cycles
+    until the position difference before the earliest cycle is at most 0.6 times as long as the diameter of the disk. A chain of at
+    most three other cycles leads from the start to this position difference. ``sides`` contains two signs, which the backward turns
+    use alternately. A positive sign means a counter-clockwise turn.
 
     Notes
     -----

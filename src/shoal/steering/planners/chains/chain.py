@@ -27,7 +27,7 @@ _DEEPEST = 12  # cycles of a chain that is refined without search
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """A sequence of cycles: wall contacts, each followed by an adjustment by the other particle; in the units of `NormalizedWalls`.
+    """A sequence of cycles (a wall contact, then an adjustment by the other particle), in the units of `NormalizedWalls`.
 
     Parameters
     ----------
@@ -38,6 +38,7 @@ class Chain:
     unknowns : ndarray of float64, shape (cycles (d - 1) + (cycles - 1) d,)
         Positions of the contacts along their walls, followed by the position differences of the particles between the cycles.
     length : float
+        Total length of the moves; infinite if the length has not been computed.
     last : ndarray of float64, shape (d,), optional
         The position difference after the last cycle, if it is not the position difference of the goals.
     """
@@ -110,8 +111,8 @@ class ChainQuery(StartAndGoal):
     push : float
         Minimum component of each adjustment into the wall that holds the touching particle, in the units of `NormalizedWalls`.
     rounds : ndarray of float64
-        For each round of the optimization, the sharpness of the barrier function that keeps a chain inside its limits. A few rounds
-        with low sharpness give a chain far from all limits.
+        For each round of the optimization, the sharpness of the barrier function that keeps a chain inside its limits. The
+        lower the last sharpness is, the farther from its limits the chain stays.
     deadline : float
         Time at which the search stops, in seconds on the clock `time.monotonic`.
     """

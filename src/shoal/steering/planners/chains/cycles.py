@@ -24,6 +24,7 @@ class Cycle(NamedTuple):
     toucher : int
         Index, 0 or 1, of the particle that the wall holds.
     wall : int
+        Index of the wall that holds the touching particle.
     low, high : float
         Ends of the interval of possible contacts, as positions along the wall.
     after : ndarray of float64, shape (2,)

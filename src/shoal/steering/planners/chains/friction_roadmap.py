@@ -1,8 +1,8 @@
 """Nodes of a roadmap of position differences, for a disk with friction.
 
 There are two kinds of nodes. Nodes of the first kind are the shortest position differences from which one, two, three and more
-cycles lead to the goals. Nodes of the second kind are position differences on a path to the goals on which the position difference
-turns and becomes shorter.
+cycles lead to the goals. Nodes of the second kind lie on a path to the goals along which the position difference turns and becomes
+shorter.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def _smallest_before(size: float, radius: float, cone: float, margin: float) -> 
 
 
 def turning_nodes(before: Points, after: Points, *, radius: float, friction: float) -> Points:
-    """Return position differences that turn and become shorter on the path from ``before`` to ``after``; shape (nodes, 2).
+    """Return position differences on a path from ``before`` to ``after`` that turns and becomes shorter; shape (nodes, 2).
 
     The result is empty if ``after`` is not shorter than ``before``, if friction prevents a path to ``after``, or if the position
     difference could turn without becoming shorter.

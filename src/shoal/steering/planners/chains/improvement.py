@@ -103,7 +103,7 @@ class ChainPool:
         return 1
 
     def improve(self, tries: int) -> None:
-        """Try ``tries`` changes of the pool's chains, beginning with the shortest chain."""
+        """Try at most ``tries`` changes of the pool's chains, beginning with the shortest chain."""
         while tries > 0 and not self.query.late:
             parent = next((chain for chain in self.chains if id(chain) not in self._expanded), None)
             if parent is None:
@@ -228,8 +228,8 @@ def _new_contacts(
 ) -> Iterator[tuple[int, Points, float, float]]:
     """Yield the wall, contact, fraction and path length of each possible new cycle of a particle at ``point``.
 
-    The fraction is the part of the chain's next change of the position difference that the new cycle takes over. The path length is
-    the distance from ``point`` to the wall.
+    Let u be the change of the position difference by the next cycle of the chain. The new cycle changes the position difference by
+    the fraction times u. The path length is the distance from ``point`` to the wall.
     """
     walls = query.walls
     flat = len(walls.normals)
@@ -259,7 +259,7 @@ def improved_chains(query: ChainQuery, seeds: Iterable[Chain] = ()) -> list[Chai
     ----------
     query : ChainQuery
     seeds : iterable of Chain
-        Chains with which the search starts, in addition to the chains that it finds itself.
+        Chains with which the search starts, in addition to the chains of one, two and three cycles that it finds itself.
     """
     pool = ChainPool(query)
     for chain in seeds:

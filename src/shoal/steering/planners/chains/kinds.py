@@ -2,9 +2,9 @@
 
 The path of a particle via some walls is at least as long as the distance from its start to the mirror image of its goal in these
 walls. The position difference of two particles changes only during moves in which a wall holds a particle. Let c be the length of
-the total change of the position difference, from the start to the goals. If only one particle touches walls, the chain is at least
-as long as the path of this particle plus c. If both particles touch walls, the length of the chain is at least half of the sum of c
-and the lengths of both paths.
+the total change of the position difference, from the start to the goals. Let a and b be lower bounds on the lengths of the paths of
+the two particles. If only the particle with the bound a touches walls, the length of the chain is at least a + c. If both particles
+touch walls, the length of the chain is at least (a + b + c) / 2.
 """
 
 from __future__ import annotations

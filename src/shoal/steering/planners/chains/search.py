@@ -18,7 +18,7 @@ _POLISHED = 8  # number of rough chains over a circle that are refined
 
 
 def shortest_chain(query: ChainQuery, *, cycles: tuple[int, ...] = (1, 2, 3), first_found: bool = False) -> Chain | None:
-    """Return the shortest chain of wall contacts with one of the given numbers of cycles, or None if the search finds none.
+    """Return the shortest chain of wall contacts with one of the given numbers of cycles, or None if no chain is found.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ _END = 0.98  # relative to a side: a contact farther out may move to the next si
 
 
 def between_few_sides(query: ChainQuery) -> ChainQuery:
-    """Return a copy of the query in which the polygon has only `FEW` of its sides.
+    """Return a copy of the query in which the polygon has at most `FEW` of its sides.
 
     If the polygon has at most `MANY` sides, or if the chosen sides enclose no area, the function returns ``query`` unchanged.
     """

@@ -32,7 +32,7 @@ class Robust:
 
     Notes
     -----
-    Source: an addition by Shoal, for apparatuses with a nonuniform field such as that in section VII.A of paper W.
+    Source: an addition by Shoal, for apparatuses with a nonuniform field, such as the apparatus in section VII.A of paper W.
     """
 
     name = "robust"
@@ -66,7 +66,7 @@ class Robust:
 def _loop(task: SteeringTask, apparatus: Any, noise: Any, *, slight: float = inf) -> Cycles | Replanning:
     """Return the closed loop that suits the workspace and the noise.
 
-    Noise counts as slight if its standard deviation is at most ``slight`` times the tolerance of the goals.
+    Noise is slight if its standard deviation is at most ``slight`` times the tolerance of the goals.
     """
     convex = not isinstance(task.world.room, Region)
     known = noise.gain > 0 or max(noise.execution, noise.measurement) <= slight * task.tolerance

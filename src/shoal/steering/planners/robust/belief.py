@@ -21,6 +21,7 @@ class PositionBelief:
     Attributes
     ----------
     states : ndarray of float64, shape (states, 2, 2)
+        The possible states. A state holds one row of coordinates for each particle.
     state : ndarray of float64, shape (2, 2)
         The possible state that is nearest to the mean of all possible states.
     """
@@ -35,9 +36,9 @@ class PositionBelief:
         self._settle(self._anew(seen) if states is None else states)
 
     def _followed(self, move: Points, seen: Points) -> NDArray[np.float64] | None:
-        """Return possible states after a move, drawn more often if they agree better with the observed positions ``seen``.
+        """Return possible states after a move, or None if hardly any state agrees with the observed positions ``seen``.
 
-        The result is None if hardly any state agrees with the observation.
+        The method draws states at random. A state that agrees better with the observed positions has a larger probability.
         """
         moves = move + self.rng.normal(scale=self.noise.execution, size=(STATES, 2))
         states = self.states.copy()

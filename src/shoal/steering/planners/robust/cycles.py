@@ -88,7 +88,10 @@ class Cycles:
         return True
 
     def _chain_query(self, margin: float) -> ChainQuery:
-        """Return a query for a chain that keeps ``margin`` from the walls and pushes 1.5 times ``margin`` into the walls."""
+        """Return a query for a chain that keeps ``margin`` from the walls.
+
+        Each adjustment of the chain pushes the touching particle into its wall by at least 1.5 times ``margin``.
+        """
         seen = self.seen
         wanted = self._wanted(seen)
         middle = self.task.goal.mean(axis=0)

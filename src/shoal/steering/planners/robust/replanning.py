@@ -95,8 +95,8 @@ class Replanning:
     def _moves_particles(self, plan: Plan, noise: kernels.Noise) -> bool:
         """Return whether, in at least one noise scenario, the first move of a plan moves a particle farther than the noise does.
 
-        A plan whose first move changes nothing is never carried out: the loop would be in the same state after the move, and would
-        often choose the same move again.
+        The loop carries out a plan whose first move changes nothing only if it has no other plan. After such a move, the loop would
+        be in the same state, and would often choose the same move again.
         """
         move, state = np.zeros(2), np.zeros((2, 2))
         for start, errors in zip(noise.starts, noise.errors, strict=True):
@@ -117,7 +117,7 @@ class Replanning:
             yield from (copy_of(last, first) for first in (0, 1) if 0 < last.count - first <= task.max_moves)
 
     def _new_plans(self, shortening: Shortening, trees: int) -> Iterator[Plan]:
-        """Yield new plans for a world without noise, and the same plans with moves to contacts that aim behind the walls."""
+        """Yield new plans for a world without noise, and copies of these plans whose moves to contacts aim behind the walls."""
         task = shortening.task
         whole = None if isinstance(self.room, Region) else Shortest().plan(task)
         plans = [steps_of(task, np.zeros((0, 2)) if whole is None else whole)]

@@ -16,10 +16,10 @@ SUM, SQUARES = 0, 1  # indices of the measures for each axis
 
 @in_place_kernel
 def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
-    """Write to ``out`` the cells around a centre cell of each world; uint8, shape (worlds, planes, layers, rows, columns).
+    """Write to ``out`` a window of cells around a centre cell of each world, with one plane for each kind of cell.
 
-    The centre of a window is given as layer, row and column. Cells outside the boards appear as obstacles. The boards have
-    ``columns`` columns.
+    The array ``out`` is uint8 and has the shape (worlds, planes, layers, rows, columns). A centre cell is given as layer, row and
+    column. Cells outside the boards appear as obstacles. The boards have ``columns`` columns.
     """
     depth, height, side = out.shape[2], out.shape[3], out.shape[4]
     for i in range(first, last):
@@ -48,10 +48,11 @@ def write_windows(worlds, chosen, planes, centers, columns, out, first, last):
 def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last):
     """Compute sums over the particles of each world, and write the sums to three arrays.
 
-    ``commands``, int64, shape (worlds, commands, 2), counts two kinds of particles for each command: particles that would enter a
-    frontier cell, and particles whose next cell is not a known obstacle and holds no particle. ``axes``, shape (worlds, 3, 2),
-    contains the sums of the particles' layers, rows and columns, and the sums of their squares. ``totals``, shape (worlds, 3),
-    contains the number of particles, the number of frontier cells, and the number of cells that are known or in the frontier.
+    All arrays are int64. The array ``commands`` of shape (worlds, commands, 2) counts two kinds of particles for each command:
+    particles that would enter a frontier cell, and particles whose next cell is not a known obstacle and holds no particle. The
+    array ``axes`` of shape (worlds, 3, 2) contains the sums of the particles' layers, rows and columns, and the sums of the squares
+    of these indices. The array ``totals`` of shape (worlds, 3) contains the number of particles, the number of frontier cells, and
+    the number of cells that are known or in the frontier.
     """
     width, rows = worlds.width, worlds.rows
     for i in range(first, last):
@@ -86,9 +87,10 @@ def measure_worlds(worlds, chosen, columns, commands, axes, totals, first, last)
 
 @in_place_kernel
 def find_nearest(worlds, chosen, work, search, found, first, last):
-    """Write to ``found`` the length, first command and end of the shortest path to the frontier in each world; int64, (worlds, 5).
+    """Find the shortest path from any particle to the frontier in each world, and write five numbers about the path to ``found``.
 
-    The end of a path is given as layer, row and column. For a world without a path, all five values are 0.
+    The array ``found`` is int64 and has the shape (worlds, 5). The five numbers are the length of the path, its first command, and
+    the layer, row and column of its last cell. For a world without a path, all five numbers are 0.
     """
     for i in range(first, last):
         field = field_of_world(worlds, chosen[i], work)

@@ -1,4 +1,4 @@
-"""Many worlds, whose boards are stored one after the other. Each thread processes a range of the selected worlds.
+"""The boards of many worlds, stored one after the other. Each thread processes a range of the selected worlds.
 
 The boards of all worlds have equal shapes. A map smaller than its board occupies the first rows and columns of the board. Particles
 cannot leave their map.
@@ -58,7 +58,7 @@ def field_of_world(worlds, world, work):
 
 @in_place_kernel
 def step_worlds(worlds, steps, work, chosen, repeat, rule, mapping, first, last):
-    """Carry out the command of each world in ``chosen[first:last]`` as often as the world's entry of ``repeat`` says."""
+    """Send the command of world ``chosen[i]`` to this world ``repeat[i]`` times, for each i from ``first`` to ``last - 1``."""
     for i in range(first, last):
         world = chosen[i]
         steps.travelled[world] = 0
@@ -84,8 +84,8 @@ def note_end(steps, world):
 def begin_worlds(worlds, steps, work, chosen, cells, ends, targets, rule, mapping, first, last):
     """Start episodes in the worlds ``chosen[first:last]``.
 
-    ``cells`` contains the start cells (row and column) of all worlds, one world after the other. ``ends`` contains, for each world,
-    the index after its last start cell. For coverage, ``targets`` contains the target cells of each world; for mapping, ``targets``
+    ``cells`` contains the start cells (row and column) of all worlds, one world after the other. ``ends`` contains the index after
+    the last start cell of each world. For coverage, ``targets`` contains the target cells of each world. For mapping, ``targets``
     is empty.
     """
     for i in range(first, last):

@@ -3,10 +3,10 @@
 A particle stays if its next cell is an obstacle or holds a particle that stays. In a move across rows (up, down, in or out), the
 particles of one row enter another row. The kernel processes the entered row first.
 
-In a move along rows (left or right), the staying particles form runs of set bits that end at a wall. For a move to the left, which
-is a move towards lower bits, one addition per word clears exactly these runs, because the carry passes through each run. For a move
-to the right, the kernel reverses the bits of each word before the addition. In the end, the kernel corrects the rare runs that
-continue in the next word.
+In a move along rows (left or right), the staying particles form runs of set bits that end at a wall. A move to the left is a move
+towards lower bits: one addition per word clears exactly these runs, because the carry passes through each run. For a move to the
+right, the kernel reverses the bits of each word before the addition. In the end, the kernel corrects the rare runs that continue in
+the next word.
 
 The kernel processes boards in blocks of rows that fit into the processor's cache, and so reads a large board from memory only once.
 """
@@ -86,10 +86,9 @@ def move_across(field, command, rule):
 def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
     """Move particles from the words ``here`` to the words ``there``, which are ``ahead`` words apart.
 
-    Of the cells that particles try to enter, write to ``tried`` the cells that ``board`` contains if ``flip`` is 0, and the cells
-    that ``board`` does not contain if ``flip`` is ALL. Return a word that is nonzero if ``tried`` contains a cell, and the number
-    of moved particles. If ``counted`` is None, the kernel saves the time for counting, and returns 0 as the number of moved
-    particles.
+    Write to ``tried`` the cells that particles try to enter: only cells in ``board`` if ``flip`` is 0, and only cells outside
+    ``board`` if ``flip`` is ALL. Return a word that is nonzero if ``tried`` contains a cell, and the number of moved particles. If
+    ``counted`` is None, the kernel saves time and returns 0 as the number of moved particles.
     """
     some, travelled, size, step = ZERO, 0, here.shape[0], abs(ahead)
     for i in range(tried.shape[0]):
@@ -109,7 +108,7 @@ def shift_across(here, there, free, board, flip, tried, ahead, rule, counted):
 
 @in_place_kernel
 def shift_row(here, there, free, rule, counted):
-    """Move particles from the row ``here`` to the row ``there``, which holds only staying particles. Return how many have moved."""
+    """Move particles from row ``here`` to row ``there``, whose particles all stay. Return the number of moved particles."""
     travelled = 0
     for i in range(here.shape[0]):
         going = here[i] & free[i]
@@ -147,8 +146,8 @@ def shift_column(here, there, free, place, ahead, rule, counted):
 def learn(field, first, last):
     """Classify the tried cells in the words ``first`` to ``last - 1`` from the new cells of the particles.
 
-    Return the number of classified cells, and the number of cells added to the frontier. A tried cell is free if it now holds a
-    particle; if it holds no particle, it is an obstacle. The unknown neighbours of new free cells join the frontier. An unknown
+    Return the number of classified cells, and the number of cells added to the frontier. A tried cell that now holds a particle is
+    free. A tried cell without a particle is an obstacle. The unknown neighbours of new free cells join the frontier. An unknown
     neighbour may be a tried cell that the loop has not yet classified. Tried cells are already on the frontier, so the loop counts
     no tried cell twice.
     """
@@ -180,7 +179,7 @@ def learn_word(field, i, cells):
 
 @in_place_kernel
 def add_neighbours(field, i, found):
-    """Add to the frontier the unknown neighbours of ``found``, which are cells of word ``i``. Return how many cells are new."""
+    """Add the unknown neighbours of the cells ``found`` in word ``i`` to the frontier. Return the number of new frontier cells."""
     width = field.width
     added = add_frontier(field, i, (found << ONE) | (found >> ONE))
     if found >> TOP != ZERO:
@@ -314,7 +313,7 @@ def shift_along(occupied, free, board, flip, tried, moving, command, rule, count
 
 @in_place_kernel
 def carry_counts(field, command):
-    """Move the numbers of particles per cell, for the rule merge. Return the distance that all particles travelled, in cells."""
+    """Move the numbers of particles per cell under the rule merge. Return the distance that all particles travelled, in cells."""
     free, counts, width = field.free, field.counts, field.width
     rows_ahead, columns_ahead = 0, 0
     if command == LEFT or command == RIGHT:
@@ -338,7 +337,7 @@ def carry_counts(field, command):
 
 @in_place_kernel
 def push(field, command, rule):
-    """Let all particles try to enter their next cells, once. The result is as in `move_along`."""
+    """Let all particles try once to enter their next cells. Return the same numbers as `move_along`."""
     carried = carry_counts(field, command) if rule == MERGE else 0
     if command == LEFT or command == RIGHT:
         travelled, classified, added = move_along(field, command, rule)

@@ -54,7 +54,7 @@ PATIENCE = 1_000  # maximum number of consecutive runs of commands without any e
 
 
 class PolicyState(NamedTuple):
-    """What a policy remembers from one move to the next, and arrays that it uses within a move."""
+    """The memory of a policy between two moves, and the working arrays of a single move."""
 
     memory: Any  # a record of MEMORY
     search: Search
@@ -144,13 +144,13 @@ def decide_sweep(field, mapping, policy_state):
 
 @in_place_kernel
 def decide_closest(field, mapping, policy_state):
-    """Plan the shortest path of a particle to a frontier cell. Return the length of the path, or 0 without a path."""
+    """Plan the shortest path of a particle to a frontier cell. Return the length of the path, or 0 if no path exists."""
     return nearest(field, policy_state.search, field.occupied)
 
 
 @in_place_kernel
 def decide_tilts(field, mapping, policy_state):
-    """Plan the fewest tilts that bring a particle to the frontier. Return the number of tilts, or 0 without a path."""
+    """Plan the fewest tilts that bring a particle to the frontier. Return the number of tilts, or 0 if no path exists."""
     return nearest_by_tilts(field, policy_state.search, policy_state.space, field.occupied, mapping)
 
 
@@ -158,7 +158,8 @@ def decide_tilts(field, mapping, policy_state):
 def follow(field, policy_state, command):
     """Update the cell of the driven particle (the particle that the policy guides) after a command.
 
-    If the cell ahead now holds a particle, this particle is driven from now on. Return whether the cell ahead holds a particle.
+    If the cell ahead now holds a particle, this particle becomes the driven particle. Return whether the cell ahead holds a
+    particle.
     """
     memory = policy_state.memory
     row, column = ahead(memory.row, memory.column, command, field.rows)
@@ -321,29 +322,29 @@ def begin_run(code, field, rule, mapping, policy_state, scan_planner, draw):
 
 @in_place_kernel
 def play_closest(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play closest-frontier, a given plan, or commands drawn in advance. The arguments are those of ``play`` in `player`."""
+    """Play closest-frontier, a given plan, or commands drawn in advance. See ``play`` in `player` for the arguments."""
     return _play_closest(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy closest-frontier under the rule tilt. The arguments are those of ``play`` in `player`."""
+    """Play the policy closest-frontier under the rule tilt. See ``play`` in `player` for the arguments."""
     return _play_tilts(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_elect(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy elect-particle. The arguments are those of ``play`` in `player`."""
+    """Play the policy elect-particle. See ``play`` in `player` for the arguments."""
     return _play_elect(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy depth-first. The arguments are those of ``play`` in `player`."""
+    """Play the policy depth-first. See ``play`` in `player` for the arguments."""
     return _play_depth_first(code, field, rule, mapping, policy_state, scan_planner, trace)
 
 
 @in_place_kernel
 def play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace):
-    """Play the policy sweep. The arguments are those of ``play`` in `player`."""
+    """Play the policy sweep. See ``play`` in `player` for the arguments."""
     return _play_sweep(code, field, rule, mapping, policy_state, scan_planner, trace)

@@ -2,10 +2,10 @@
 
 The scan rule and the length of the path limit the number of commands between two scans.
 
-A cell counts as progress when it is classified for the first time, even if the belief about the cell changes later. The guard gives
-the path to a target cell a budget of moves, which grows with the length of the path. Without progress within the budget of moves,
-the guard gives up the target cell for the rest of the episode. Every episode ends, because each cell can count as progress only
-once, and can be given up only once.
+The guard counts a cell as progress when the cell is classified for the first time, even if the belief about the cell changes later.
+The guard gives the path to a target cell a budget of moves, which grows with the length of the path. Without progress within the
+budget of moves, the guard gives up the target cell for the rest of the episode. Every episode ends, because each cell can count as
+progress only once, and can be given up only once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""Particles with noise (they slip, and scans may show them wrongly), and the Bayes filter for noisy scans.
+"""Particles that slip, scans that may show particles in wrong cells, and the Bayes filter for these scans.
 
 All arrays are flat arrays over the workspace, extended by a border of three cells on each side. The innermost layer of the border
-is the rim. Particles can try to enter rim cells like other walls. The two outer layers of the border are never free, so kernels
-need no bounds test for neighbours. For each command, kernels process the cell ahead of a cell before the cell itself.
+is the rim. Particles can try to enter rim cells, just as they can try to enter obstacles inside the workspace. The two outer layers
+of the border are never free, so kernels need no bounds test for neighbours. For each command, kernels process the cell ahead of a
+cell before the cell itself.
 
 For each cell, the belief contains the log-odds that the cell is free, and the probability that the cell holds a particle. A move
 with its scan updates the log-odds and the probabilities in two passes. The first pass of the update predicts where particles may
@@ -66,7 +67,7 @@ def first_and_step(size, offset):
 
 @in_place_kernel
 def move_noisy(noisy, command, rng):
-    """Move the particles by the rule block, where each particle may slip. Return the number of particles that moved."""
+    """Move the particles under the rule block. Each particle may slip. Return the number of moved particles."""
     offset = noisy.offsets[command]
     at, step = first_and_step(noisy.there.shape[0], offset)
     there, slip, travelled = noisy.there, noisy.rates.slip, 0
@@ -149,7 +150,7 @@ def spread_noisy(noisy, command):
 
 @in_place_kernel
 def stray(noisy, at, but):
-    """Return the probability that a scan shows in the cell ``at`` a particle that is not there.
+    """Return the probability that a scan shows a particle in the cell ``at``, although the cell holds no particle.
 
     The detection may come from a particle in a neighbouring cell, or from no particle. The function leaves out the neighbouring
     cell ``but``.
@@ -224,7 +225,7 @@ def weigh(noisy, at, offset):
 
 @in_place_kernel
 def learn_noisy(noisy, command):
-    """Update the belief with the scan after one command."""
+    """Update the belief after one command and the scan that followed the command."""
     foresee(noisy, command)
     offset = noisy.offsets[command]
     size = noisy.inside.shape[0]
@@ -249,9 +250,8 @@ def learn_noisy(noisy, command):
 def classify(noisy, open_words, known_words, occupied_words, width):
     """Write three boards of the belief: free cells, classified cells, and cells that probably hold a particle.
 
-    A cell is classified as free if the log-odds that it is free are at least ``noisy.rates.bound``. A cell is classified as an
-    obstacle if the log-odds are at most the negative of this bound. A cell probably holds a particle if the probability exceeds
-    0.5.
+    Let x be the log-odds that a cell is free, and b the bound ``noisy.rates.bound``. The cell is classified as free if x >= b, and
+    as an obstacle if x <= -b. A cell probably holds a particle if the probability of a particle in the cell exceeds 0.5.
     """
     rows, columns, bound = noisy.rows, noisy.columns, noisy.rates.bound
     pad = 0 if noisy.layers == 1 else 2

@@ -1,6 +1,6 @@
 """Simulated annealing of a plan for a known map.
 
-Annealing keeps a random change if the plan becomes shorter, and often also if the plan becomes only a little longer. The kernel
+Annealing keeps a random change that makes the plan shorter, and often also a change that makes the plan a little longer. The kernel
 stores the states along the plan at regular intervals. To judge a change, the kernel simulates the plan only from the last stored
 state before the change.
 
@@ -70,10 +70,11 @@ def change(planner, plans, length):
 
 @in_place_kernel
 def finish(planner, state, plan, at, length, limit):
-    """Simulate a plan from move ``at`` on, beginning with ``state``, and append commands until no frontier cell is left.
+    """Simulate the rest of a plan, and append commands until no frontier cell is left.
 
-    The greedy base policy chooses the appended commands. Return the number of moves in the whole plan, and the number of simulated
-    moves. If the whole plan needs more than ``limit`` moves, the first number is ``limit + 1``.
+    The simulation begins with ``state`` and the command at index ``at``. The greedy base policy chooses the appended commands.
+    Return the number of moves in the whole plan, and the number of simulated moves. If the whole plan needs more than ``limit``
+    moves, return ``limit + 1`` as the first number.
     """
     scene, simulated, begin = planner.scene, np.int64(0), at
     last = np.int64(plan[at - 1]) if at > 0 else np.int64(-1)

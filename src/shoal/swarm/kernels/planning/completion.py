@@ -42,7 +42,7 @@ class KeptStates(NamedTuple):
 
 @in_place_kernel
 def keep_best(kept, begin, length):
-    """Replace the kept states and results of the best plan by those of the simulated plan, from move ``begin`` on."""
+    """Replace the kept states and results of the best plan after move ``begin`` by the states and results of the simulated plan."""
     for place in range(begin // EVERY + 1, min((length - 1) // EVERY + 1, kept.progress.shape[1])):
         if place < kept.states.shape[1]:
             copy_state(kept.states[TRIAL, place], kept.states[BEST, place])
@@ -106,8 +106,8 @@ def left_behind(scene, occupied, at_hand, still):
 def is_behind(trial, best):
     """Return whether a plan is clearly worse than the best plan after the same number of moves.
 
-    The plan is clearly worse if it has classified over ``BEHIND`` cells fewer than the best plan, and if the discounted number of
-    its classified cells is also smaller.
+    The number n counts the cells that a plan has classified, and v is the discounted number of these cells. The plan is clearly
+    worse if n < n_best - ``BEHIND`` and v < v_best, where n_best and v_best are the numbers of the best plan.
     """
     return trial.total < best.total - BEHIND and trial.value < best.value
 
@@ -118,8 +118,9 @@ def complete(scene, state, space, plan, begin, length, horizon, discount, style,
 
     The simulation begins with move ``begin`` and changes ``state``. If ``begin`` is above 0, ``state`` must be the kept state of
     the best plan before move ``begin``. The simulation stops early if the plan cannot become better than ``best``. The early stop
-    assumes that the immediate classification of a cell is worth ``worth`` moves, and that about ``expected`` cells are left to
-    classify. From move ``begins`` to move ``ends``, the simulation stops early if the plan is behind the best plan (`is_behind`).
+    assumes that the immediate classification of a cell is worth ``worth`` moves. It also assumes that about ``expected`` cells are
+    left to classify. From move ``begins`` to move ``ends``, the simulation stops early if the plan is behind the best plan
+    (`is_behind`).
 
     Return five numbers: time, value, length, moves and classified. ``time`` is the number of moves up to the last classification,
     or ``horizon`` if cells are left. ``value`` is the discounted number of classified cells. ``length`` is the number of commands

@@ -105,8 +105,8 @@ def on_board(scene, row, column):
 def path_to_nearest(scene, state, planes, plan, at, limit):
     """Write the path to the nearest frontier cell to ``plan[at:]``. Return the length of the path.
 
-    Without a path, the length is 0. If the path has more than ``limit`` moves, the result is TOO_FAR. Among equally near frontier
-    cells, the path leads to the first one in row-major order.
+    If no path exists, return 0. If the path has more than ``limit`` moves, return TOO_FAR. If several frontier cells are equally
+    near, the path leads to the first of these cells in row-major order.
     """
     begin_waves(scene, state, planes)
     frontier = state[FRONTIER]

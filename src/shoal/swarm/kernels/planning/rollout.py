@@ -50,10 +50,12 @@ def evaluate(planner, shared, length, best, few, style):
     """Complete the trial plan. If its value is above ``best``, the trial plan becomes the incumbent (the best plan so far).
 
     Return the value of the trial plan or ``best``, whichever is higher. The trial plan begins with the first ``shared`` commands of
-    the incumbent. If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify,
-    and the value of a plan is a weight times the discounted number of classified cells, minus the number of moves. With reliable
-    predictions, the number of moves includes an estimate of the moves for cells that are left at the horizon. If the planner
-    simulates plans only up to a near horizon, ``few`` is 0, and the value of a plan is the discounted number of classified cells.
+    the incumbent.
+
+    If the planner simulates plans to the end of the task, ``few`` is the expected number of cells left to classify. The value of a
+    plan is then w c - n, where w is a weight, c is the discounted number of classified cells, and n is the number of moves. With
+    reliable predictions, n includes an estimate of the moves for cells that are left at the horizon. If the planner simulates plans
+    only up to a near horizon, ``few`` is 0, and the value of a plan is the discounted number of classified cells.
     """
     options, memory = planner.options, planner.memory
     surprise = memory.surprise / WHOLE
@@ -137,7 +139,7 @@ def predicted_frontier(planner):
 
 @in_place_kernel
 def run(planner, command):
-    """Write to the trial plan a run of equal commands that ends when it classifies a cell.
+    """Write a run of equal commands to the trial plan. The run ends with its first command that classifies a cell.
 
     Return the length of the run, or 0 if no cell is classified within LONGEST_RUN commands.
     """
@@ -173,10 +175,10 @@ def try_leaves(planner, best, few):
 def vary(planner):
     """Write a random variation of the incumbent to the trial plan.
 
-    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function replaces the rest
-    of the incumbent by one random command, replaces the rest by 1, 2, 4 or 8 equal commands, inserts 1, 2, 4 or 8 equal commands,
-    or removes 1, 2, 4 or 8 commands. If ``run_candidates`` is 0, only the first of these four changes is possible. Return the
-    number of commands before the change, and the length of the variation.
+    Up to a random place, the variation equals the incumbent (the best plan so far). At this place, the function makes one of four
+    changes: it replaces the rest of the incumbent by one random command, replaces the rest by k equal commands, inserts k equal
+    commands, or removes k commands, where k is 1, 2, 4 or 8. If ``run_candidates`` is 0, only the first of these four changes is
+    possible. Return the number of commands before the change, and the length of the variation.
     """
     trial, incumbent = planner.trial, planner.incumbent
     length = max(1, planner.memory.plan_length)

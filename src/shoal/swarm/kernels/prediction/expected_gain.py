@@ -2,8 +2,9 @@
 
 For each particle, a run of equal commands classifies unknown cells on the particle's path. The run certainly classifies the first
 unknown cell on the path. The run classifies a later unknown cell only if all cells before it on the path are free. The adaptive
-scan rule learns the probability of a free cell only from the present episode. The probability of a free cell is the fraction of
-free cells among the classified cells with the same surroundings, smoothed towards the fraction for coarser surroundings.
+scan rule learns the probability of a free cell only from the present episode. The probability that a cell is free is the fraction
+of free cells among the classified cells with equal surroundings. This fraction is smoothed towards the fraction for coarser
+surroundings.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ def on_rim(field, columns, row, column):
 def look_ahead(field, gain, row, column, command):
     """Add to ``gain.gains`` the expected number of cells that one particle classifies with each step of a run.
 
-    The path ends at the next particle, which classifies the cells beyond it.
+    The path ends at the next particle on the path, because the next particle classifies the cells beyond its own cell.
     """
     gains, width, rows = gain.gains[command], field.width, field.rows
     step, side = steps_of(rows, width, command)
@@ -107,7 +108,7 @@ def gains_of_runs(field, gain, command):
 
 @in_place_kernel
 def best_length(gain, command, least):
-    """Return (number of steps, classified cells per cost) of the best run in one direction that has ``least`` steps or more."""
+    """Return (number of steps, classified cells per cost) of the best run in one direction with at least ``least`` steps."""
     gains = gain.gains[command]
     classified, best, best_rate = 0.0, least, 0.0
     for step in range(1, gains.shape[0]):

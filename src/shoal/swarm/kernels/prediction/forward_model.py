@@ -2,8 +2,8 @@
 
 A state consists of three boards (sets of cells): the cells of the particles, the frontier cells, and the unseen cells, which are
 the unknown cells outside the frontier. In mapping and in coverage, the forward model classifies a frontier cell when a particle
-tries to enter it. In coverage, a particle that tries to enter a frontier
-cell always succeeds, because a frontier cell is free and holds no particle.
+tries to enter the cell. In coverage, every attempt to enter a frontier cell succeeds, because a frontier cell is free and holds no
+particle.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ def copy_state(source, target):
 
 @in_place_kernel
 def take_state(field, state):
-    """Fill a state from the belief of a running episode."""
+    """Copy the particles and the belief of a running episode to a state of the forward model."""
     occupied, frontier, unseen = state[OCCUPIED], state[FRONTIER], state[UNSEEN]
     for i in range(occupied.shape[0]):
         occupied[i] = field.occupied[i]

@@ -50,7 +50,7 @@ class LearnedPrior(NamedTuple):
 
 @in_place_kernel
 def part_of_row(board, begin, width, column):
-    """Return SPAN cells of a row of a board, beginning with ``column``. Cells beyond the ends of the row are not set."""
+    """Return SPAN cells of a row of a board, beginning with ``column``. The bits of cells beyond the end of the row are 0."""
     word, shift = column >> 6, np.uint64(column & 63)
     cells = ZERO
     if 0 <= word < width:
@@ -81,7 +81,7 @@ def look(learned, opened, known, cell, command):
 
 @in_place_kernel
 def list_weights(learned, command, kind, row, cells, size):
-    """Append to the list ``used`` the indices of the rows of ``first`` that belong to cells in one row of the window.
+    """For each of the given cells in one row of the window, append the index of its row of ``first`` to the list ``used``.
 
     Return the length of the list.
     """
@@ -94,7 +94,7 @@ def list_weights(learned, command, kind, row, cells, size):
 
 @in_place_kernel
 def add_weights(learned, size):
-    """Add the listed rows of the weights ``first`` to ``sums``.
+    """Add the rows of ``first`` that the list ``used`` contains to ``sums``.
 
     The loop adds four rows at once, because storing the sums takes most of the time.
     """

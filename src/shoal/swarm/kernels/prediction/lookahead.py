@@ -1,4 +1,6 @@
-"""Search for the path through known cells after which one more command and a scan classify the most cells per cost.
+"""Search for a path through known cells, followed by one more command and a scan.
+
+The best path has the largest number of classified cells divided by the cost of all commands and the scan.
 
 If no particle tries to enter an unknown cell, the belief determines the outcome of a command. The search looks for two shifts (runs
 of equal commands), in perpendicular directions, that bring many particles beside unknown cells. After the two shifts, many

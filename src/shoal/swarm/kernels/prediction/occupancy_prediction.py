@@ -1,4 +1,4 @@
-"""Prediction of free cells on and behind the frontier, layer by layer, by the experts of `occupancy_prior`.
+"""Prediction of free cells on and behind the frontier, layer by layer, with the experts of `occupancy_prior`.
 
 The first layer is the frontier. Each later layer consists of the unknown neighbours of cells that are predicted to be free.
 """
@@ -89,7 +89,7 @@ def ask_learned(prediction, learned, cell):
 
 @in_place_kernel
 def find_walls(prediction, prior, learned, size):
-    """Predict a wall in each cell of the layer that is probably not free.
+    """Predict walls in the cells of the layer that are probably not free.
 
     The kernel predicts walls before `find_free` predicts free cells, because the experts recognize corridors between known walls.
     """
@@ -128,9 +128,9 @@ def mixed(prediction, prior, k, number):
 
 @in_place_kernel
 def find_free(prediction, prior, learned, size, needed):
-    """Predict cells of the layer as free if their probability is above ``needed`` from every side that a particle can enter from.
+    """Predict which cells of the layer are free. Return whether any cell of the layer is predicted to be free.
 
-    Return whether the layer contains a cell that is predicted to be free.
+    A cell is predicted to be free if its probability exceeds ``needed`` for every side from which a particle can enter the cell.
     """
     opened, known, share = prediction.open, prediction.known, prior.weights[LEARNED]
     directions, some = 4 if prediction.layers == 1 else 6, False
@@ -154,7 +154,7 @@ def find_free(prediction, prior, learned, size, needed):
 
 @in_place_kernel
 def is_open(board, cell):
-    """Return whether a board contains a cell. A cell outside the board counts as not contained."""
+    """Return whether a board contains a cell. For a cell outside the words of the board, return false."""
     word = cell >> 6
     return 0 <= word < board.shape[0] and (board[word] >> np.uint64(cell & 63)) & ONE != ZERO
 
@@ -167,7 +167,7 @@ def mark(board, cell):
 
 @in_place_kernel
 def next_layer(prediction, size):
-    """Mark the cells of the layer as known, and list the unknown neighbours of its free cells as the next layer.
+    """Mark the cells of the layer as known, and list the unknown neighbours of the layer's free cells as the next layer.
 
     Return the number of cells in the next layer.
     """

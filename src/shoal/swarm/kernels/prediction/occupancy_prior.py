@@ -1,11 +1,11 @@
 """Probability that a cell is free: a mean over several experts, weighted by their success in the episode so far.
 
-The count experts (models 0, 1, ...) compute the fraction of free cells among classified cells with the same surroundings. The
-fine surroundings of a cell are five cells: the cell behind the free neighbour from which a particle enters, the two cells beside
-this neighbour, and the two cells beside the cell itself. The coarse surroundings are the first three of these five cells. The
-fraction for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0 uses the surroundings and the
-position of the cell modulo ``2**m``, because corridors of mazes, trees and chips often lie on a lattice. In each episode, the count
-experts start without counts. The last expert is a network trained on maps (`learned_prior`).
+The count experts (models 0, 1, ...) compute the fraction of free cells among the classified cells with equal surroundings. The fine
+surroundings of a cell are five cells: the cell behind the free neighbour from which a particle enters, the two cells beside this
+neighbour, and the two cells beside the cell itself. The coarse surroundings are the first three of these five cells. The fraction
+for fine surroundings is smoothed towards the fraction for coarse surroundings. Model m > 0 uses the surroundings and the position
+of the cell modulo ``2**m``, because corridors of mazes, trees and chips often lie on a lattice. In each episode, the count experts
+start without counts. The last expert is a network trained on maps (`learned_prior`).
 
 When a cell is classified, every expert estimates the probability of a free cell before the expert learns the result. The weight of
 an expert is multiplied by the probability that the expert gave to the result. After each classification, a small fraction of all
@@ -88,7 +88,7 @@ def pair_at(opened, known, cell, side):
 
 @in_place_kernel
 def around(opened, known, cell, step, side):
-    """Return the number that identifies the surroundings of a cell, which a particle enters by ``step`` from a free cell.
+    """Return the number of the surroundings of a cell that a particle enters by ``step`` from a free cell.
 
     The free cell from which the particle comes is not on the rim of the board, so all surrounding cells are on the board.
     """
@@ -141,9 +141,9 @@ def counted_chance(prior, number, cell):
 
 @in_place_kernel
 def learn(prior, number, cell, free):
-    """Evaluate every count expert for a cell, as in `chance`, and then add the cell to the counts.
+    """Compute every count expert's probability for a cell, as in `chance`, and then add the cell to the counts.
 
-    Each count expert builds on the result of the previous count expert.
+    Each count expert smooths its coarse fraction towards the coarse fraction of the previous count expert.
     """
     tallies, coarse, first = prior.tallies, number // PAIRS, 1
     likely, one = smoothed(tallies, 0, 0.5), np.int64(1) if free else np.int64(0)

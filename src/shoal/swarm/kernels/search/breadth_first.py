@@ -9,9 +9,10 @@ from shoal.jit import kernel
 
 @kernel
 def nearest_cells(free, offsets, start, count):
-    """Return up to ``count`` free cells connected to ``start`` as flat indices, in the order of their path length from ``start``.
+    """Return the flat indices of the ``count`` free cells nearest to ``start``, in the order of their path length from ``start``.
 
-    The breadth-first search visits neighbours in the order of ``offsets``. No cell at the border of the grid may be free.
+    The result is shorter if fewer than ``count`` free cells are connected to ``start``. The breadth-first search visits neighbours
+    in the order of ``offsets``. No cell at the border of the grid may be free.
     """
     reached = np.zeros(free.shape[0], dtype=np.bool_)
     queue = np.empty(count, dtype=np.int64)

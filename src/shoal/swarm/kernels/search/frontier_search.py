@@ -5,8 +5,8 @@ one board. To find the cells at the next path length, the search dilates the boa
 about as much time as one move. The particles follow the whole path before the next search, so planning costs no more time than
 moving.
 
-To trace the path back, the search stores each cell's path length only modulo 3, in three boards, so the memory of the search does
-not grow with the length of the path.
+To trace the path back, the search needs each cell's path length only modulo 3. The search stores this number in three boards, so
+its memory does not grow with the length of the path.
 """
 
 from __future__ import annotations
@@ -192,7 +192,7 @@ def ahead(row, column, command, rows):
 
 @in_place_kernel
 def opposite(command):
-    """Return the command with the opposite direction of ``command``."""
+    """Return the command that moves particles in the direction opposite to ``command``."""
     if command == IN:
         return OUT
     if command == OUT:

@@ -25,7 +25,7 @@ class Slides(NamedTuple):
 
 @in_place_kernel
 def key_of(row, column, field, columns, order):
-    """Return the rank of a cell, which determines the order in which the search expands cells that need equally many tilts."""
+    """Return the rank of a cell. The search expands cells that need equally many tilts in the order of their ranks."""
     layer, r = row // field.rows, row % field.rows
     if order == COLUMN_MAJOR:
         return (column * field.rows + r) * field.layers + layer

@@ -1,4 +1,6 @@
-"""Minimum numbers of commands in one direction that particles need to reach cells, for lower bounds on numbers of moves.
+"""The minimum number of commands of one direction, or of two opposite directions, that particles need to reach cells.
+
+These minimum numbers give lower bounds on the number of moves.
 
 The grids are flat arrays with a rim: the index of the next cell is the index of a cell plus an offset. A particle may try to enter
 a wall, which classifies the wall, but no path continues from a wall.
@@ -15,8 +17,9 @@ FAR = 1 << 30
 def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, before, stack):
     """Return the smallest i + j for which i commands ``back`` and j commands ``forth`` are enough to reach every wanted cell.
 
-    Commands other than ``back`` and ``forth`` cost nothing. For each number i in turn, j is the largest number of commands
-    ``forth`` that any wanted cell needs with at most i commands ``back``.
+    Commands other than ``back`` and ``forth`` cost nothing. The function tries each number i in turn. If the path to a wanted cell
+    has at most i commands ``back``, the path needs a certain number of commands ``forth``. The number j is the maximum of this
+    number over all wanted cells.
     """
     best = FAR
     for cell in range(costs.shape[0]):
@@ -41,11 +44,11 @@ def fewest_both_ways(free, offsets, wanted, particles, back, forth, costs, befor
 
 @in_place_kernel
 def fewest_paid(free, offsets, barred, paid, costs, stack):
-    """Reduce ``costs`` to the smallest cost of any path to each cell, among the paths without the command ``barred``.
+    """Reduce the entry of each cell in ``costs`` to the smallest cost of a path to the cell without the command ``barred``.
 
     The cost of a path is the initial cost of its first cell plus the number of commands ``paid`` on the path. If ``paid`` is -1,
-    all commands count. If ``barred`` is -1, a path may use all commands. At the start, ``costs``, int64, contains the initial cost
-    of each cell, or FAR if a path cannot begin at the cell.
+    all commands count. If ``barred`` is -1, a path may use all commands. Before the call, the int64 array ``costs`` must contain
+    the initial cost of each cell, or FAR if a path cannot begin at the cell.
     """
     level = 0
     while True:

@@ -15,7 +15,7 @@ COLUMNS = 7
 def place(draws, cells, words, complement):
     """Fill ``words`` with a random subset of the cells 0 .. cells-1 by Floyd's algorithm, or with the complement of the subset.
 
-    The random number ``draws[i]`` must be uniform on 0 .. cells - draws.size + i, which makes all subsets of ``draws.size`` cells
+    The random number ``draws[i]`` must be uniform on 0 .. cells - draws.size + i. All subsets of ``draws.size`` cells are then
     equally likely.
     """
     for i in range(words.shape[0]):

@@ -55,7 +55,7 @@ def draw_htree(count: int) -> NDArray[np.bool_]:
 
 
 def half_lengths(count: int) -> tuple[int, ...]:
-    """Return the half-length of the bars at each level of the smallest H-tree with at least ``count`` cells, in cells.
+    """Return the half-lengths, in cells, of the bars at each level of the smallest H-tree with at least ``count`` cells.
 
     >>> half_lengths(5000)
     (32, 32, 16, 16, 8, 8, 4, 4, 2, 2)

@@ -41,7 +41,7 @@ def draw_maze(width: int, height: int, *, seed: int = 0) -> NDArray[np.bool_]:
 
 
 def _walk(rows: int, columns: int, rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """For each room except the first, return its flat index and the flat index of the room from which the search entered it."""
+    """Return the flat index of each room except the first, and the flat index of the room from which the search entered it."""
     # Twelve is a multiple of 1, 2, 3 and 4, so a number below 12 chooses uniformly among 1 to 4 doors.
     draws = rng.integers(0, 12, rows * columns).tolist()
     unvisited = bytearray(b"\x01") * (rows * columns)

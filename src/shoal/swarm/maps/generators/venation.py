@@ -47,7 +47,10 @@ class VesselNetwork:
 
 @dataclass(frozen=True)
 class OrganOutline:
-    """The outline of an organ: a smooth closed curve around the origin, given by a radius for each angle, and then stretched."""
+    """The outline of an organ: a smooth closed curve around the origin.
+
+    A radius for each angle defines the curve. The curve is then stretched along one axis and compressed along the other axis.
+    """
 
     radius: float
     stretch: float
@@ -65,7 +68,7 @@ class OrganOutline:
         return np.array([limit[0] * np.cos(angle) * self.stretch, limit[0] * np.sin(angle) / self.stretch])
 
     def scatter(self, spacing: float, rng: np.random.Generator) -> Points:
-        """Return random points inside the outline, with on average one point per square of side ``spacing`` (cells)."""
+        """Return random points inside the outline: on average, one point for each square with sides of ``spacing`` cells."""
         half = 1.6 * self.radius
         points = rng.uniform(-half, half, (int((2 * half / spacing) ** 2) + 8, 2))
         flat = points / (self.stretch, 1 / self.stretch)
@@ -74,7 +77,7 @@ class OrganOutline:
 
 
 def random_outline(area: float, rng: np.random.Generator) -> OrganOutline:
-    """Return a random smooth outline with approximately the given area, in cells."""
+    """Return a random smooth outline with an area of about ``area`` cells."""
     amplitude = rng.uniform(0.3, 1.0, 4) * (0.085, 0.06, 0.035, 0.02)
     waves = np.column_stack([amplitude, rng.uniform(0, 2 * np.pi, 4)])
     return OrganOutline(float(np.sqrt(area / np.pi)), float(rng.uniform(1.02, 1.12)), waves)
@@ -93,7 +96,7 @@ def grow_network(area: float, rng: np.random.Generator) -> VesselNetwork:
 
 
 def subtrees(parents: Indices) -> tuple[Indices, Indices]:
-    """Return two arrays of shape (nodes,): the index of each node in depth-first order, and the number of nodes in its subtree.
+    """Return two arrays of shape (nodes,): each node's index in depth-first order, and the number of nodes in the node's subtree.
 
     A node with the index ``first`` in depth-first order, and its descendants, have the indices ``first`` to ``first + size - 1``.
     """
@@ -166,7 +169,7 @@ def _colonise(
 
 
 def _uncrowded(places: Points, nodes: Indices, rank: Indices, room: float) -> Indices:
-    """Of any two nodes within the distance ``room`` (in cells), drop the node of lower rank. Return the other nodes.
+    """For every two nodes that are at most ``room`` cells apart, drop the node of lower rank. Return the remaining nodes.
 
     Dropping nodes prevents dense rows of parallel vessels.
     """
@@ -246,7 +249,8 @@ def _bridge(points: Points, in_first_tree: NDArray[np.bool_]) -> list[Points]:
 def _best_target(points: Points, tip: int, heading: Points, candidates: Indices) -> int | None:
     """Return the candidate node with the lowest cost, or None if no candidate lies ahead of the tip.
 
-    The cost of a node grows with its distance from the tip, and with the angle between its direction and the heading of the tip.
+    The cost of a node grows with the distance between the node and the tip. The cost also grows with the angle between the heading
+    of the tip and the direction from the tip to the node.
     """
     if not len(candidates):
         return None

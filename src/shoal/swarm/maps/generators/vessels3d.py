@@ -105,7 +105,7 @@ def grow_tree(tips: Points, rng: np.random.Generator) -> tuple[Points, Points, N
 
 
 def _first_half(points: Points, along: Points, rng: np.random.Generator) -> NDArray[np.bool_]:
-    """Return which points lie in the first of two groups, each with at least one point.
+    """Divide the points into two groups with at least one point each. Return the mask of the points in the first group.
 
     The plane between the groups contains the branch ``along`` and crosses the direction in which the points spread most.
     """

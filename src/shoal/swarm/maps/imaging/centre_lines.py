@@ -104,8 +104,9 @@ class CentreLines(NamedTuple):
 def centre_lines(mask: Mask) -> CentreLines:
     """Return the centre lines of a mask of shape (H, W), which is True on vessels.
 
-    The skeleton of two crossing vessels may have two junctions of three segments. The function joins two connected junctions if the
-    largest discs around them inside the vessels overlap, so that two crossing vessels have one junction of four segments.
+    The skeleton of two crossing vessels may have two junctions of three segments. The function therefore finds the largest disc
+    inside the vessels around each junction, and joins two connected junctions if their discs overlap. Two crossing vessels then
+    have one junction of four segments.
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """Image filters that find vessels: background subtraction, line detectors of several lengths, and ridge filters of several widths.
 
 The constants of the filters suit eye photographs with a field of view 540 pixels wide and vessels up to ten pixels wide. To find
-vessels more than ten pixels wide, the filters run on reduced pictures of half the size, a quarter of the size, and so on.
+vessels more than ten pixels wide, the filters also run on pictures reduced to 1/2, 1/4, 1/8, ... of the size.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def vessel_response(flat: Grey, view: Mask, levels: int) -> Grey:
 
 
 def without_ground(grey: Grey, view: Mask, deviation: float) -> Grey:
-    """Subtract the background of a picture: the median over a wide window around each pixel.
+    """Return a picture without its background, which is the median over a wide window around each pixel.
 
     The window is three times ``deviation`` pixels wide. Before the function computes the median, mirror images of pixels inside the
     field of view replace the pixels outside the field of view.

@@ -28,8 +28,8 @@ def segment_vessels(
     image : array_like, shape (H, W), (H, W, 3) or (H, W, 4)
         Greyscale or colour picture with any range of values.
     width : int, optional
-        Larger side of the map in cells; the default is 160 cells. If the vessels extend over fewer than ``width`` pixels, each
-        cell of the map is one pixel.
+        Larger side of the map in cells. The default is 160 cells. If the vessels extend over fewer than ``width`` pixels, each cell
+        of the map is one pixel.
     low, high, bright, thickest
         Options ``low``, ``high``, ``bright`` and ``thickest`` of the function `find_vessels`.
 

@@ -72,8 +72,8 @@ def find_vessels(
         Greyscale or colour picture with any range of values. The function ignores a fourth channel (opacity).
     low, high : float
         Thresholds of the filter response, as multiples of Otsu's threshold between vessels and background. A vessel consists of
-        connected pixels with a response above ``low``, of which at least one has a response above ``high``. Lower thresholds give
-        more and finer vessels.
+        connected pixels with a response above ``low``. At least one of these pixels has a response above ``high``. Lower thresholds
+        give more and finer vessels.
     bright : bool, optional
         Whether vessels are brighter than the surrounding pixels. By default, the clearer lines count as vessels: the bright lines
         or the dark lines.
@@ -91,18 +91,18 @@ def find_vessels(
     Notes
     -----
     The filter response of a pixel is the sum of two standardized responses. The first response comes from the multi-scale line
-    detector by Nguyen and others (Pattern Recognition 46, 2013). The second response has half the weight of the first response, and
-    comes from elongated second derivatives of Gaussians, which are similar to the Gabor filters by Soares and others (IEEE
-    Transactions on Medical Imaging 25, 2006). The command `python -m benchmarks.vessels_from_photographs` measures the accuracy of
-    the vessel finder on synthetic photographs of eyes.
+    detector by Nguyen and others (Pattern Recognition 46, 2013). The second response comes from elongated second derivatives of
+    Gaussians. The second derivatives are similar to the Gabor filters by Soares and others (IEEE Transactions on Medical Imaging
+    25, 2006). The second response has half the weight of the first response. The command `python -m
+    benchmarks.vessels_from_photographs` measures the accuracy of the vessel finder on synthetic photographs of eyes.
     """
     return VesselFinder(image, bright=bright, thickest=thickest).find(low=low, high=high)
 
 
 class VesselFinder:
-    """A photograph with its filter responses, in which vessels can be found for any thresholds.
+    """A photograph with its filter responses. The method `find` finds the vessels in the photograph for any thresholds.
 
-    The filters run only once, because the vessel finder stores their responses. Finding vessels for further thresholds is fast.
+    The vessel finder stores the filter responses, so that finding the vessels for further thresholds is fast.
 
     Parameters
     ----------
@@ -238,7 +238,7 @@ def _levels(picture: Photograph, thickest: float) -> int:
 def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
     """Return the strength of bright lines: the mean of the highest responses.
 
-    ``share`` is the fraction of pixels that the mean includes.
+    The mean includes the fraction ``share`` of all pixels.
     """
     lines: NDArray[np.float64] = strongest_line(flat)[view]
     kept = max(1, int(share * lines.size))
@@ -246,7 +246,7 @@ def _strength(flat: Grey, view: Mask, share: float = 0.05) -> float:
 
 
 def _without_small(found: Mask, least: float) -> Mask:
-    """Remove connected parts with fewer than ``least`` pixels. If no part is that large, keep the largest parts."""
+    """Remove connected parts with fewer than ``least`` pixels. If all parts are smaller, keep the largest parts."""
     from scipy import ndimage
 
     parts, _ = ndimage.label(found, np.ones((3, 3)))

@@ -32,12 +32,12 @@ class VesselStatistics:
     radii : ndarray, float64, shape (k, 3)
         Radii of the parent vessel, the wider daughter vessel and the narrower daughter vessel of each bifurcation, in pixels.
     lengths, chords, widths : ndarray, float64, shape (s,)
-        For each vessel segment between two junctions: its length, the distance between its ends, and its mean width, in pixels.
+        Length, distance between the two ends, and mean width of each vessel segment between two junctions, in pixels.
     area_density : float
         Area of the vessels divided by the area of the field of view.
     dead_ends : float
-        Number of dead ends per 100 mean vessel widths of network length, or NaN if the network is not longer than the mean vessel
-        width.
+        Number of dead ends per 100 w of network length, where w is the mean vessel width. The number is NaN if the network is not
+        longer than w.
     fractal_dimension : float
         Box-counting dimension of the network's centre lines.
     """
@@ -115,7 +115,7 @@ def vessel_statistics(mask: ArrayLike, *, view: ArrayLike | None = None) -> Vess
     The centre lines of the vessels are the skeleton of the mask. The width of a vessel part is the part's area divided by its
     length. A bifurcation is a junction of three segments. The function measures the segments of a bifurcation outside the largest
     disc that fits into the junction. The parent vessel of a bifurcation is the widest segment. If several segments are about
-    equally wide, the parent is the one for which the angle between the two other segments is smallest.
+    equally wide, the parent vessel is the segment for which the angle between the two other segments is smallest.
 
     Examples
     --------

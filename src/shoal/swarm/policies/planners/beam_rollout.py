@@ -42,11 +42,11 @@ class BeamRollout(Budgeted):
 
     The names ``best`` and ``beam-rollout`` mean the same policy.
 
-    The planner beam-rollout simulates plans to the end of the task whenever its predictions are reliable, for any number of
-    frontier cells. Two base policies complete plans: the greedy base policy of the policy rollout, and a careful base policy that
-    probes nearby unknown cells before it moves on. The planner beam-rollout predicts cells farther beyond the frontier than the
-    policy rollout does. The prediction of free cells stops where the predicted cells are probably not all free. Source:
-    docs/concepts/planners.md.
+    If its predictions are reliable, the planner beam-rollout simulates plans to the end of the task, even with many frontier cells.
+    Two base policies complete plans: the greedy base policy of the policy rollout, and a careful base policy. The careful base
+    policy probes nearby unknown cells before the particles move on. The planner beam-rollout predicts cells farther beyond the
+    frontier than the policy rollout does. For cells farther beyond the frontier, the prediction demands a higher probability of
+    being free. Source: docs/concepts/planners.md.
     """
 
     kind: ClassVar[str] = "beam-rollout"
@@ -58,9 +58,9 @@ class BeamRollout(Budgeted):
         """Return the planning budget and the tuning for a number of particles, in the form that kernels expect.
 
         For fewer or more than 1000 particles, the planning budget is larger than for 1000 particles, and the planner tries more
-        random variations of plans. For more than 1000 particles, the beam search is also wider and deeper, and early
-        classification has less weight. The planner then simulates plans to the end even if the frontier is large, because many
-        particles classify all cells in few moves. With a limit on computing time, the number of variations and the size of the
+        random variations of plans. For more than 1000 particles, the beam search is also wider and deeper, and the early
+        classification of cells has less weight. The planner then simulates plans to the end even if the frontier is large, because
+        many particles classify all cells in few moves. With a limit on computing time, the number of variations and the size of the
         beam search do not depend on the number of particles.
         """
         fewer, more = min(MOST_FEW, USUAL / max(1, particles)), min(MOST_MANY, particles / USUAL)

@@ -49,7 +49,7 @@ class FirstPlan(BeamRollout):
 
 @dataclass(frozen=True)
 class Offline:
-    """Send the plan of `plan_coverage`. The policy offline needs the map and therefore supports coverage tasks, but no mapping.
+    """Send the plan of `plan_coverage`. The policy needs the map, so it cannot map an unknown workspace.
 
     Parameters
     ----------
@@ -90,10 +90,10 @@ def plan_coverage(
     attempts: int = 1,
     seed: int = 0,
 ) -> str:
-    """Return commands that move at least one particle onto every free cell of a known map, or onto every target cell.
+    """Return commands under which the particles visit every free cell of a known map, or every target cell.
 
-    The planner beam-rollout makes an initial plan, with the true map as its prediction. Simulated annealing shortens the initial
-    plan.
+    The planner beam-rollout makes an initial plan. The planner uses the true map in place of a predicted map. Simulated annealing
+    then shortens the initial plan.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def plan_coverage(
         Planning budget: the mean number of simulated moves per command of the plan. A plan of fewer than 200 commands gets as
         many simulated moves as a plan of 200 commands.
     attempts : int
-        Number of plans to compute, each with different random changes. The function returns the shortest of all computed plans.
+        Number of plans to compute. Each plan uses different random numbers. The function returns the shortest plan.
     seed : int
 
     Raises
@@ -155,7 +155,7 @@ def plan_from(belief: Belief, state: SwarmState, rule: str, budget: float, rng: 
 
 
 def first_plan(belief: Belief, state: SwarmState, rule: str, budget: float, rng: Generator) -> tuple[Any, NDArray[np.int8]]:
-    """Compute an initial plan; return the planner that made the plan, and the plan's commands."""
+    """Return the planner that has made an initial plan, and the commands of the initial plan as codes 0 to 5."""
     policy = FirstPlan(budget=budget)
     options = policy.settings(len(state.occupied))
     planner = planner_of(belief.open.layout, belief, rule=rule, mapping=False, seed=seed_of(rng), options=options)

@@ -71,9 +71,9 @@ class Budgeted(PlannerPolicy):
     ----------
     budget : float
         Planning budget for 1000 particles: the mean number of simulated moves per move sent. For n < 1000 particles, the budget is
-        multiplied by (1000 / n) squared, at most by ten, because a small swarm needs more moves and gains more from planning than a
-        large swarm. For n > 1000 particles, the budget is multiplied by n / 1000, at most by four, because a large swarm needs few
-        moves in total. Equal seeds and equal budgets give equal commands on every machine.
+        multiplied by min(10, (1000 / n)^2), because a small swarm needs more moves and gains more from planning than a large swarm.
+        For n > 1000 particles, the budget is multiplied by min(4, n / 1000), because a large swarm needs few moves in total. Equal
+        seeds and equal budgets give equal commands on every machine.
     milliseconds : float
         Mean computing time per move in milliseconds. A computing time above 0 replaces the budget, and the planner's commands
         then depend on the speed and load of the machine. Shoal can replay an episode with a limit on computing time, because

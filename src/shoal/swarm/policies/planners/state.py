@@ -32,7 +32,7 @@ ADVANCE = 10  # moves whose time may be spent in advance, because the first move
 
 
 def new_prior(layout: GridLayout, *, lattices: int = 0, learned: bool = False) -> occupancy_prior.OccupancyPrior:
-    """Return an occupancy prior without learned data, as it is at the start of an episode.
+    """Return the occupancy prior at the start of an episode, before it has learned from any classified cell.
 
     ``lattices`` is the number of lattice models in the occupancy prior. If ``learned`` is true, the prior contains the trained
     neural network in addition to the lattice models.
@@ -131,7 +131,7 @@ def seed_of(rng: Generator) -> int:
 
 
 class Pace:
-    """Converts a time limit per move into a budget of simulated moves, by means of the simulation speed measured so far."""
+    """Converts a time limit per move into a budget of simulated moves. The conversion uses the simulation speed measured so far."""
 
     def __init__(self, milliseconds: float) -> None:
         self.milliseconds, self.spent, self.simulated, self.moves = milliseconds, 0.0, 0, 0

@@ -1,8 +1,8 @@
 """Exact counting of particle placements on a line, with integers only.
 
 A placement of n particles on m cells has n + 1 gaps, with m - n empty cells in total. Let a be the first gap, t the sum of the
-first and the last gap, and g(1), ..., g(n-1) the inner gaps. Let M = max(t + 2, g(1), ..., g(n-1)), where the first inner gap
-above 0 counts as one cell less. Full coverage takes a + 1 + M moves, or one move less if all inner gaps are 0. The function
+first and the last gap, and g(1), ..., g(n-1) the inner gaps. Let M = max(t + 2, g(1), ..., g(n-1)), with the first inner gap
+above 0 reduced by one cell. Full coverage takes a + 1 + M moves, or a + M moves if all inner gaps are 0. The function
 `positions.coverage_moves` explains these numbers of moves.
 
 M is at most g if t <= g - 2, the first inner gap above 0 is at most g + 1, and all other inner gaps are at most g. The first and
@@ -38,12 +38,12 @@ def choose_all(upto: int, k: int) -> list[int]:
 
 
 def signed_binomials(n: int, at_most: int) -> list[int]:
-    """Return the list of signed binomial coefficients (-1)^j C(n, j), for j from 0 to the smaller one of ``at_most`` and n."""
+    """Return the list of signed binomial coefficients (-1)^j C(n, j), for j from 0 to min(n, ``at_most``)."""
     return [(-1) ** j * comb(n, j) for j in range(min(n, at_most) + 1)]
 
 
 def placements_by_largest_gap(cells: int, particles: int) -> list[int]:
-    """Return, for each g from 0 to cells - particles, the number of placements whose gaps, end gaps included, are at most g."""
+    """Return, for each g from 0 to cells - particles, how many placements have at most g cells in each gap, end gaps included."""
     placements, signs = choose_all(cells, particles), signed_binomials(particles + 1, cells)
     counts = []
     for g in range(cells - particles + 1):

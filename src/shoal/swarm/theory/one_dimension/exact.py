@@ -138,8 +138,7 @@ class Line:
     def boundary_float(self) -> float:
         """The exact expected value in `boundary` as a float, for lines of any length.
 
-        If the particles and the empty cells both number more than 1000, the computation omits the term (m-n+1)/C(m,n), which is
-        then smaller than rounding errors.
+        If n and m - n both exceed 1000, the term (m-n+1)/C(m,n) is smaller than rounding errors, and the computation omits it.
         """
         m, n = self.cells, self.particles
         clumps = Fraction(m - n + 1, comb(m, n)) if min(n, m - n) <= _COUNTED else 0
@@ -162,9 +161,9 @@ class Line:
     def published_coverage(self) -> Fraction:
         """Expected number of moves for full coverage, according to the published curve.
 
-        The published curve has two errors: the error of the printed formula, and inner gaps that are one cell too long, because the
-        papers measure a gap as a difference of positions. If particles fill all cells at the start, the curve gives 2 moves, which
-        is correct. Source: paper M, figure 7, 1-D curve.
+        The published curve has two errors. The first error is the error of the printed formula. The second error is that inner gaps
+        are one cell too long, because the papers measure a gap as a difference of positions. If particles fill all cells at the
+        start, the curve gives 2 moves, which is correct. Source: paper M, figure 7, 1-D curve.
         """
         if self.particles == self.cells:
             return Fraction(2)

@@ -74,11 +74,11 @@ def optimal_schedule(*, scan_cost: Price, move_cost: Price, max_distance: int) -
 
     The competitive ratio of a schedule is the largest ratio of the schedule's price to the optimal price, over all wall distances.
     Let c be the price of a scan, v the price of a move, x_1, x_2, ... the scan positions of a schedule, and x_0 = 0. The schedule
-    has a competitive ratio of at most r if every x_j is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A competitive ratio
-    r is possible if and only if the schedule with the latest allowed scans reaches the maximum distance, because a later scan
-    allows later positions for all following scans. A bisection finds an interval that contains the smallest possible competitive
-    ratio. Inside the interval, the function computes schedules with smaller and smaller ratios in exact fractions, until no
-    schedule has a smaller ratio.
+    has a competitive ratio of at most r if every x_j is at most ``(r (v (x_(j-1) + 1) + 2c) - c (j + 1)) / v``. A later scan allows
+    later positions for all following scans. A competitive ratio r is therefore possible if and only if the schedule with the latest
+    allowed scans reaches the maximum distance. A bisection finds an interval that contains the smallest possible competitive ratio.
+    Inside the interval, the function computes schedules with smaller and smaller ratios in exact fractions, until no schedule has a
+    smaller ratio.
 
     Parameters
     ----------

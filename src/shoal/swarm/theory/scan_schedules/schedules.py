@@ -113,8 +113,8 @@ class ScanSchedule(ABC):
     def worst(self, *, scan_cost: Price, move_cost: Price, max_distance: int) -> Worst:
         """Return the largest ratio of the schedule's price to the optimal price, over all distances from 0 to ``max_distance``.
 
-        The method checks only the smallest distance after each scan position, because the cost of the schedule is constant between
-        two scan positions, but the cost of the optimum grows with the distance.
+        Between two scan positions, the cost of the schedule is constant, but the cost of the optimum grows with the distance. The
+        method therefore checks only the smallest distance after each scan position.
 
         Raises
         ------

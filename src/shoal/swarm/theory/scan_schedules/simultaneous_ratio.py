@@ -32,7 +32,7 @@ def least_simultaneous_ratio(max_distance: int) -> Bracket:
     For a schedule with j scans after the scan at the start, the competitive ratio of scans is (j + 1) / 2, because the optimum has
     two scans. The smallest possible competitive ratio of moves falls as the number of scans grows. A schedule reaches this smallest
     ratio of moves if each jump is as long as the ratio allows. The smallest common bound lies where the falling ratio of moves and
-    the growing ratio of scans meet, and the function searches for the number of scans at this point.
+    the growing ratio of scans meet. The function searches for the number of scans at this point.
 
     Parameters
     ----------
