@@ -36,8 +36,8 @@ class Allocation:
         Lower bound on the completion time of any allocation: the number of necessary cell visits divided by the sum of all search
         rates. The search rate of a robot is its speed times its footprint width in cells.
     work : tuple of tuple of Arc
-        All arcs that each robot searches. If several robots must search each cell, a robot searches first its own arcs, and then
-        the arcs of the next robots along the tour.
+        All arcs that each robot searches, in the order of the search. If several robots must search each cell, a robot first
+        searches its own arcs. Then the robot searches the arcs of the next robots along the tour.
     """
 
     allocator: str
@@ -69,19 +69,19 @@ def allocate(
     starts : array_like of int, shape (m,)
         Tour index of each robot's start cell, for at least one robot. Several robots may start in the same cell.
     allocator : str
-        "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": all robots first
-        move along the tour, by at most one common distance. "individual-shift": each robot first moves along the tour, by a
-        distance chosen for this robot. "two-way": each robot searches cells behind its start and cells ahead of its start. "hop":
-        each robot moves straight to the first cell of its arc. A text of the form ``module:attribute`` names a function with the
-        same arguments as the functions in `shoal.search.allocation.allocators`.
+        "stay": each robot searches the cells from its start to the next robot's start (paper H). "common-shift": each robot first
+        moves along the tour, and the upper limit of the distance is equal for all robots. "individual-shift": each robot first
+        moves along the tour, by a distance chosen for this robot. "two-way": each robot searches cells behind its start and cells
+        ahead of its start. "hop": each robot moves straight to the first cell of its arc. A text of the form ``module:attribute``
+        names a function with the same arguments as the functions in `shoal.search.allocation.allocators`.
     rates : array_like of float, shape (m,), optional
         Speed of each robot, for motion and search alike. By default, all robots have the speed 1.
     places : array_like of float, shape (m, d), optional
         Positions of the robots in cell sides, as in `TourCost.points`. By default, each robot is at the viewpoint of its start
         cell.
     widths : array_like of int, shape (m,), optional
-        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A wide footprint
-        multiplies the number of cells that a robot gets by about the factor `gain_of`.
+        Footprint width of each robot, as an odd number of cells. By default, all footprints are one cell wide. A robot with
+        a wide footprint gets about `gain_of` times as many cells as an equally fast robot with a footprint of one cell.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def _shared(tour_cost: TourCost, allocator: str, team: Team, order: Indices) -> 
 def _team(
     tour_cost: TourCost, starts: ArrayLike, rates: ArrayLike | None, places: ArrayLike | None, widths: ArrayLike | None
 ) -> tuple[Team, Indices]:
-    """Check the robots, and sort them by their start cells. Return the sorted robots, and the indices that sort them."""
+    """Check the robots. Return the robots in the order of their start cells, and the given index of each of these robots."""
     n = len(tour_cost)
     first = np.asarray(starts)
     if first.ndim != 1 or not len(first) or first.dtype.kind not in "iu" or (first < 0).any() or (first >= n).any():
@@ -160,7 +160,10 @@ def _team(
 
 
 def time_of(tour_cost: TourCost, work: Sequence[Arc], place: Floats, start: int | None, width: int) -> float:
-    """Return the cost, in cells, of searching arcs with a footprint that is ``width`` cells wide; see `work_time`."""
+    """Return the cost, in cells, of the path to the first arc and of the search of all arcs, with a footprint of ``width`` cells.
+
+    The arguments ``place`` and ``start`` have the same meaning as in `way_to`.
+    """
     if width == 1 or not work:
         return work_time(tour_cost, work, place, start)
     cells = numbers_of(work, len(tour_cost))

@@ -27,7 +27,7 @@ ALLOCATORS: Registry[Allocator] = Registry("allocation", functions=True)
 
 @ALLOCATORS.register("stay")
 def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
-    """Assign to each robot the cells between its own start and the start of the next robot along the tour."""
+    """Assign to each robot the cells from its own start to the cell before the next robot's start."""
     gaps = np.diff(np.append(team.starts, team.starts[0] + len(tour_cost)))
     return [[Arc(int(first), int(count))] for first, count in zip(team.starts, gaps, strict=True)]
 
@@ -36,7 +36,7 @@ def stay(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
 def common_shift(tour_cost: TourCost, team: Team) -> list[list[Arc]]:
     """Let each robot move at most a distance D along the tour, and then search at most G cells.
 
-    All robots share the limits D and G. The allocator minimizes D + G, as if all robots were equally fast.
+    The limits D and G are equal for all robots. The allocator minimizes D + G, and ignores that robots may differ in speed.
     """
     starts = team.starts
     n, m = len(tour_cost), len(starts)
@@ -134,9 +134,10 @@ def _passed(two_ways: bool, tour_cost: TourCost, team: Team, time: float, border
 
 
 def _bisected(two_ways: bool, tour_cost: TourCost, team: Team) -> Indices:
-    """Return the borders between the robots' parts for which the search takes the least time; int64, shape (m + 1,).
+    """Return the first cell of each robot's part, followed by the end of the last part; int64, shape (m + 1,).
 
-    The function finds the least time by bisection.
+    The parts minimize the time until the last robot finishes, which the function finds by bisection. The numbers of cells continue
+    beyond N - 1 after each round of the tour.
     """
     n, starts = len(tour_cost), team.starts
     best = np.append(starts, starts[0] + n) + n  # the borders that the allocator ``stay`` chooses

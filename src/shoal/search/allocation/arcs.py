@@ -35,9 +35,10 @@ class Arc:
         return arc_bits((self.first if self.step > 0 else self.first - self.count + 1) % n, self.count, n)
 
     def stretches(self, wanted: int, n: int) -> list[tuple[int, int]]:
-        """Return the sections of the arc that lie in the bitset ``wanted`` on a tour of n cells, in the order of the search.
+        """Return the sections of the arc whose cells are in the bitset ``wanted``, on a tour of n cells.
 
-        A section is a pair (first cell, number of cells).
+        A section is a pair: the tour index of the cell that the robot searches first, and the number of cells. The sections
+        are in the order of the search.
 
         Examples
         --------
@@ -49,9 +50,9 @@ class Arc:
         return found if self.step > 0 else [((first + count - 1) % n, count) for first, count in reversed(found)]
 
     def next_of(self, wanted: int, n: int) -> int | None:
-        """Return the first cell of the arc that is in the bitset ``wanted``, for a tour of n cells.
+        """Return the tour index of the arc's first cell that is in the bitset ``wanted``, for a tour of n cells.
 
-        The result is None if no cell of the arc is in the bitset.
+        The first cell is the cell that the robot searches first. The result is None if no cell of the arc is in the bitset.
 
         Examples
         --------
@@ -69,8 +70,8 @@ class Arc:
 def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) -> float:
     """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
-    If a cell ``start`` is given, the result is the straight distance or the length of the path from ``start`` to ``first`` around
-    walls, whichever is larger.
+    If a cell ``start`` is given, the function also computes the length of the path around walls from ``start`` to ``first``. The
+    result is the larger of the two lengths.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

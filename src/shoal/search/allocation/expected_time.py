@@ -54,9 +54,9 @@ def expected_time(cells: int, robots: int, *, dead: int = 0, trials: int = 10_00
     trial is the makespan of ``allocate(..., allocator="stay")``. Robots first move to the centres of their cells, so each part
     consists of whole cells. If several robots start in the same cell, only one of these robots searches.
 
-    For many cells, the mean approaches `stay_share`. With 64 cells and 50 robots, most robots share a cell, and the exact mean is
-    0.6 % above `stay_share` (``tests/golden/test_search_figures.py``). With more robots than cells, the mean is far above
-    `stay_share`, because a part has at least one whole cell.
+    For many cells, the mean approaches `stay_share`. With 64 cells and 50 robots, most robots share their start cell with another
+    robot, and the exact mean is 0.6 % above `stay_share` (``tests/golden/test_search_figures.py``). With more robots than cells,
+    the mean is far above `stay_share`, because the longest part has at least one whole cell.
 
     Examples
     --------

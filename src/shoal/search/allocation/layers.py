@@ -32,7 +32,7 @@ class LayeredGrid:
     altitudes : ndarray of float64, shape (L,)
         Altitude of each layer in metres.
     climb : float
-        Distance in metres that a robot flies level while it would climb one metre or descend one metre, averaged over both.
+        Level distance in metres that a robot flies in the mean time of a climb by one metre and a descent by one metre.
     """
 
     layers: tuple[CellGrid, ...]
@@ -105,7 +105,7 @@ class LayeredGrid:
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
-        """Return, for each point on the ground, the cell of the given layer above this point; int64, shape (n, 3)."""
+        """Return, for points on the ground, the cells (layer, row, column) above them in the given layer; int64, shape (n, 3)."""
         found = self.layers[layer].cell_of(points)
         return np.column_stack([np.full(len(found), layer), found])
 
@@ -123,14 +123,14 @@ def layers_of(grid: Grid) -> tuple[CellGrid, ...]:
 
 
 def at_altitude(points: Points, up: float | NDArray[np.float64]) -> Points:
-    """Add an altitude to two-dimensional points; float64, shape (n, 3)."""
+    """Return two-dimensional points with the altitude ``up`` as third coordinate; float64, shape (n, 3)."""
     return np.column_stack([points, np.broadcast_to(up, len(points))])
 
 
 def with_climb_cost(grid: Grid, points: Points) -> Points:
-    """Scale the altitudes of points in metres, so that a climb is as long as a horizontal path of the same duration.
+    """Return points in metres with scaled altitudes: a climb becomes as long as a horizontal path of the same duration.
 
-    In a grid of several layers, points without an altitude get the altitude of the lowest layer.
+    In a `CellGrid`, points do not change. In a `LayeredGrid`, points without an altitude get the altitude of the lowest layer.
     """
     if isinstance(grid, CellGrid):
         return points
@@ -235,7 +235,7 @@ class LayeredFootprint:
         self._numbers, self._layers = numbers, layers
 
     def seen(self, cell: int, width: int) -> Numbers:
-        """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour indices."""
+        """Return the cells that a robot in ``cell`` sees with a footprint of ``width`` cells, as increasing tour indices."""
         layer, own = self._numbers.own(cell)
         return np.sort(self._numbers.whole(layer, self._layers[layer].seen(own, width)))
 
@@ -271,7 +271,7 @@ class LayeredDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        The argument ``closed``, a bitset of cells that the path must not enter, has no effect here.
+        The argument ``closed`` of `Distances.length` has no effect here.
         """
         key = (min(here, cell), max(here, cell))
         length = self._known.get(key)
@@ -292,7 +292,7 @@ class LayeredDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        The horizontal distance to a cell of another layer is counted from that layer's cell above or below ``here``.
+        The horizontal distance to a cell of another layer begins in the cell of the other layer above or below ``here``.
         """
         grid, place = self._paths.grid, self._places[here]
         found = np.hypot(*(self._places[:, :2] - place[:2]).T) / grid.size
@@ -313,21 +313,21 @@ def plane_of(grid: CellGrid, position: Numbers, size: float = 1.0) -> CellPlane:
     position : ndarray of int64, shape (H, W) or larger
         Tour index of each cell, and -1 for positions without a cell.
     size : float
-        Length of a step to a neighbouring cell, in sides of the smallest cells.
+        Length of a step to a neighbouring cell, in sides of the smallest cells of all layers.
     """
     rows, columns = grid.shape
     return CellPlane(position[:rows, :columns], grid.doors_east, grid.doors_south, size)
 
 
 def cells_of_layers(grid: LayeredGrid, tour: Tour, steps: NDArray[np.float64]) -> CellDistances:
-    """Return the distances for robots that move only to a neighbouring cell, or to the cell above or below in the next layer.
+    """Return the distances for robots that move only to neighbouring cells of the same layer, or of the layer above or below.
 
     Parameters
     ----------
     grid : LayeredGrid
     tour : Tour
     steps : ndarray of float64, shape (N,)
-        Length of the path from each cell of the tour to the next, in cell sides.
+        Length of the path from each cell of the tour to the next cell of the tour, in cell sides.
     """
     layers = grid.layers
     planes = [plane_of(one, tour.position[number], one.size / grid.size) for number, one in enumerate(layers)]

@@ -1,4 +1,4 @@
-"""Orientation: the choice of a tour, and of the angle and shift of its rows, so that one round takes the least time."""
+"""Orientation: the choice of a tour, and of the angle and shift of its rows, so that one round of the tour takes the least time."""
 
 from __future__ import annotations
 
@@ -108,14 +108,15 @@ def grid_tour(
     turn_cost : float
         Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     stepwise : bool
-        Whether robots move only from a cell to a neighbouring cell. Such robots look at each cell from inside it.
+        Whether robots move only from a cell to a neighbouring cell. Such robots see each cell from a viewpoint inside the cell.
     transit : bool
         Whether paths may lead outside the region from one of its parts to another, as in `RegionPaths`.
     exchange : bool
         Whether exchanges of cells, and paths along the border, shorten the tour, as in `exchanged` and `along_border`. If true,
         each robot must visit all viewpoints of its cells.
     along_rows : bool, optional
-        Whether a tour that can run along or across the rows of cells runs along them. By default, the tour maker decides.
+        Direction of a tour that can run along or across the rows: true for along, and false for across. By default, the tour maker
+        decides.
 
     Examples
     --------
@@ -136,7 +137,7 @@ def grid_tour(
 
 
 def _maker(name: str, along_rows: bool | None) -> str | TourMaker:
-    """Return a tour maker that keeps to the given direction if it can run along or across the rows of cells."""
+    """Return a tour's name, or a tour maker for the direction ``along_rows`` if the tour can run along or across the rows."""
     return name if along_rows is None or name not in _TURNABLE else _TURNABLE[name](along_rows)
 
 
@@ -149,7 +150,8 @@ def _exchanged(grid: CellGrid, tour: Tour, turn: float) -> tuple[CellGrid, Tour]
 def can_exchange(region: SearchRegion, size: float, footprints: ArrayLike) -> bool:
     """Return whether exchanges may shorten a tour: the region has at most `MOST` cells, and all footprints are equal.
 
-    After exchanges, some cells can be seen only from their own viewpoints, and not by a wide footprint in a neighbouring cell.
+    After exchanges, some cells are visible only from their own viewpoints. A robot with a wide footprint in a neighbouring cell
+    does not see these cells.
     """
     return bool(np.unique(footprints).size == 1 and region.area_m2 <= MOST * size**2)
 
@@ -213,10 +215,10 @@ def best_grid_tour(
     exchange: bool = False,
     along_rows: bool | None = None,
 ) -> GridTour:
-    """Choose the angle and the shift of the rows of cells, and the tour, for which one round costs least.
+    """Return the cells and the tour with the lowest cost of one round, over all compared tours, angles and shifts of the rows.
 
-    The function estimates the cost of each pair of an angle and a shift from the number and the lengths of the rows. The function
-    computes complete tours only for the four pairs with the lowest estimated cost, and in large regions for fewer pairs. If
+    For each pair of an angle and a shift, the function estimates the cost of one round from the number and the lengths of the rows.
+    It computes complete tours only for the four pairs with the lowest estimated cost, and in large regions for fewer pairs. If
     exchanges shorten the tours, the function drafts tours for more pairs, and completes only the best drafts.
 
     Parameters
@@ -229,7 +231,7 @@ def best_grid_tour(
     turn_cost : float
         Cost of a turn in cells. The function replaces a cost of 0 by `TURN`.
     angle : float, optional
-        Angle of the rows of cells in degrees. With a given angle, the function compares only tours.
+        Angle of the rows of cells in degrees. If an angle is given, the shift is 0, and the function compares only the tours.
     stepwise, transit, exchange, along_rows
         Arguments of `grid_tour`.
     """
@@ -263,7 +265,7 @@ def _exchanged_tours(
     turn: float,
     transit: bool,
 ) -> list[GridTour]:
-    """Return the best tour of each tour maker, shortened by exchanges, and the best of all tours, with paths along the border."""
+    """Return the best of all tours with paths along the border, followed by the best tour of each kind without such paths."""
     drafts: list[tuple[CellGrid, Tour, float]] = []
     for angle, offset in orientations:
         grid = cells_of(region, size, angle=angle, offset=(0.0, offset), on_rows=True)
@@ -283,7 +285,7 @@ def _exchanged_tours(
 
 
 def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]:
-    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of the search."""
+    """Return pairs (angle, shift) for the rows of cells, sorted by the estimated cost of one round of a tour."""
     simple = area.simplify(size / 4)
     angles = {*np.arange(0.0, 180.0, _STEP).tolist(), *_long_sides(simple)}
     costs = []
@@ -294,7 +296,7 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
 
 
 def _long_sides(area: Any) -> list[float]:
-    """Return the directions of the longest sides of an outline, and the perpendicular directions, in degrees from 0 to 180."""
+    """Return angles in degrees from 0 to below 180: the directions of an outline's longest sides, and the perpendiculars."""
     import shapely
 
     found: dict[float, float] = {}
@@ -328,7 +330,7 @@ def _cost_of_rows(area: Any, size: float, turn: float, shift: float) -> float:
 
 
 def _chords(area: Any, y: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return, for each horizontal line, the number of its parts inside an area, their outer ends (or NaN) and total length."""
+    """Return, for each horizontal line, the number of its sections in an area, their two outer ends (or NaN) and total length."""
     import shapely
 
     points, ring = shapely.get_coordinates(shapely.get_rings(shapely.get_parts(area)), return_index=True)

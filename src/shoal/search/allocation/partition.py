@@ -37,8 +37,8 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
     allocator : str
         Name of the allocator, as in `allocate`.
     robots : tuple of (number, start, rate, width)
-        The robots, sorted by number so that all robots compute equal partitions. The rate is the robot's relative speed, and the
-        width is the width of its footprint in cells.
+        The robots, sorted by number so that all robots compute equal partitions. The start is the tour index of a robot's start
+        cell, the rate is the robot's speed, and the width is the width of the robot's footprint in cells.
     """
     n = len(tour_cost)
     _, starts, rates, widths = zip(*robots, strict=True)
@@ -57,7 +57,7 @@ def partition(tour_cost: TourCost, allocator: str, robots: tuple[tuple[int, int,
 def in_passes(
     tour_cost: TourCost, allocation: Allocation, robots: tuple[tuple[int, int, float, int], ...], places: Floats, count: int
 ) -> Allocation:
-    """Extend an allocation so that ``count`` different robots search each cell.
+    """Return an allocation in which ``count`` different robots search each cell.
 
     After its own part, each robot also searches the parts of the next ``count`` - 1 robots along the tour.
 

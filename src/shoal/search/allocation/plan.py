@@ -74,7 +74,7 @@ class SearchPlan:
     landing : ndarray of float64, shape (m, 2), optional
         Landing positions of the robots in metres. By default, robots land at their start positions.
     vehicle : Vehicle
-        Description of the vehicle, one for all robots.
+        Description of the vehicle, which is equal for all robots.
     delays : ndarray of float64, shape (m,)
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate
@@ -106,7 +106,7 @@ class SearchPlan:
 
     @property
     def row_angle(self) -> float:
-        """Direction of the rows in the lowest layer, in which most of the tour's length runs, in degrees (see `Tour.row_angle`)."""
+        """Direction in degrees in which most of the tour's length in the lowest layer runs; see `Tour.row_angle`."""
         return self.tour.row_angle(self.grid.angle, 0)
 
     @property
@@ -157,18 +157,18 @@ class SearchPlan:
         return numbers_of(arcs, len(self.tour_cost))
 
     def stops(self, robot: int) -> NDArray[np.int64]:
-        """Return the stops from which robot number ``robot`` (from 0) sees its part, as tour indices; int64, shape (k,)."""
+        """Return the stops from which robot number ``robot`` (counted from 0) sees its part, as tour indices; int64, shape (k,)."""
         cells = self.numbers(self.allocation.work[robot])
         width = int(self.widths[robot])
         return cells if width == 1 or not len(cells) else select_viewpoints(self.tour_cost, width, cells)[0]
 
     def seen(self, robot: int, stops: ArrayLike) -> list[NDArray[np.int64]]:
-        """Return the cells that robot number ``robot`` (from 0) sees from each of its stops, as tour indices."""
+        """Return the cells that robot number ``robot`` (counted from 0) sees from each of its stops, as tour indices."""
         width = int(self.widths[robot])
         return [self.tour_cost.seen(int(stop), width) for stop in np.asarray(stops)]
 
     def route(self, robot: int, numbers: ArrayLike, detours: Sequence[Sequence[int]] = ()) -> Route:
-        """Return the path of robot number ``robot`` (from 0) from its start through the cells with the given tour indices.
+        """Return the path of robot ``robot`` (counted from 0) from its start through the cells with the given tour indices.
 
         The argument ``detours`` lists, for each given cell, the cells that the robot crosses on its way to the given cell.
         """

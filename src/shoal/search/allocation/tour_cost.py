@@ -25,7 +25,7 @@ _RECKONED = 1_000_000  # cells times robots: above this, paths between cells cou
 class TourCost:
     """The cost of searching along a tour.
 
-    Costs are in cells: to move to a neighbouring cell and search it costs 1.
+    The unit of costs is the cell: the cost of moving to a neighbouring cell and searching this cell is 1.
 
     Parameters
     ----------
@@ -106,16 +106,17 @@ class TourCost:
 
     @cached_property
     def costs(self) -> Floats:
-        """Cost, in cells, of moving to each cell from the previous cell of the tour and searching it; float64, shape (N,).
+        """Cost, in cells, of moving from the previous cell of the tour to each cell and searching this cell; float64, shape (N,).
 
-        The cost of a cell is the length of the path to it in cell sides, at least 1, plus the cost of turns on the path.
+        The cost of a cell is max(1, l) plus the cost of turns on the path to the cell, where l is the length of this path in cell
+        sides.
         """
         before = np.maximum(np.roll(self.steps, 1), 1.0)
         return before + self.turn_cost * np.roll(self.turns, 1)
 
     @cached_property
     def ahead(self) -> Floats:
-        """For each cell of four rounds of the tour, the cost, in cells, of all cells before the cell; float64, shape (4 N + 1,)."""
+        """Sum of the costs of the first k cells of four rounds of the tour, for k from 0 to 4 N; float64, shape (4 N + 1,)."""
         return np.concatenate([[0.0], np.cumsum(np.tile(self.costs, 4))])
 
     @cached_property
@@ -182,7 +183,7 @@ class TourCost:
     def through(self, here: int, cell: int, *, fresh: bool = False, closed: int = 0) -> tuple[int, ...]:
         """Return the cells that a robot enters on the path whose cost `way` returns.
 
-        If robots do not move from cell to cell, the result is empty.
+        The result is empty if ``here`` equals ``cell``, or if ``distances`` is not a `CellDistances`.
         """
         if not isinstance(self.distances, CellDistances) or here == cell:
             return ()
@@ -192,9 +193,9 @@ class TourCost:
     def _stepwise_way(self, here: int, cell: int, free: float, closed: int) -> tuple[float, list[int]]:
         """Return the cost of the cheapest path between two cells, and the cells at which its direct moves begin and end.
 
-        The path follows the tour if the tour is not blocked and not more expensive than the direct path. A path along the tour pays
-        only for the tour's bends, and a direct path pays for one turn. So a robot that skips cells which other robots have searched
-        never pays more than for following the tour.
+        The path follows the tour if the tour is not blocked and not more expensive than the direct path. The cost of a path along
+        the tour contains only the turns of the tour. The cost of a direct path contains one turn. Therefore a robot that skips
+        cells searched by other robots never has a higher cost than a robot that follows the tour.
         """
         n, levels = self.n, self._levels
         direct = max(self.length(here, cell, closed) - free, 0.0) + self.turn_cost
@@ -226,8 +227,8 @@ class TourCost:
     def far(self, starts: NDArray[np.int64]) -> Floats:
         """Return the distances from m given cells to all N cells of the tour, in cell sides; float64, shape (m, N).
 
-        If ``distances`` is None, ``reckoned`` is false, or m times N is too large, the result has shape (0, 0), and allocators use
-        straight distances.
+        If ``distances`` is None, ``reckoned`` is false, or m N is above 1 million, the result has shape (0, 0). Then the allocators
+        use straight distances.
         """
         if self.distances is None or not self.reckoned or len(starts) * self.n > _RECKONED:
             return np.zeros((0, 0))

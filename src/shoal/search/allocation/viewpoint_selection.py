@@ -1,9 +1,10 @@
 """Viewpoint selection: the stops from which a robot with a wide footprint sees all cells of its part.
 
-The stops of a robot are only some of the cells of its part, in an order different from the order of the tour. The robot always
-stops next in the cell with the largest ratio of newly visible cells to the cost of the path there. The robot prefers stops along
-the border of the searched area, because a narrow strip that it leaves unsearched costs as much time later as a wide strip.
-Therefore the robot's path runs in circles inside its part, for every kind of tour.
+A robot with a wide footprint stops only in some cells of its part, and in an order different from the order of the tour. The next
+stop is the cell with the largest value of n / c, where n is the number of newly visible cells, and c is the cost of the path to the
+stop. The robot prefers stops along the border of the searched area. Otherwise it would leave narrow strips unsearched, and a narrow
+strip would later cost as much time as a wide strip. Therefore the robot's path runs in circles inside its part, for every kind of
+tour.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop with the largest ratio of visible wanted cells to the cost of reaching the stop.
+    """Return the stop with the largest number of visible wanted cells, divided by the cost of moving to the stop.
 
     Parameters
     ----------
@@ -36,7 +37,7 @@ def best_viewpoint(
     here : int
         Tour index of the robot's cell.
     wanted : ndarray of bool, shape (N,)
-        Whether the robot still has to see each cell.
+        For each cell, whether the robot still has to see the cell.
     aim : int
         A cell that the robot still has to see. If no stop near the robot sees a wanted cell, the robot stops near the cell ``aim``.
     cost : callable
@@ -149,10 +150,10 @@ def _cost(tour_cost: TourCost, here: int, fresh: bool, stop: int) -> float:
 
 @lru_cache(maxsize=256)
 def gain_of(tour_cost: TourCost, width: int) -> float:
-    """Return how many times faster a robot searches with a footprint of ``width`` cells than with a footprint of one cell.
+    """Return the search rate with a footprint of ``width`` cells, divided by the search rate with a footprint of one cell.
 
-    The result is at least 1. The function simulates the search of three sections of the tour. All robots compute equal gains for
-    equal widths.
+    The result is at least 1 and at most ``width``. The function simulates the search of three sections of the tour. All robots
+    compute equal gains for equal widths.
 
     Examples
     --------

@@ -139,7 +139,7 @@ class Clipped:
     rows, cols : ndarray of int64, shape (n,)
         Row and column of the cell that contains each piece. A cell on the border of the region has one or several pieces.
     pieces : ndarray of Shapely polygons, shape (n,)
-        The connected parts of the region in the cells on its border.
+        Connected parts of the region, each in one cell on the border of the region.
     """
 
     whole: NDArray[np.bool_]
@@ -186,7 +186,7 @@ def clip_to_cells(area: Any, lattice: Lattice) -> Clipped:
 
 
 def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
-    """Convert each whole cell to a piece if robots may not be at the centre of the cell.
+    """Return a clipped region in which a cell is a piece, not a whole cell, if robots may not be at the centre of the cell.
 
     The argument ``free`` is the area where robots may be, in the lattice's frame. If ``free`` is None, robots may be in the whole
     region.
@@ -207,7 +207,10 @@ def with_centers_free(clipped: Clipped, lattice: Lattice, free: Any) -> Clipped:
 
 
 def _polygonal(shapes: Any) -> Any:
-    """Return the polygons of each shape. A cut also gives lines or points if the region touches a block only from outside."""
+    """Return the polygons in each shape, without lines and points.
+
+    The intersection of a region and a block also contains lines or points where the region only touches the block.
+    """
     import shapely
 
     kinds = shapely.get_type_id(shapes)

@@ -21,7 +21,7 @@ _DIAGONAL = float(np.sqrt(2))
 
 
 class Distances(Protocol):
-    """The interface through which `TourCost` asks for distances between the cells of a tour."""
+    """Interface of the objects that give `TourCost` the distances between the cells of a tour."""
 
     @property
     def stepwise(self) -> bool:
@@ -75,7 +75,7 @@ class CellPlane:
 
 
 class CellDistances:
-    """Shortest paths whose steps lead from a cell to a neighbouring cell.
+    """Lengths of shortest paths whose steps lead from a cell to a neighbouring cell.
 
     A diagonal step is possible if both cells beside the step are open.
 
@@ -173,7 +173,7 @@ class CellDistances:
         return tuple(reversed(way))
 
     def beside(self, one: int, other: int) -> tuple[int, ...]:
-        """Return the cells that must be open beside a step: two cells for a diagonal step, and no cells for other steps."""
+        """Return the two cells beside a diagonal step, which must be open for this step. For any other step, return no cells."""
         (*layer, row, col), (*to_layer, to_row, to_col) = self._cells[one].tolist(), self._cells[other].tolist()
         if layer != to_layer or row == to_row or col == to_col or (one, other) in self._links:
             return ()
@@ -249,7 +249,7 @@ class RegionDistances:
     def length(self, here: int, cell: int, closed: int = 0) -> float:
         """Return the length of the path between two cells, in cell sides.
 
-        The argument ``closed``, a bitset of cells that the path must not enter, has no effect here.
+        The argument ``closed`` of `Distances.length` has no effect here.
         """
         key = (here, cell) if here < cell else (cell, here)
         length = self._known.get(key)
@@ -260,7 +260,8 @@ class RegionDistances:
     def lengths(self, here: int) -> NDArray[np.float64]:
         """Return approximate distances from the cell ``here`` to all cells, in cell sides.
 
-        Each distance is the straight distance plus a detour: the extra length of the path from cell to cell around walls.
+        Each distance is the straight distance plus the detour around walls. The detour is the length of the path from cell to cell,
+        minus the length that this path would have without walls.
         """
         straight = np.hypot(*(self._places - self._places[here]).T) / self._size
         rows, cols = np.abs(self._rows_cols - self._rows_cols[here]).T

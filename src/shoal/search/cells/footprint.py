@@ -28,7 +28,7 @@ _PARTS = (1, 3, 5)  # numbers of cells across a footprint that are tried in the 
 
 
 class Footprint(Protocol):
-    """The interface through which `TourCost` asks which cells a robot sees from a cell."""
+    """Interface of the objects that tell `TourCost` which cells a robot sees from a cell."""
 
     def seen(self, cell: int, width: int) -> Numbers:
         """Return the cells that a robot in ``cell`` sees, including ``cell``, as increasing tour indices."""

@@ -131,7 +131,7 @@ class CellGrid:
     def waypoint(self, cell: tuple[int, int]) -> Points:
         """Return the first viewpoint of a cell in metres; float64, shape (2,).
 
-        If the centre of a cell lies inside the region, the centre is the cell's first viewpoint.
+        If a cell lies entirely inside the region, its first viewpoint is usually the centre of the cell.
         """
         return np.asarray(self.viewpoints_in(cell)[0])
 
@@ -172,12 +172,12 @@ class CellGrid:
 
     @cached_property
     def doors_east(self) -> NDArray[np.bool_]:
-        """For each cell, whether a portal leads from its own piece to that of the next cell in the row; bool, shape (H, W - 1)."""
+        """Whether a portal joins the own pieces of each cell and of the next cell in its row; bool, shape (H, W - 1)."""
         return self._doors(0, 1)
 
     @cached_property
     def doors_south(self) -> NDArray[np.bool_]:
-        """For each cell, whether a portal leads from its own piece to the own piece of the cell below; bool, shape (H - 1, W)."""
+        """Whether a portal joins the own pieces of each cell and of the cell below; bool, shape (H - 1, W)."""
         return self._doors(1, 0)
 
     def _doors(self, down: int, right: int) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Portals: sections of grid lines through which a vehicle passes from one piece of a cell to another piece."""
+"""Portals: sections of grid lines through which a vehicle passes from a piece of one cell to a piece of the next cell."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def _segments(clipped: Clipped) -> tuple[Points, Points, NDArray[np.int64]]:
 
 
 def _stretches(clipped: Clipped, lattice: Lattice, axis: int) -> list[Stretch]:
-    """Return the sides of pieces that are parts of grid lines: of vertical lines for axis 0, of horizontal lines for axis 1."""
+    """Return the sides of pieces that lie on grid lines. Axis 0 means vertical lines, and axis 1 means horizontal lines."""
     start, end, piece = _segments(clipped)
     found: list[Stretch] = []
     for shift in (0, 1):

@@ -57,7 +57,7 @@ class Route:
         return np.asarray(stops[between] > 1.6 * size) | self.transit
 
     def waypoints(self) -> Points:
-        """Return both ends of the path and all points at which the path bends, in metres; float64, shape (m, 2)."""
+        """Return both ends of the path and all points at which the path bends, in metres; float64, shape (m, 2) or (m, 3)."""
         return merge_collinear(self.points)
 
 
@@ -111,7 +111,7 @@ class RegionPaths:
         Raises
         ------
         InvalidInputError
-            If `leg` raises an error for two consecutive stops.
+            If a stop is outside the region, or if consecutive stops are in different parts of the region and ``transit`` is false.
         """
         points = self.grid.region.check_inside(stops, what="stops")
         return self._joined(points, np.zeros(max(0, len(points) - 1), dtype=np.bool_))
@@ -147,7 +147,7 @@ class RegionPaths:
 
     @cached_property
     def _centered(self) -> NDArray[np.bool_]:
-        """Which cells lie inside the region and are seen from their centres alone, in the order of `CellGrid.cells`."""
+        """For each cell of `CellGrid.cells`, whether it lies entirely inside the region and its only viewpoint is its centre."""
         grid = self.grid
         away = np.abs(grid.waypoints() - grid.lattice.to_region(grid.lattice.centers(*grid.cells.T))).max(axis=1)
         single = np.diff(grid.viewpoint_starts) == 1
@@ -156,7 +156,7 @@ class RegionPaths:
     def _backwards(self, index: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Return, for each cell, whether a vehicle visits the cell's viewpoints in reverse order.
 
-        The order is reverse in two consecutive cells if the first viewpoint of one cell is the last viewpoint of the next cell.
+        If the first viewpoint of one cell is the last viewpoint of the next cell, the order is reverse in these two cells.
         """
         grid = self.grid
         first, last = grid.viewpoints[grid.viewpoint_starts[index]], grid.viewpoints[grid.viewpoint_starts[index + 1] - 1]
@@ -168,7 +168,7 @@ class RegionPaths:
         return back
 
     def _joined(self, stops: Points, known: NDArray[np.bool_]) -> Route:
-        """Join stops by paths. The array ``known`` tells which legs are known to be straight."""
+        """Return the path through the stops. The array ``known`` tells for each leg whether the leg is known to be straight."""
         good = known.copy()
         asked = np.flatnonzero(~known)
         good[asked] = inside(self.grid.region, stops[asked], stops[asked + 1])
@@ -188,7 +188,7 @@ class RegionPaths:
         return Route(points, places, transit)
 
     def _way(self, start: Points, end: Points) -> Points | None:
-        """Return a path between two points if the straight line between them leaves the region.
+        """Return a path inside the region between two points whose straight connection leaves the region.
 
         If the points lie in different parts of the region, the result is None.
         """

@@ -1,8 +1,8 @@
 """Straightening: the choice of viewpoints in border cells that makes the path along a tour short, with few bends.
 
 The *window* of a border cell contains all points from which the cell's piece is completely visible. Each point of the window can be
-the cell's viewpoint. If the tour visits several cells with windows one after another, a path of a few straight legs crosses all
-windows of these cells. The viewpoint of a cell is a point where the path crosses the cell's window.
+the cell's viewpoint. If several consecutive cells of the tour have windows, a path of a few straight legs crosses all windows of
+these cells. The viewpoint of a cell is a point where the path crosses the cell's window.
 """
 
 from __future__ import annotations
@@ -133,7 +133,7 @@ def _places(windows: Any, known: Points, middles: Points, footprint: float) -> l
 
 
 def _way(grid: CellGrid, fixed: Points, shapes: list[Any], places: list[Points], known: Points, turn: float) -> Points:
-    """Return one point in each window, so that the path through all fixed points and windows has few bends.
+    """Return one point in each window, so that the path through the fixed points ``fixed`` and all windows has few bends.
 
     If the function finds no path through all windows, it returns the points ``known``.
     """

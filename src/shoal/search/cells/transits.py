@@ -90,10 +90,11 @@ class WaysOut:
     ----------
     transits : Transits
     launches : mapping of int to ndarray of float64, shape (2,)
-        Launch point, in metres, of each robot that starts outside the region, by the number of the robot (from 1).
+        For the number of each robot that starts outside the region (counted from 1), the robot's launch point in metres.
     stops : ndarray of float64, shape (N, 2) or (N, 3)
-        Viewpoint of each cell by tour index, in metres. The third coordinate is the altitude, scaled so that a climb is as long as
-        a horizontal path of the same duration. All launch points count as being at the altitude of the lowest viewpoint.
+        Viewpoint of each cell in metres, in the order of the tour. The third coordinate is the altitude, scaled so that a climb is
+        as long as a horizontal path of the same duration. The class assumes that all launch points have the altitude of the lowest
+        viewpoint.
     size : float
         Side of a cell in metres.
     """

@@ -95,9 +95,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. If a piece does not contain the centre of
-    its cell, the viewpoint is the point nearest to the centre from which the whole piece is visible. If no point sees the whole
-    piece, the piece gets several viewpoints.
+    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. For any
+    other piece, the function considers all points from which the whole piece is visible, and chooses the point nearest to the
+    centre. If no point sees the whole piece, the piece gets several viewpoints.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def viewpoints_of(
 
 
 def _single(pieces: Any, centers: Points, half: float, speck: float) -> list[Points | None]:
-    """Return, for each piece, the point of the piece nearest to the centre from which the whole piece is visible, or None."""
+    """Return, for each piece, the viewpoint in the piece that sees the whole piece and is nearest to the centre, or None."""
     import shapely
 
     low, high = np.split(shapely.bounds(pieces), 2, axis=1)
@@ -216,7 +216,7 @@ def _within(piece: Any, room: Any, center: Points, half: float, speck: float, mo
 
 
 def _from_one(room: Any, left: Any, near: Points, half: float) -> Points | None:
-    """Return the point of the area ``room`` nearest to ``near`` from which the whole part ``left`` is visible.
+    """Return, among all points of ``room`` that see the whole part ``left`` of a piece, the point nearest to ``near``.
 
     If no point sees the whole part ``left``, the result is None.
     """

@@ -190,9 +190,9 @@ def _inward_corners(area: Any) -> Points:
 
 
 def pulled(region: SearchRegion, way: Points) -> Points:
-    """Return a shortened path with fewer bends.
+    """Return a shortened path with fewer bends, which has some of the points of the path ``way``.
 
-    From each of its points, the new path leads straight to the farthest visible point among the next 64 points of the path ``way``.
+    From each of its points, the new path leads straight to the last visible point among the next 64 points of the path ``way``.
     """
     kept = [0]
     while kept[-1] < len(way) - 1:
