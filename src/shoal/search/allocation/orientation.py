@@ -296,7 +296,7 @@ def _estimated(area: Any, size: float, turn: float) -> list[tuple[float, float]]
 
 
 def _long_sides(area: Any) -> list[float]:
-    """Return angles in degrees from 0 to below 180: the directions of an outline's longest sides, and the perpendiculars."""
+    """Return angles in degrees from 0 to below 180: the directions of an outline's longest sides, and perpendicular directions."""
     import shapely
 
     found: dict[float, float] = {}

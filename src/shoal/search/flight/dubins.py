@@ -77,11 +77,12 @@ def dubins_parts(starts: ArrayLike, ends: ArrayLike, radius: float) -> Floats:
 
 
 def dubins_way(start: ArrayLike, word: str, parts: ArrayLike, radius: float) -> Floats:
-    """Approximate a Dubins curve by a path of straight legs, in metres; float64, shape (k, 2).
+    """Return a path of straight legs that approximates a Dubins curve, in metres; float64, shape (k, 2).
 
-    The legs are tangents of the curve's arcs, so a vehicle that rounds off each bend with the turning radius ``radius`` flies
-    exactly along the curve. From leg to leg, the direction changes by at most `SHARPEST`. The first leg has the heading of the
-    curve's start, and the last leg has the heading of the curve's end.
+    The argument ``word`` is a curve type of `WORDS`, and ``parts`` holds the three lengths that `dubins_parts` returns for this
+    type. The legs of the path are tangents of the curve's arcs. Therefore a vehicle that rounds off each bend with the turning
+    radius ``radius`` flies exactly along the curve. From leg to leg, the direction changes by at most `SHARPEST`. The first leg has
+    the heading of the curve's start, and the last leg has the heading of the curve's end.
     """
     x, y, heading = (float(value) for value in np.asarray(start, dtype=np.float64))
     found = [(x, y)]

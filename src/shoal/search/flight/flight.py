@@ -56,13 +56,13 @@ class Flight:
     rate : float
         Speed of the robot divided by the vehicle's cruise speed.
     link : float
-        Length in metres up to which a fixed wing may replace a straight leg by a curve.
+        Maximum length in metres of a straight leg that a fixed wing may replace by a curve.
     blocked : Shapely geometry, optional
         Areas that no turn may cross.
     landing : ndarray of float64, shape (2,), optional
         Landing point in metres. By default, the vehicle lands at its home.
     area : Shapely geometry, optional
-        Area that a turn must not leave if it connects two points inside the area.
+        Area that a turn between two points inside this area must not leave.
     ending : "return", "land" or "loiter"
         Ending of the flight. With "land", a fixed wing descends steadily on a straight approach.
 
@@ -131,8 +131,8 @@ class Flight:
         Parameters
         ----------
         way : ndarray of float64, shape (k, 2) or (k, 3)
-            Path in metres, without home, with altitudes in the third column. A path without a third column has the vehicle's
-            altitude.
+            Points of the path in metres, without home. The third column holds altitudes. A path without a third column has the
+            vehicle's altitude.
 
         Raises
         ------
@@ -143,7 +143,7 @@ class Flight:
         return np.column_stack([self._written(found[:, :2]), found[:, 2]])
 
     def _written(self, points: Points) -> Points:
-        """Return points rounded as in a mission file. Rounding turns short legs a little, and so can change the number of turns."""
+        """Return points rounded as in a mission file. Rounding changes directions of short legs, and can add or remove turns."""
         return points if self.frame is None else self.frame.written(points)
 
     def _exact_waypoints(self, way: Points) -> Floats:
@@ -165,7 +165,7 @@ class Flight:
         return self.flies and self.terrain is not None and self.altitude_frame == "ground"
 
     def _curved(self, whole: Points, ups: Floats, way: Points) -> Floats:
-        """Return the waypoints of a fixed wing's path, with its turns, and with circles for changes of altitude."""
+        """Return the waypoints of a fixed wing's path, with turns, and with circles for changes of altitude."""
         base = float(self.elevation or 0.0) if self.altitude_frame == "sea" else 0.0
         if self.glides:
             descent = self._approach(whole[-2], ups[-1] - base)

@@ -12,7 +12,7 @@ def turn_cells(vehicle: Vehicle, size: float) -> float:
     """Return the cost of a turn: the number of cells of side ``size`` that the vehicle would pass in the time of the turn.
 
     At the end of a row, a vehicle turns twice: towards the next row, and into the next row. For a fixed wing, the cost of a turn is
-    half the extra length of the curve between two rows.
+    (L - s) / (2 s), where L is the length of the curve from a row to the next row, and s is the distance between the rows.
 
     Examples
     --------

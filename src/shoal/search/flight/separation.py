@@ -1,4 +1,4 @@
-"""Separation of two vehicles in flight: their nearest approach, and the differences of start times that keep them apart."""
+"""Separation of two vehicles in flight: their nearest approach, and the start time differences for which they come too close."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def nearest_approach(
     """Return the nearest approach of two vehicles in flight, or None if they always keep the vertical separation.
 
     A vehicle is in flight from the beginning to the end of its trajectory. The distance between two vehicles on straight legs is a
-    convex function of time and delay, so its minimum has a closed form.
+    convex function of time and delay. Therefore the minimum distance has a closed form.
 
     Parameters
     ----------
@@ -208,9 +208,9 @@ def _least(mine: _Legs, theirs: _Legs, level: float, shift: tuple[float, float])
 
 
 def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return, for each pair of legs, the times at which the two vehicles are where the legs cross on a map, and whether they cross.
+    """Return, for each pair of legs, when each vehicle is at the point where the legs cross on a map, and whether the legs cross.
 
-    Here the legs count as endless straight lines.
+    The function extends each leg to an endless straight line. Each time counts from the beginning of the vehicle's leg.
     """
     cross = mine[:, 0] * theirs[:, 1] - mine[:, 1] * theirs[:, 0]
     scale = np.hypot(*mine[:, :2].T) * np.hypot(*theirs[:, :2].T)
@@ -222,7 +222,7 @@ def _solved(start: Floats, mine: Floats, theirs: Floats) -> tuple[Floats, NDArra
 
 
 def _crossing(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limits: Floats) -> tuple[Floats, Floats]:
-    """Return, for each pair of legs, a distance and the times at which the legs cross.
+    """Return, for each pair of legs, a distance, and the times at which the two vehicles are where the legs cross on a map.
 
     The distance is 0 if the legs cross within the constraints, and otherwise infinite.
     """
@@ -284,7 +284,7 @@ def conflicts(one: Trajectory, other: Trajectory, *, horizontal: float, vertical
 
 
 def _near(base: Floats, change: Floats, horizontal: Floats, least: Floats, most: Floats) -> tuple[Floats, Floats]:
-    """Shorten intervals of a line to the part where two vehicles are closer than the horizontal separation; return both ends."""
+    """Return both ends of the part of each interval in which two vehicles are closer than the horizontal separation."""
     square, half = (change**2).sum(axis=1), (base * change).sum(axis=1)
     rest = (base**2).sum(axis=1) - horizontal**2
     still = square <= _HAIR**2
@@ -317,7 +317,7 @@ def _tangents(start: Floats, mine: Floats, theirs: Floats, normals: Floats, limi
 
 
 def merged_intervals(intervals: Floats) -> Floats:
-    """Merge overlapping intervals, and return them in increasing order; float64, shape (k, 2).
+    """Return the unions of overlapping intervals in increasing order; float64, shape (k, 2).
 
     The function drops intervals that end before they begin.
 

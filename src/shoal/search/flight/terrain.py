@@ -61,7 +61,7 @@ class Terrain:
         Raises
         ------
         InvalidInputError
-            If a height is missing, or if only one of the local frame and the grid has a position on Earth.
+            If a height is missing, or if the grid has a position on Earth and the points have none, or the reverse.
         """
         places = check_points(points, what="points", dimensions=2)
         return self._heights_at(self.grid_points(places, frame), places)
@@ -150,7 +150,7 @@ class Profile:
 
 
 def profile_of(terrain: Terrain, way: Points, frame: LocalFrame | None, *, error: float) -> Profile:
-    """Sample the ground below a path: at the path's vertices, at every crossed grid line, and at points in between.
+    """Return ground heights below a path: at the path's vertices, at every crossed grid line, and at points in between.
 
     Parameters
     ----------
@@ -196,9 +196,10 @@ def _along(way: Points, legs: NDArray[np.int64], shares: Floats) -> Points:
 
 
 def _crossings(along: Floats, places: Points) -> Floats:
-    """Return the positions along a path at which it crosses a grid line between two samples.
+    """Return the positions along a path at which the path crosses a grid line between two samples.
 
-    Between two samples, the path crosses at most one vertical and one horizontal grid line.
+    A position is the index of a leg plus the passed fraction of this leg. Between two samples, the path crosses at most one
+    vertical and one horizontal grid line.
     """
     along = np.append(along, np.ceil(along[-1] + 1e-12))
     found = []
@@ -213,7 +214,7 @@ def _crossings(along: Floats, places: Points) -> Floats:
 
 
 def limited_climbs(heights: Floats, climbs: Floats, sinks: Floats) -> Floats:
-    """Return the lowest heights along a path that respect limits of climb and descent and are nowhere below given heights.
+    """Return the lowest heights along a path that keep to limits of climb and descent, and are nowhere below given heights.
 
     Where the given heights rise or fall too steeply, the path climbs earlier, or descends later, than the given heights.
 

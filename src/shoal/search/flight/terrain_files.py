@@ -125,7 +125,7 @@ def _geo_keys(source: Path, tags: dict[int, Any]) -> dict[int, int]:
 def _placement(source: Path, tags: dict[int, Any], *, points: bool) -> tuple[float, float, tuple[float, float]]:
     """Return the coordinates of the north-west grid point of a GeoTIFF, and the distances between columns and between rows.
 
-    If ``points`` is false, heights belong to the centres of grid cells, and the coordinates in the file are those of a corner.
+    If ``points`` is false, heights belong to the centres of grid cells, and the file gives the position of the grid's corner.
     """
     try:
         if _TRANSFORM in tags:
@@ -202,7 +202,7 @@ def _numbers(source: Path, lines: list[str], begin: int, count: int) -> Floats:
 
 
 def _system_beside(source: Path) -> str:
-    """Return the coordinate reference system in the ``.prj`` file that belongs to an ESRI ASCII grid."""
+    """Return the coordinate reference system in the ``.prj`` file of an ESRI ASCII grid, or `UNSAID` without a ``.prj`` file."""
     beside = source.with_suffix(".prj")
     if not beside.is_file():
         return UNSAID

@@ -50,8 +50,8 @@ class Trajectory:
 def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajectory:
     """Return the trajectory of a vehicle that follows a path.
 
-    The duration of a leg is its horizontal length divided by the ground speed in the wind. If the climb or descent on a leg takes
-    longer than the horizontal motion, the duration of the leg is that of the climb or descent. Each horizontal change of direction
+    The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the ground speed in the wind, and t is
+    the time of the climb or descent. Each horizontal change of direction
     by more than one degree, and each change between vertical and horizontal motion, adds the duration of a turn. The start and the
     stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
     short legs.
@@ -116,7 +116,9 @@ def turns_of(points: Floats) -> NDArray[np.bool_]:
 
 
 def climbs_apart(way: Floats, ups: Floats) -> tuple[Floats, Floats]:
-    """Return the points and altitudes of a path with level legs: a vertical climb is before a leg, and a vertical descent after it.
+    """Return the points and altitudes of a path in which each leg is either horizontal or vertical.
+
+    On each given leg, the vehicle first climbs, then flies horizontally, and then descends.
 
     Examples
     --------

@@ -110,7 +110,7 @@ def turned_way(
     without a straight leg, the function compares `HEADINGS` headings.
 
     If all curves at an end of a straight leg are blocked, the path near this end passes a series of points on the leg, each in any
-    direction. Neighbouring points are at most a footprint or an eighth of the radius apart, whichever is longer.
+    direction. The distance between neighbouring points is at most max(``link`` / `LINK`, ``radius`` / 8).
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def turned_way(
     radius : float
         Minimum turning radius in metres.
     link : float
-        Length in metres up to which a curve may replace a straight leg: `LINK` footprints.
+        Maximum length in metres of a straight leg that a curve may replace, usually `LINK` times the side of the footprint.
     blocked : Shapely geometry, optional
         Areas that no curve may cross.
     area : Shapely geometry, optional
@@ -127,7 +127,7 @@ def turned_way(
     known : KnownCurves, optional
         Cache of curves for paths with equal ``radius``, ``link``, ``blocked`` and ``area``. New curves are added to the cache.
     cuts : sequence of int
-        Inner vertices at which the path is cut into pieces. A piece begins in the direction in which the previous piece ends.
+        Indices of inner vertices at which the path is cut. A piece begins in the direction in which the previous piece ends.
 
     Returns
     -------
@@ -176,7 +176,7 @@ def turned_way(
 
 
 def _loosened(points: Floats, straight: Any, marks: Any, vertex: int, reach: float, step: float) -> tuple[Floats, Any, Any]:
-    """Shorten the straight legs at a vertex, so that they end before the vertex.
+    """Return the points, the straight legs and the marks of a path, with shorter straight legs at a vertex.
 
     The vehicle passes the removed section of each leg point by point.
     """
@@ -320,7 +320,7 @@ def _curves(poses: _Poses, links: Any, words: Any, chosen: list[int], radius: fl
 
 
 def _joined(poses: _Poses, links: Any, curves: list[Floats], marks: Any) -> list[Floats]:
-    """Join all legs and curves to a path, and cut the path into pieces. Unmarked points on straight lines are left out.
+    """Return the pieces of the path that consists of all legs and curves, without unmarked points on straight lines.
 
     The second point and the last but one point are always marked, because the vehicle searches the region between these two points.
     """

@@ -244,7 +244,7 @@ class Vehicle(Problem):
         return np.asarray(np.sqrt(self.cruise**2 - across**2) + helped)
 
     def mean_speed(self, angle: float) -> float:
-        """Return the mean ground speed in m/s on a flight back and forth along rows. Rows to the east have the angle 0 degrees."""
+        """Return the mean ground speed in m/s on a flight back and forth along rows. The angle is in degrees, and 0 means east."""
         east, north = cos(radians(angle)), sin(radians(angle))
         return float(2.0 / (1.0 / self.ground_speed([(east, north), (-east, -north)])).sum())
 
@@ -340,7 +340,7 @@ def _fields_of(path: Path) -> dict[str, Any]:
 
 
 def _change(text: str) -> tuple[str, Any]:
-    """Split a text of the form "field=value" into the field and its value, which becomes a float if it is a number."""
+    """Return the field and the value in a text of the form "field=value". A value that is a number becomes a float."""
     name, equals, said = text.partition("=")
     if not equals:
         raise InvalidInputError(f"vehicle: expected field=value after the preset or file, got {shortened(text)}")

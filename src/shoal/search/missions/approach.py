@@ -102,15 +102,15 @@ class MissionApproach:
 def missions_approach(
     missions: Sequence[Mission], separation: Separation, frame: LocalFrame | None, *, vehicle: Vehicle | None = None
 ) -> MissionApproach | None:
-    """Return the nearest approach of two vehicles that follow missions.
+    """Return the nearest approach over all pairs of vehicles that follow missions.
 
     Each vehicle may be late by up to ``separation.delay`` seconds.
 
     Parameters
     ----------
     missions : sequence of Mission
-        The missions. The first sortie of each robot begins after the mission's ``delay``. A later sortie begins at the mission's
-        ``start``, or when all earlier sorties have ended.
+        The missions. Each sortie begins ``delay`` seconds after its ``start``. By default, a first sortie has the start 0, and the
+        start of any other sortie is ``separation.delay`` seconds after the end of all sorties with smaller numbers.
     separation : Separation
         The required separation. Moments at which two vehicles keep the vertical separation do not count as an approach.
     frame : LocalFrame or None
@@ -164,7 +164,7 @@ class _Flights:
         return mission_trajectory(mission, self.ways[key], vehicle, mission.speed / vehicle.cruise, stay)
 
     def approach(self, one: tuple[int, int], other: tuple[int, int]) -> Approach | None:
-        """Return the nearest approach of the vehicles on two missions, or None if they never fly together at similar heights."""
+        """Return the nearest approach on two missions, or None if the vehicles always keep the vertical separation."""
         there, here, apart = self.flown[one], self.flown[other], self.separation
         later = self.starts[other] - self.starts[one]
         if not -here.duration - apart.delay <= later <= there.duration + apart.delay:
@@ -176,7 +176,7 @@ class _Flights:
 class Clearance:
     """The smallest and the largest height above ground of vehicles that follow missions.
 
-    Landings, rovers, and climbs after take-off do not count.
+    A `Clearance` ignores rovers, landings, and climbs after take-off.
 
     Parameters
     ----------

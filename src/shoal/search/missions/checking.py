@@ -63,7 +63,7 @@ class MissionCheck:
     clearance : Clearance or None
         Smallest and largest height of vehicles above ground, or None without a terrain.
     flights : tuple of dict
-        Duration and usable fraction of each mission in ``missions``, as in `Mission.flight_report`, or nothing without a vehicle.
+        Duration and usable fraction of each mission in ``missions``, as in `Mission.flight_report`; empty without a vehicle.
     """
 
     region: SearchRegion
@@ -119,7 +119,7 @@ class MissionCheck:
         }
 
     def write_uncovered(self, path: str | os.PathLike[str]) -> None:
-        """Write the uncovered areas as GeoJSON, from the largest to the smallest, each as a feature with its ``area_m2``.
+        """Write the uncovered areas as GeoJSON features with the property ``area_m2``, from the largest to the smallest.
 
         Coordinates in the file are in degrees, or in metres for a region in metres. Map programs cannot show a file in metres.
 
@@ -160,8 +160,8 @@ def check_missions(
     """Read mission files, and measure how much of a region the vehicles see.
 
     The check does not depend on the planner, because it uses only the waypoints in the files, and computes areas with Shapely. The
-    check counts what vehicles see between the first and last waypoint of the search, but not what they see on the paths from and to
-    home, on which a camera takes no images.
+    check includes what vehicles see between the first and the last waypoint of the search. The check does not include what vehicles
+    see on the paths from home and back home, because cameras take no images there.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def check_missions(
     angle : float, optional
         Angle of the footprint's sides in degrees, counter-clockwise from east. By default, `angle_of` finds the angle.
     format : str, optional
-        Format of the files to check. By default, the function checks the first format of ``FORMATS`` that is in the folder.
+        Format of the files to check. By default, the function checks the first format of ``FORMATS`` with a file in ``folder``.
     cap, autopilot, airspace : optional
         The arguments ``cap``, ``autopilot`` and ``airspace`` of `lint`, which also receives ``vehicle``.
     separation : Separation, optional
@@ -184,7 +184,7 @@ def check_missions(
         Vehicle that gives the speeds of climb and descent, and the duration of turns, for the nearest approach. By default,
         vehicles fly and climb at the speed in the file, and turn in no time.
     bands : sequence of float, optional
-        Altitudes in metres, ascending, from each of which vehicles must see the whole region. A section of a flight counts for the
+        Altitudes in metres, ascending, from each of which vehicles must see the whole region. A section of a flight belongs to the
         highest band that is not above this section. The argument ``footprint`` applies to the lowest band. In higher bands, the
         footprint grows like the view of the vehicle's camera. By default, the bands of a volume are the altitudes of its layers.
     terrain : Terrain, optional
@@ -270,7 +270,7 @@ def _by_band(
 
 
 def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[np.float64]:
-    """Return the width of the camera's view from each band, relative to the view from the lowest band."""
+    """Return the width of the camera's view from each band, divided by the width of the view from the lowest band."""
     if vehicle is None or vehicle.image_size is None:
         return np.ones(len(bands or ()))
     seen = np.array([vehicle.replaced(altitude=up).row_spacing or 0.0 for up in bands or ()])
@@ -280,8 +280,9 @@ def _spread(bands: Sequence[float] | None, vehicle: Vehicle | None) -> NDArray[n
 def _searching_way(sheet: Sheet, region: SearchRegion) -> NDArray[np.float64]:
     """Return the waypoints of a mission as positions and altitudes in metres; float64, shape (k, 3).
 
-    The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place, it
-    contains the points at which these paths cross the border of the region. If a mission tells its ways, only these are left out.
+    The result leaves out waypoints outside the region on the paths from home and back (see `searching`). In their place,
+    the result contains the points where these paths cross the region's border. If the sheet gives the numbers of waypoints on these
+    paths, the result leaves out only these waypoints.
     """
     way = metres_of(sheet, region)
     near = np.asarray(np.isfinite(way).all(axis=1))

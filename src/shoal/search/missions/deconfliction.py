@@ -91,7 +91,7 @@ def plan_missions(
 
 
 def _sorties(plan: SearchPlan, robot: int, vehicle: Vehicle, options: dict[str, Any]) -> Sorties:
-    """Return the missions of one robot. A robot in reserve has no missions."""
+    """Return the missions of one robot. A robot without cells has no missions."""
     stops = plan.stops(robot)
     if not len(stops):
         return ()
@@ -185,7 +185,7 @@ class _Schedule:
         return start + lasting + self.separation.delay + self.plan.vehicle.recharge_seconds
 
     def _flights(self, made: Sequence[Sorties], robot: int, number: int, up: float) -> Sequence[Trajectory]:
-        """Return two trajectories of a mission: one with the speeds and turns of the vehicle, one at a constant speed."""
+        """Return two trajectories of a mission: the first with the vehicle's speeds and turns, the second at a constant speed."""
         if number >= len(made[robot]):
             return ()
         mission, plan = made[robot][number], self.plan
@@ -197,7 +197,7 @@ class _Schedule:
 
 
 def _fenced(missions: Sequence[Mission], plan: SearchPlan, rally: Points) -> tuple[Mission, ...]:
-    """Add the fence and the rally points to missions."""
+    """Return missions with the fence and the rally points of a plan."""
     region = plan.grid.region
     if not missions:
         return ()

@@ -15,8 +15,8 @@ ROOM = 15.0  # metres: distance of the fence from paths outside the region
 CORNERS = {"ardupilot": 70, "px4": 64}
 """Maximum number of corners of a fence, over all its rings, that each autopilot stores.
 
-ArduPilot's limit of 70 corners was tested on a Cube autopilot. PX4's limit of 64 corners is its maximum number of MAVLink items of
-a fence.
+ArduPilot's limit of 70 corners was tested on a Cube autopilot. The limit of 64 corners is PX4's maximum number of MAVLink items
+in a fence.
 """
 
 _FINEST, _STEPS = 0.1, 22  # metres: initial simplification of rings, and number of increases, up to 145 m
@@ -54,8 +54,8 @@ class Fence:
 def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None = None) -> Fence:
     """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
-    The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones become
-    exclusion zones, and so do holes that no path crosses. The fence has a single outline, because autopilots differ in how they
+    The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones, and holes
+    that no path crosses, become exclusion zones. The fence has a single outline, because autopilots differ in how they
     interpret several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
 
     If the fence has too many corners, the function simplifies the outline without cutting off any of its area. It also simplifies
@@ -86,7 +86,7 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
 
 
 def _thinned(shapes: list[Any], lines: list[Any], most: int | None) -> list[Any]:
-    """Simplify polygons until they have at most ``most`` corners in total, if this is possible.
+    """Return simplified polygons that have at most ``most`` corners in total, if this is possible.
 
     Each simplified polygon contains the given polygon, because the function first grows a polygon by the tolerance of
     simplification.

@@ -82,10 +82,10 @@ def write_missions(
         The output folder. If the output folder does not exist, the function creates it.
     formats : sequence of str, optional
         Names of formats ("plan", "wpl", "geojson", "kml", "gpx", "csv"), or ``MODULE:ATTRIBUTE`` for a third-party `MissionFormat`.
-        By default, the function writes missions in all formats except third-party formats, but missions in metres only as "csv",
-        because all other formats need positions on Earth.
+        By default, the function writes all formats except third-party formats. For missions in metres, the function writes only
+        "csv", because the other formats need positions on Earth.
     vehicle : Vehicle, optional
-        Vehicle with which the file ``missions.json`` lists the duration of each mission, and its fraction of the usable seconds.
+        If a vehicle is given, the file ``missions.json`` also lists the duration and the usable fraction of each mission.
 
     Returns
     -------
@@ -132,7 +132,7 @@ def write_missions(
 
 
 def _times(missions: Sequence[Mission], vehicle: Vehicle | None) -> dict[str, dict[str, float]]:
-    """Return the known start times, durations and usable fractions of missions, each as a mapping from the mission's name."""
+    """Return the known start times, durations and usable fractions of missions, as mappings from the mission's name."""
     flights = [] if vehicle is None else [mission.flight_report(vehicle) for mission in missions]
     told = {
         "starts_s": {mission.name: mission.start for mission in missions if mission.start is not None},
@@ -150,7 +150,7 @@ def _beside(missions: Sequence[Mission]) -> dict[str, str]:
 
 
 def take_beside(folder: str | os.PathLike[str], sheets: Sequence[Sheet]) -> None:
-    """Add data from other files of a folder to the sheets of its missions.
+    """Add data from other files of a folder to the sheets of the folder's mission files.
 
     All sheets get start times from the manifest ``missions.json``. Sheets of WPL files get the fence and the rally points. Mistakes
     in the files of the fence and of the rally points become diagnostics.
@@ -219,7 +219,7 @@ def format_of(path: Path) -> str:
 
 
 def _formats_by_suffix() -> dict[str, str]:
-    """Return the name of the format for each file suffix. If two formats have equal suffixes, the first format counts."""
+    """Return the name of the format for each file suffix. If two formats have equal suffixes, the first format applies."""
     found: dict[str, str] = {}
     for name in FORMATS:
         found.setdefault(FORMATS.get(name).suffix, name)

@@ -39,7 +39,7 @@ def lint(
     airspace: float | None = None,
     separation: float | None = None,
 ) -> list[Diagnostic]:
-    """Return the mistakes in a mission file, or in all mission files of a folder, including conflicts between missions.
+    """Return the mistakes in a mission file, or in all mission files of a folder, including contradictions between files.
 
     Parameters
     ----------

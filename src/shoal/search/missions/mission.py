@@ -89,7 +89,7 @@ class Mission:
         Rally points for emergency landings, in the unit of the waypoints.
     waypoints_out, waypoints_home : int, optional
         Number of waypoints on the way out, before the first waypoint of the search, and number of waypoints on the way home, after
-        the last waypoint of the search. The camera takes images only in between. By default, both numbers are unknown.
+        the last waypoint of the search. On both ways, the camera takes no images. By default, both numbers are unknown.
 
     Raises
     ------
@@ -182,7 +182,7 @@ class Mission:
 
     @property
     def searched(self) -> slice:
-        """The slice of the waypoints from the first to the last waypoint of the search, or of all waypoints if it is unknown."""
+        """Slice of all waypoints except the first ``waypoints_out`` and the last ``waypoints_home`` waypoints (None means 0)."""
         return slice(self.waypoints_out or 0, len(self.waypoints) - (self.waypoints_home or 0))
 
     @property
@@ -245,7 +245,7 @@ class Mission:
         return self.heights + self._base
 
     def duration(self, vehicle: Vehicle) -> float:
-        """Return the time in seconds from take-off to landing, with the vehicle's turns, climbs and descents, in its wind.
+        """Return the time in seconds from take-off to landing, including turns, climbs, descents and the effect of the wind.
 
         Raises
         ------
@@ -256,7 +256,7 @@ class Mission:
         return trajectory(way, vehicle, rate=self.speed / vehicle.cruise).duration
 
     def flight_report(self, vehicle: Vehicle) -> dict[str, Any]:
-        """Return the duration of the mission, and its fraction of the vehicle's usable seconds, as a mapping for JSON."""
+        """Return the duration and the usable fraction of the mission, for a given vehicle, as a mapping for JSON."""
         lasting, usable = self.duration(vehicle), vehicle.usable_seconds
         return {"mission": self.name, "duration_s": lasting, "usable_fraction": None if usable == inf else lasting / usable}
 

@@ -68,7 +68,7 @@ def _check_numbers(sheet: Sheet) -> None:
 
 
 def check_elsewhere(sheet: Sheet, point: Any, known: Any, name: str, place: str) -> None:
-    """Add a diagnostic if a point is far from a known position, but would be near it with longitude and latitude swapped."""
+    """Add a diagnostic if a point is far from a known position, but near this position after a swap of longitude and latitude."""
     distance, other = _metres_between(point, known), _metres_between(point[::-1], known)
     if distance > _ELSEWHERE and other < _ELSEWHERE:
         sheet.add(
@@ -88,7 +88,7 @@ def _check_meridian(sheet: Sheet) -> None:
 
 
 def check_sense(sheet: Sheet, *, cap: int | None = None, autopilot: str | None = None) -> None:
-    """Add diagnostics for implausible heights, speeds and mission lengths, and for an unexpected autopilot."""
+    """Add diagnostics for implausible values in a mission, such as heights and speeds, and for an unexpected autopilot."""
     if autopilot is not None and sheet.autopilot is not None and sheet.autopilot != autopilot:
         sheet.add("firmware", "", f"expected a mission for {autopilot!r}, got a mission for {sheet.autopilot!r}")
     _check_cap(sheet, cap, autopilot)
@@ -270,7 +270,7 @@ def searching(inside: NDArray[np.bool_], kind: str | None = None) -> slice:
 def check_place(sheet: Sheet, region: SearchRegion, airspace: float | None = None) -> None:
     """Add diagnostics for waypoints and legs outside a region.
 
-    Home and the end of a mission may lie outside the region, and so may the paths from home and to the end. Turns of fixed wings
+    Home, the end of a mission, and the paths from home and to the end may lie outside the region. Turns of fixed wings
     may leave the region by at most ``airspace`` metres, or by any distance if ``airspace`` is None.
     """
     way = metres_of(sheet, region)

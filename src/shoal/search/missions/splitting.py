@@ -57,9 +57,9 @@ def missions_of(
 ) -> tuple[Mission, ...]:
     """Divide a robot's route into missions, one for each sortie.
 
-    Each sortie begins at home, and continues the route where the previous sortie left it. Each sortie ends at home before the
-    battery falls below the reserve. The duration of a sortie includes climb, turns, wind and descent. A sortie may leave the route
-    at any point of a leg.
+    Each sortie begins at home, and continues the route at the point at which the previous sortie left the route. Each sortie ends
+    before the battery falls below the reserve. The duration of a sortie includes climb, turns and descent, and depends on the wind.
+    A sortie may leave the route at any point of a leg.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def _told(vehicle: Vehicle) -> dict[str, Any]:
 
 
 class _Splitter:
-    """An object that divides a path into sorties, each as long as the battery and the autopilot's memory allow.
+    """An object that divides a path into sorties that are as long as the battery and the autopilot's memory allow.
 
     To check battery and memory, the splitter computes each sortie exactly as the mission file will contain it.
     """
@@ -194,7 +194,8 @@ class _Splitter:
     def parts(self) -> list[tuple[NDArray[np.float64], int, int]]:
         """Return the waypoints of each sortie, with the columns of `Flight.waypoints`.
 
-        Beside the waypoints, each element of the list contains the number of waypoints on the way out, and on the way home.
+        Besides the waypoints, each element of the list contains the number of waypoints on the way out, and the number on the way
+        home.
         """
         begin, end = 0.0, float(self.at[-1])
         found: list[tuple[NDArray[np.float64], int, int]] = []
@@ -207,7 +208,7 @@ class _Splitter:
             begin = until
 
     def _latest(self, begin: float) -> float:
-        """Return the largest distance along the path at which a sortie can leave the path, if it joins the path at ``begin``."""
+        """Return the largest distance along the path at which a sortie that joins the path at ``begin`` can leave the path."""
         end = float(self.at[-1])
         if self._fits(begin, end):
             return end
@@ -242,7 +243,7 @@ class _Splitter:
     def _beside(self, waypoints: NDArray[np.float64], begin: float, until: float) -> tuple[int, int]:
         """Return the number of waypoints before and after the section of the path that a sortie searches.
 
-        A fixed wing may pass the ends of the section on a leg. In this case, the whole leg counts as a part of the search.
+        A fixed wing may pass an end of the section between two waypoints. In this case, the whole leg belongs to the search.
         """
         way = waypoints[:, :2]
         first, last = (self._point(at)[:2] for at in (max(begin, min(self.searching_from, until)), until))
@@ -267,7 +268,7 @@ class _Splitter:
         return np.column_stack([way, np.tile(point[2:], (len(way), 1))])  # the whole path has the altitude of the point
 
     def _between(self, begin: float, until: float) -> Points:
-        """Return the waypoints between two distances along the path."""
+        """Return the points of the path between two distances along the path, with both ends."""
         inner = self.way[(self.at > begin) & (self.at < until)]
         ends = [self._point(begin)] if until == begin else [self._point(begin), self._point(until)]
         return np.vstack([ends[:1], inner, ends[1:]]) if len(ends) == 2 else np.array(ends)
@@ -295,7 +296,7 @@ class _Splitter:
 
 
 def _passing(way: Points, point: Points) -> int:
-    """Return the number of waypoints before a path first passes a point; 0 if the path passes the point nowhere."""
+    """Return the number of waypoints before a path first passes a point; 0 if the path does not pass the point."""
     legs = np.diff(way, axis=0)
     far = np.clip(((point - way[:-1]) * legs).sum(axis=1) / np.maximum((legs**2).sum(axis=1), 1e-12), 0.0, 1.0)
     near = np.flatnonzero(np.hypot(*(way[:-1] + far[:, None] * legs - point).T) < NEAR)
