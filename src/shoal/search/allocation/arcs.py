@@ -71,7 +71,7 @@ def way_to(tour_cost: TourCost, first: int, place: Floats, start: int | None) ->
     """Return the straight distance, in cell sides, from the position ``place`` to the cell ``first``.
 
     If a cell ``start`` is given, the function also computes the length of the path around walls from ``start`` to ``first``. The
-    result is the larger of the two lengths.
+    result is the larger of this length and the straight distance.
     """
     straight = float(np.linalg.norm(tour_cost.points[first] - place))
     return straight if start is None or start == first else max(straight, tour_cost.length(start, first))

@@ -71,8 +71,8 @@ def best_allocation(
     starts, rates, places, widths : ndarray
         Start cells, speeds, positions and footprint widths of the robots, as in `allocate`.
     allocators : sequence of str
-        Names of the allocators to compare. Of several equally fast allocations, the function chooses the
-        allocation whose allocator comes first.
+        Names of the allocators to compare. Of several equally fast allocations, the function chooses the allocation whose
+        allocator comes first.
     energy : float
         Time after which the battery of a robot is empty. Each robot must be back at its start by this time.
     recharge : float

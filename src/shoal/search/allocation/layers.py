@@ -105,7 +105,7 @@ class LayeredGrid:
         return found
 
     def cell_of(self, points: ArrayLike, layer: int = 0) -> Numbers:
-        """Return, for points on the ground, the cells (layer, row, column) above them in the given layer; int64, shape (n, 3)."""
+        """Return the cells (layer, row, column) of a given layer above points on the ground; int64, shape (n, 3)."""
         found = self.layers[layer].cell_of(points)
         return np.column_stack([np.full(len(found), layer), found])
 

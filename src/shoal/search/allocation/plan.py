@@ -74,7 +74,7 @@ class SearchPlan:
     landing : ndarray of float64, shape (m, 2), optional
         Landing positions of the robots in metres. By default, robots land at their start positions.
     vehicle : Vehicle
-        Description of the vehicle, which is equal for all robots.
+        Description of the vehicle. All robots have equal vehicles.
     delays : ndarray of float64, shape (m,)
         Delay of each robot's departure in seconds. By default, all robots depart at the same time.
     compared : tuple of Candidate

@@ -27,7 +27,7 @@ _TRIED = 12  # number of stops whose exact path is computed
 def best_viewpoint(
     tour_cost: TourCost, width: int, here: int, wanted: Flags, aim: int, cost: Callable[[int], float], shut: int = 0
 ) -> int:
-    """Return the stop with the largest number of visible wanted cells, divided by the cost of moving to the stop.
+    """Return the stop with the largest n / c: the stop has n visible wanted cells, and c is the cost of moving to the stop.
 
     Parameters
     ----------

@@ -95,9 +95,9 @@ def viewpoints_of(
 ) -> tuple[Points, NDArray[np.int64]]:
     """Return, for each piece, one or several viewpoints from which the whole piece is visible.
 
-    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. For any
-    other piece, the function considers all points from which the whole piece is visible, and chooses the point nearest to the
-    centre. If no point sees the whole piece, the piece gets several viewpoints.
+    If a piece contains the centre of its cell, this centre is the viewpoint of the piece. For any other piece, the viewpoint is
+    a point from which the whole piece is visible, as near to the centre as possible. If no point sees the whole piece, the piece
+    gets several viewpoints.
 
     Parameters
     ----------

@@ -13,11 +13,11 @@ from shoal.search.regions.outline_checks import Points
 def merged(points: Points, tolerance: float) -> Points:
     """Remove the points of a path that lie on straight legs between other points, in one pass over the points.
 
-    At the last kept point, the algorithm starts a cone of directions. A straight leg in such a direction passes all later points
-    within the tolerance. The leg may end at the next point if this point lies inside the cone, and is not nearer to the kept
-    point than the points in between. Because of the second condition, the function keeps points at which the path turns back. The
-    algorithm comes from Reumann and Witkam, 1974. The exact form of the cone comes from Williams, "An efficient algorithm for the
-    piecewise linear approximation of planar curves", 1978.
+    At each kept point, the algorithm starts a cone of directions. A straight leg in a direction of the cone passes all points since
+    the kept point within the tolerance. The leg may end at the next point if this point lies inside the cone, and is not nearer to
+    the kept point than the points in between. Because of the second condition, the function keeps points at which the path turns
+    back. The algorithm comes from Reumann and Witkam, 1974. The exact form of the cone comes from Williams, "An efficient algorithm
+    for the piecewise linear approximation of planar curves", 1978.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class _Cone:
         self.low, self.high = -math.pi, math.pi
 
     def takes(self, x: float, y: float) -> bool:
-        """Return whether a leg from the apex may end at a point. If the leg may end there, narrow the cone by this point."""
+        """Return whether a leg from the apex may end at a point. If so, narrow the cone to directions that pass this point."""
         east, north = x - self.x, y - self.y
         distance = math.hypot(east, north)
         if distance < self.far:

@@ -50,17 +50,16 @@ def staggered(
 ) -> tuple[NDArray[np.int64], Floats]:
     """Return an altitude layer and a start delay for each vehicle, with which all vehicles in flight keep the separation.
 
-    The longest flight starts first, in the lowest layer. Each of the other flights uses the layer in
-    which this flight can end earliest. A
-    new layer must save at least a twentieth of the longest flight's duration, because a higher layer costs a longer climb.
+    The longest flight starts first, in the lowest layer. Each of the other flights uses the layer in which this
+    flight can end earliest. A new layer must save at least a twentieth of the longest flight's duration, because a higher layer
+    costs a longer climb.
 
     Parameters
     ----------
     flights : sequence of callable
         For each vehicle, a function that returns the vehicle's trajectories in a given layer. The lowest layer has the number 0.
         Several trajectories are alternative estimates of the vehicle's times. The separation holds between trajectories of
-        different vehicles that have equal indices. A vehicle
-        without trajectories stays on the ground.
+        different vehicles that have equal indices. A vehicle without trajectories stays on the ground.
     separation : Separation
     layers : sequence of int, optional
         Layer of each vehicle. With given layers, the function computes only the delays.

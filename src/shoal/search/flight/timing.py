@@ -51,10 +51,9 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
     """Return the trajectory of a vehicle that follows a path.
 
     The duration of a leg is max(l / v, t), where l is the horizontal length of the leg, v is the ground speed in the wind, and t is
-    the time of the climb or descent. Each horizontal change of direction
-    by more than one degree, and each change between vertical and horizontal motion, adds the duration of a turn. The start and the
-    stop at the ends of the path each add half the duration of a turn. For fixed wings, the path itself must contain the turns as
-    short legs.
+    the time of the climb or descent. Each horizontal change of direction by more than one degree, and each change between vertical
+    and horizontal motion, adds the duration of a turn. The start and the stop at the ends of the path each add half the duration of
+    a turn. For fixed wings, the path itself must contain the turns as short legs.
 
     Parameters
     ----------

@@ -55,12 +55,12 @@ def fence_of(region: SearchRegion, ways: Sequence[Points], *, most: int | None =
     """Return a fence around a region and the paths of all vehicles, in the unit of the region (degrees or metres).
 
     The fence contains the whole region, and a margin of `ROOM` metres around each path outside the region. No-go zones, and holes
-    that no path crosses, become exclusion zones. The fence has a single outline, because autopilots differ in how they
-    interpret several outlines. If the region and the margins around paths are not connected, the outline is their convex hull.
+    that no path crosses, become exclusion zones. The fence has a single outline, because autopilots interpret several outlines in
+    different ways. If the region and the margins around paths are not connected, the outline is their convex hull.
 
-    If the fence has too many corners, the function simplifies the outline without cutting off any of its area. It also simplifies
-    exclusion zones, except where a path that avoids the zone would enter the simplified zone. If the simplified fence still has too
-    many corners, Shoal prints a notice.
+    If the fence has too many corners, the function replaces the outline by a simpler outline that contains it. The function also
+    simplifies exclusion zones, except where a path that avoids the zone would enter the simplified zone. If the simplified fence
+    still has too many corners, Shoal prints a notice.
 
     Parameters
     ----------
