@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from playwright.sync_api import Page
-from tests.browser.waiting import until
+from tests.browser.waiting import settle, until
 
 from shoal.views.player import render
 
@@ -211,7 +211,7 @@ def test_full_mapping_reaches_100_percent(open_player):
 def test_the_picture_has_the_colours_of_the_legend(open_player):
     page = open_player(pond())
     page.evaluate("shoalPlayer.seek(20)")
-    page.wait_for_timeout(100)
+    settle(page)
     seen = page.evaluate("""() => {
         const canvas = document.getElementById("picture"), { width, height } = canvas;
         const { data } = canvas.getContext("2d").getImageData(0, 0, width, height), seen = new Set();
@@ -320,7 +320,7 @@ def test_scrub_bar_and_chart_seek(open_player):
 def test_zoom_pan_and_fit(open_player):
     page = open_player(pond())
     drawn = "picture.toDataURL()"
-    page.wait_for_timeout(60)
+    settle(page)
     fitted = page.evaluate(drawn)
     assert page.is_hidden("#fit")
     page.mouse.move(400, 300)
@@ -329,10 +329,10 @@ def test_zoom_pan_and_fit(open_player):
     page.mouse.down()
     page.mouse.move(460, 340)
     page.mouse.up()
-    page.wait_for_timeout(60)
+    settle(page)
     assert page.evaluate(drawn) != fitted
     page.keyboard.press("f")
-    page.wait_for_timeout(60)
+    settle(page)
     assert page.evaluate(drawn) == fitted
     assert page.is_hidden("#fit")
 
@@ -413,7 +413,7 @@ def test_the_canvas_has_the_pixels_of_the_screen(open_player):
 def test_a_long_line_is_wrapped(open_player, shape):
     free = {(r, c) for r in range(shape[0]) for c in range(shape[1])}
     page = open_player(episode(free, shape, sorted(free)[::50], "lurdrrll"))
-    page.wait_for_timeout(60)
+    settle(page)
     painted = page.evaluate("""() => {
         const canvas = document.getElementById("picture"), { width, height } = canvas;
         const { data } = canvas.getContext("2d").getImageData(0, 0, width, height);
@@ -513,8 +513,8 @@ def test_thousands_of_particles_are_in_the_picture(open_player):
       for (let i = 0; i < data.length; i += 4) count += data[i] > 180 && data[i + 1] > 60 && data[i + 1] < 120 && data[i + 2] < 40;
       return count / shoalPlayer.picture.size ** 2;
     }"""
-    page.wait_for_timeout(100)
+    settle(page)
     page.evaluate("shoalPlayer.seek(1)")  # read once: Chromium warns of a second time
-    page.wait_for_timeout(100)
+    settle(page)
     assert page.evaluate(orange) == pytest.approx(len(start), rel=0.01)
     assert len(start) > 5000

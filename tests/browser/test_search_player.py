@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from playwright.sync_api import Page
-from tests.browser.waiting import stays_drawn, until
+from tests.browser.waiting import settle, stays_drawn, until
 from tests.search_episodes import search
 
 from shoal.search import SearchEpisode, region_of
@@ -103,17 +103,17 @@ def test_rows_seek_and_tell(open_player):
 def test_a_robot_is_followed_and_let_go(open_player):
     page = open_player(player_page(ring()))
     page.evaluate("shoalPlayer.seek(10)")
-    page.wait_for_timeout(60)
+    settle(page)
     plain = page.locator("#picture").screenshot()
     button = page.locator("#robots button").nth(2)
     button.click()
     assert page.evaluate("shoalPlayer.chosen") == 2
     assert button.get_attribute("aria-pressed") == "true"
-    page.wait_for_timeout(60)
+    settle(page)
     assert page.locator("#picture").screenshot() != plain
     button.click()
     assert page.evaluate("shoalPlayer.chosen") == -1
-    page.wait_for_timeout(60)
+    settle(page)
     assert page.locator("#picture").screenshot() == plain
     assert page.locator("#robots button .state").all_inner_texts()[1:3] == ["dead", "paused"]
 
@@ -122,7 +122,7 @@ def test_themes_and_zoom(open_player):
     page = open_player(player_page(ring()))
     before = page.screenshot()
     page.keyboard.press("d")
-    page.wait_for_timeout(60)
+    settle(page)
     assert page.screenshot() != before
     box = page.locator("#picture").bounding_box()
     page.mouse.move(box["x"] + 200, box["y"] + 200)
@@ -139,7 +139,7 @@ def test_cells_have_the_colours_of_their_robots(open_player):
     history = SearchHistory(search("square:40", robots=1, footprint=20))
     page = open_player(player_page(history.episode))
     page.keyboard.press("End")
-    page.wait_for_timeout(60)
+    settle(page)
     colour = page.evaluate("""(() => {
         const canvas = document.getElementById('picture'), { width, height } = canvas;
         const unit = devicePixelRatio * parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 from playwright.sync_api import Page
-from tests.browser.waiting import stays_drawn, until
+from tests.browser.waiting import settle, stays_drawn, until
 from tests.steering import steer, thrown
 
 from shoal.steering import SteeringProblem, open_workspace, prism, region, regular_polygon
@@ -166,7 +166,7 @@ def test_view_in_space_turns(open_player):
 def test_drawn_is_where_the_walls_are(open_player):
     """The goals' white rings lie where the plane is mapped to: read from the canvas."""
     page = open_player(player_page(plan()))
-    page.wait_for_timeout(100)
+    settle(page)
     colour = page.evaluate("""(() => {
         const canvas = document.getElementById('picture'), { width, height } = canvas;
         const unit = devicePixelRatio * parseFloat(getComputedStyle(document.documentElement).fontSize) / 16;

@@ -209,9 +209,9 @@ def hop_pass(tour, team, time, first, turn, borders):
 def hop_costs(tour, team, firsts, latest):
     """Write to ``latest`` the completion time of each cut of the tour into arcs of equal search times, one arc for each robot.
 
-    Each robot goes straight to its arc. The first arc of row k begins at cell ``firsts[k]``. In column j, robot j gets the first
-    arc, and the other robots follow in their order around the tour. An entry may be infinite if a cut takes more than 1.5 times as
-    long as the best cut before it.
+    Each robot first takes the shortest path to the beginning of its arc. The first arc of row k begins at cell ``firsts[k]``. In
+    column j, robot j gets the first arc, and the other robots follow in their order around the tour. An entry may be infinite if a
+    cut takes more than 1.5 times as long as the best cut before it.
     """
     # The inner loop uses local names: passing the tuple would count references, which takes longer than the rest of the loop.
     ahead, points, places, rates, far = tour.ahead, tour.points, team.places, team.rates, team.far

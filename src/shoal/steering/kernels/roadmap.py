@@ -102,7 +102,7 @@ def farthest(delta, direction, back, most, model, tried, step):
 
 @kernel
 def widen(delta, back, directions, most, model, gain, records, nodes, count):
-    """Add to ``nodes`` extreme position differences that cycles can reach from ``delta``. Return the new number of nodes.
+    """Append to ``nodes`` the extreme position differences that cycles can reach from ``delta``; return the new number of nodes.
 
     A position difference is extreme if it is longer than all earlier nodes in about the same direction. If ``back`` is true, the
     kernel instead adds position differences from which cycles can reach ``delta``. In this case, a position difference is extreme

@@ -49,6 +49,6 @@ class Shortest:
 
 
 def _greedy_seeds(query: ChainQuery, task: SteeringTask) -> list[Chain]:
-    """Return a list with the chain that the planner greedy finds, or an empty list."""
+    """Return a list with the chain of the planner `greedy`, or an empty list if `greedy` finds no chain."""
     chain = greedy_chain(query, tolerance=task.tolerance / query.walls.scale / 4, cycles=(task.max_moves - 1) // 2)
     return [] if chain is None else [chain]

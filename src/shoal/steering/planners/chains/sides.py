@@ -51,7 +51,9 @@ def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
 
 
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
-    """Yield chains in which one contact at the end of a polygon's side has moved by ``step`` sides.
+    """Yield copies of ``chain``, each with one contact on another side of the polygon.
+
+    In each copy, one contact that was at the end of its side has moved past this end, to the ``step``-th next side.
 
     The attribute ``length`` of each yielded chain is still the length of ``chain``.
     """

@@ -1,8 +1,9 @@
 """The learned prior: a small neural network, trained on maps, that estimates the probability that a cell is free.
 
 The network computes only with integers, so all machines give equal results. The input of the network is the belief in a square
-window around a cell. The kernel rotates the window around a cell so that the particle enters the cell from below. The kernel keeps
-the network's result for a cell until a cell in the window becomes known.
+window around a cell. A particle can enter this cell from any of the neighbouring cells. The kernel first rotates the window, so
+that the particle always enters the cell at the window's centre from below. The kernel keeps the network's result for a cell until a
+cell in the window becomes known.
 
 The page docs/concepts/prediction.md explains the learned prior.
 """

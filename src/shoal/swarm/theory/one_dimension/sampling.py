@@ -1,4 +1,4 @@
-"""Monte Carlo simulation on a line: draw random placements of particles, and compute the number of moves of each placement."""
+"""Monte Carlo simulation on a line: draw random placements of particles, and count the moves that a task takes from each."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def sample(
     workers: int | None = None,
     on_trials: Callable[[int], None] | None = None,
 ) -> LineSample:
-    """Draw equally likely placements of particles on a line, and compute the number of moves of each placement.
+    """Draw equally likely placements of particles on a line, and compute how many moves the task takes from each placement.
 
     Parameters
     ----------
