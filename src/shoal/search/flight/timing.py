@@ -61,7 +61,7 @@ def trajectory(way: ArrayLike, vehicle: Vehicle, *, rate: float = 1.0) -> Trajec
         Points of the path as metres east, metres north and metres up.
     vehicle : Vehicle
     rate : float
-        Airspeed of the vehicle, relative to its cruise speed.
+        Airspeed of the vehicle, divided by its cruise speed.
 
     Raises
     ------

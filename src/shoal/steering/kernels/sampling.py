@@ -40,7 +40,10 @@ ROUNDS = 6  # number of random nodes, of which the search extends the most promi
 
 @kernel
 def step(state, move, world):
-    """Move all particles in place. Return the fraction of the move after which a wall first stopped or braked a particle, or 1."""
+    """Move all particles in place. Return the fraction of the move that was complete when a wall first stopped or braked a particle.
+
+    If no wall stopped or braked a particle, return 1.
+    """
     if world.flat:
         return region_contact.advance_all(state, move, world.edges)
     return contact.advance_all(state, move, world.walls, np.empty(2))

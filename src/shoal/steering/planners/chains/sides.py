@@ -53,7 +53,8 @@ def _along_side(walls: NormalizedWalls, side: int, point: Points) -> float:
 def _neighbours(query: ChainQuery, chain: Chain, step: int) -> Iterator[Chain]:
     """Yield copies of ``chain``, each with one contact on another side of the polygon.
 
-    In each copy, one contact that was at the end of its side has moved past this end, to the ``step``-th next side.
+    The contact was at an end of its side in ``chain``. In the copy, the contact is on the side that lies ``step`` sides further
+    around the polygon, beyond this end.
 
     The attribute ``length`` of each yielded chain is still the length of ``chain``.
     """
