@@ -40,7 +40,7 @@ ROUNDS = 6  # number of random nodes, of which the search extends the most promi
 
 @kernel
 def step(state, move, world):
-    """Move all particles in place. Return the fraction of the move that was complete when a wall first stopped or braked a particle.
+    """Move all particles in place. Return the share of the move that was complete when a wall first stopped or braked a particle.
 
     If no wall stopped or braked a particle, return 1.
     """
